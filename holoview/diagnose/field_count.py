@@ -1,4 +1,4 @@
-"""How many fields a prediction adds incoherently, which is what it costs.
+"""How many fields a prediction adds incoherently, which is what it costs, and what the search of an effect costs.
 
 Bandwidth, an extended source and flicker make one image of many fields: wavelengths × directions × moments.
 """
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.errors import UserError
 
 
@@ -33,6 +33,16 @@ def max_field_count(context: SearchContext, effect: Effect) -> int:
     """Fields of one capture at the last point of an effect's scan."""
     points = list(effect.starting_points(context.system))
     return incoherent_field_count(context, {effect.id: points[-1]}) if points else 1
+
+
+def search_cost(context: SearchContext, effect: Effect) -> float:
+    """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
+    config = context.config.screening
+    points = len(list(effect.starting_points(context.system))) + config.points_per_parameter * len(effect.parameters)
+    if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
+        return points * (config.upstream_cost * max_field_count(context, effect))
+    on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
+    return points * (config.camera_pose_cost if on_camera else config.downstream_cost)
 
 
 def is_costly_effect(context: SearchContext, effect: Effect) -> bool:

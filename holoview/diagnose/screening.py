@@ -27,16 +27,16 @@ from holoview.diagnose.effect_scan import (
     fit_rival_parameters,
     scan_effect,
 )
-from holoview.diagnose.field_count import is_costly_effect, max_field_count
+from holoview.diagnose.field_count import is_costly_effect, search_cost
 from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.modulator_fringe_starts import ModulatorFringeStarts
 from holoview.diagnose.plane_starts import PlaneStarts
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.diagnose.smear_starts import SmearStarts
 from holoview.diagnose.stuck_starts import StuckStarts
-from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
+from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 
 EffectFitter = Callable[[Effect], CandidateFit]
@@ -66,6 +66,8 @@ def screen_effects(
     starts = screening.image_starts()
     found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
     yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
+    if screening.finds_stuck_last:
+        yield iter([screening.stuck_fits(ordered)])
 
 
 def fit_over_range(
@@ -75,16 +77,6 @@ def fit_over_range(
     screening = _Screening(context, base, [effect], context.relative_model_error(base), _no_progress, "")
     images = screening.image_starts()
     return screening.fitter.scan_and_fit(lambda one: [*further_starts, *images(one)], effect)
-
-
-def search_cost(context: SearchContext, effect: Effect) -> float:
-    """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
-    config = context.config.screening
-    points = len(list(effect.starting_points(context.system))) + config.points_per_parameter * len(effect.parameters)
-    if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
-        return points * (config.upstream_cost * max_field_count(context, effect))
-    on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
-    return points * (config.camera_pose_cost if on_camera else config.downstream_cost)
 
 
 @dataclass(frozen=True)
@@ -209,6 +201,9 @@ class _Screening:
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
         self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
+        samples = field_samples(context.data.captures)
+        has_others = not all(is_stuck_effect(effect) for effect in effects)
+        self.finds_stuck_last = has_others and samples > context.config.stuck.max_early_samples
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
         few = spread_over_wavelengths(context.data.captures, coarse, context.config.screening.scan_captures)
@@ -243,6 +238,12 @@ class _Screening:
         seen, others = self._fits_of_seen(effects, self._residual_starts)
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
+        if self.finds_stuck_last:
+            yield self.stuck_fits(others)
+
+    def stuck_fits(self, effects: Sequence[Effect]) -> list[CandidateFit]:
+        """Fits of stuck pixels, where there seem to be any."""
+        return self._fits_of_seen([e for e in effects if is_stuck_effect(e)], self._stuck_starts)[0]
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
@@ -251,8 +252,8 @@ class _Screening:
 
     @cached_property
     def list_starts(self) -> StartProvider:
-        """Starting values of stuck pixels and of planes that are off. Where there are any, much less error is left."""
-        return partial(_all_starts, (self._plane_starts, self._stuck_starts))
+        """Those of stuck pixels and of planes that are off. Where there are any, much less error is left."""
+        return partial(_all_starts, (self._plane_starts, *self._early_stuck_starts))
 
     @cached_property
     def _plane_starts(self) -> StartProvider:
@@ -274,7 +275,12 @@ class _Screening:
     @cached_property
     def _residual_starts(self) -> StartProvider:
         """Starting values of what has no derivative at its identity, and shows in the residuals."""
-        return partial(_all_starts, (self._quick_starts, self._stuck_starts))
+        return partial(_all_starts, (self._quick_starts, *self._early_stuck_starts))
+
+    @property
+    def _early_stuck_starts(self) -> tuple[StartProvider, ...]:
+        """Those of stuck pixels; none where these come last."""
+        return () if self.finds_stuck_last else (self._stuck_starts,)
 
     @cached_property
     def _quick_starts(self) -> StartProvider:

@@ -67,6 +67,36 @@ def test_a_field_of_a_fourier_bench_counts_by_the_points_of_its_transforms(nomin
     assert field_samples(far) == (40 * (32 + 64) + 64 * (40 + 80)) // 2
 
 
+@pytest.mark.parametrize(
+    ("truth", "error"),
+    [
+        ({"gap": {"gap_error": 2e-5}}, 0.013),
+        ({"gap": {"gap_error": 2e-4}}, 0.126),
+        ({"aberration1": {"z4": -5e-7, "z7": 4e-7, "z10": 2e-7}}, 1.05),
+    ],
+    ids=["small error", "medium", "large"],
+)
+def test_of_large_fields_effects_are_tried_before_stuck_pixels(
+    make_context: MakeContext, monkeypatch: pytest.MonkeyPatch, truth: dict[str, dict[str, float]], error: float
+) -> None:
+    """On a Fourier bench of 1024 × 768 pixels a row that only seemed to be stuck took longer than the whole search."""
+    context, tried = make_context(truth), list[tuple[str, ...]]()
+    assert context.relative_model_error({}) == pytest.approx(error, rel=0.1)
+    stuck = dataclasses.replace(context.config.stuck, max_early_samples=0)
+    context = dataclasses.replace(context, config=dataclasses.replace(context.config, stuck=stuck))
+
+    def look(*_: Any) -> Any:
+        assert tried, "nothing else was tried"
+        return lambda effect: []
+
+    monkeypatch.setattr("holoview.diagnose.screening.StuckStarts", look)
+    effects = [context.effects[name] for name in ("slm1_stuck", "gap", "stroke", "aberration1")]
+    for stage in screen_effects(context, {}, effects, lambda *_: None, ""):
+        for batch in stage:
+            tried += [fit.causes for fit in batch]
+    assert tuple(truth) in tried
+
+
 @pytest.mark.parametrize(("budget", "batches"), [(1.0, 1), (1e9, 2)])
 def test_no_further_effect_is_tried_alone_far_beyond_the_budget(
     make_context: MakeContext, budget: float, batches: int

@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from holoview.captures import read_captures
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config.stuck import StuckConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
@@ -23,16 +25,24 @@ FAIL_AT = 3.0
 ALIKE = ("slm1_stuck", "slm2_stuck", "slm1_fringes", "slm_flatness", "stroke_map", "lut")
 FOUR_M = (450e-9, 520e-9, 590e-9, 650e-9)
 LAST = 15.0  # of 16 levels
+LAST_OF_ALL = SearchConfig(stuck=StuckConfig(max_early_samples=0))
+"""Settings as of large fields, where stuck pixels are looked for after all else."""
 
 
 def _columns(*dead: tuple[int, float]) -> tuple[Dead, ...]:
     return tuple(Dead(first_column=column, columns=1, level=level) for column, level in dead)
 
 
-def _diagnosed(path: Path, faults: Faults, lab: dict[str, Any], among: tuple[str, ...] | None = None) -> Diagnosis:
+def _diagnosed(
+    path: Path,
+    faults: Faults,
+    lab: dict[str, Any],
+    among: tuple[str, ...] | None = None,
+    config: SearchConfig | None = None,
+) -> Diagnosis:
     file = write_session(path / "c.h5", Laboratory(faults=faults, fine=2, **lab))
     effects = None if among is None else [listed_effects()[name] for name in among]
-    return diagnose(read_captures(file), effects, workers=1, free_maps=False, sampling=SAME)
+    return diagnose(read_captures(file), effects, workers=1, free_maps=False, sampling=SAME, config=config)
 
 
 def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], levels: dict[str, float]) -> None:
@@ -44,9 +54,12 @@ def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], le
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (name, true, interval)
 
 
-def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("config", [SearchConfig(), LAST_OF_ALL], ids=["first", "last of all"])
+def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(
+    tmp_path: Path, config: SearchConfig
+) -> None:
     faults = Faults(modulators=ModulatorFaults(dead=(_columns((12, 4.5), (30, 11.0)), ())))
-    found = _diagnosed(tmp_path, faults, {"each": 4, "seed": 1}, ALIKE)
+    found = _diagnosed(tmp_path, faults, {"each": 4, "seed": 1}, ALIKE, config)
     levels = {"column_levels[0]": 4.5 / LAST, "column_levels[1]": 11 / LAST}
     _check(found, "slm1_stuck", {"columns": (12, 30)}, levels)
     (cause,) = found.as_json()["causes"]
