@@ -17,6 +17,7 @@ capture_reasons     why a capture isn't what its record says
 judged_search       a search among the captures that are good
 region_search       large pictures: their middle is searched, whole ones judge
 picture_limit       pictures that are cut because of their size
+picture_middle      the middle of large pictures, which is searched first
 one_picture         blocks of a single picture held out
 capture_split       which captures are searched, fitted and held out
 comparison          residuals of a prediction, gains and movements of the camera fitted

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.errors import UserError
 
@@ -53,6 +53,13 @@ def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
 def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add many fields."""
     return incoherent_field_count(context, fit.values) >= context.config.budget.costly_fields
+
+
+def is_slow(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether a prediction with these values takes as long as a costly one of usual fields."""
+    budget = context.config.budget
+    size = max(1.0, field_samples(context.data.captures) / budget.usual_samples)
+    return size * incoherent_field_count(context, fit.values) >= budget.costly_fields
 
 
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.field_count import is_costly, is_very_costly
+from holoview.diagnose.field_count import is_slow, is_very_costly
 from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out, score_on_held_out
 from holoview.diagnose.refine import refine_along_axes, refine_fit
 from holoview.diagnose.search_context import SearchContext
@@ -33,7 +33,7 @@ def refine_leaders_along_axes(
     """The best candidates searched along their axes, where they are near the floor but not at it.
 
     What is far off lacks a cause: with it, other values of the causes that it has would be best. is_costly_far: also
-    costly ones that aren't quite near.
+    costly ones, and those of large fields, that aren't quite near.
     """
     config, near_chi2 = context.config.selection, context.config.ranking.near_chi2
     for _ in range(config.axis_rounds):
@@ -43,8 +43,7 @@ def refine_leaders_along_axes(
         helpful = [
             c.fit
             for c in result.candidates[: config.axis_candidates]
-            if c.excess < max_excess
-            and (is_costly_far or c.chi2_per_pixel < near_chi2 or not is_costly(context, c.fit))
+            if c.excess < max_excess and (is_costly_far or c.chi2_per_pixel < near_chi2 or not is_slow(context, c.fit))
         ]
         leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
         if not leaders:

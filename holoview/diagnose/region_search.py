@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_region, central_slices, speckle_px
+from holoview.captures.records.central_region import central_slices, speckle_px
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.displacement_starts import measure_displacement
 from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
+from holoview.diagnose.picture_middle import middle_of, saving
 from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.verdict import Verdict
 from holoview.util.progress import ProgressCallback
@@ -39,12 +40,12 @@ _EXPLAINED = (Verdict.CONSISTENT, Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 def with_region(context: SearchContext) -> SearchContext:
     """The context with its region; unchanged where the region would save little, or where there is none."""
     captures, config, budget = context.data.captures, context.config.region, context.config.budget
-    cut = central_region(captures, config.side_px, 0 if captures.is_fourier else config.further_px)
-    if _saving(captures, cut) < config.min_saving:
+    cut = middle_of(captures, config)
+    if saving(captures, cut) < config.min_saving:
         return context
     if captures.is_fourier and (further := _displaced_speckles(context, cut)):
-        cut = central_region(captures, config.side_px, further)
-        if _saving(captures, cut) < config.min_saving:
+        cut = middle_of(captures, config, further)
+        if saving(captures, cut) < config.min_saving:
             return context
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
@@ -61,12 +62,6 @@ def with_region(context: SearchContext) -> SearchContext:
         is_region=True,
     )
     return replace(context, region=region)
-
-
-def _saving(whole: Captures, cut: Captures) -> float:
-    """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
-    parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
-    return parts[0].size / parts[1].size
 
 
 def _displaced_speckles(context: SearchContext, cut: Captures) -> int:

@@ -27,7 +27,7 @@ from holoview.diagnose.effect_scan import (
     fit_rival_parameters,
     scan_effect,
 )
-from holoview.diagnose.field_count import is_costly_effect, search_cost
+from holoview.diagnose.field_count import is_costly_effect, max_field_count, search_cost
 from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
@@ -297,12 +297,18 @@ class _Screening:
         return partial(_all_starts, providers)
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
-        """The effects whose derivatives explain most of the residual, the best first."""
+        """Those whose derivatives explain most, the best first; of very many fields only where no other does."""
+        context, config = self._context, self._context.config
         residual = self.fitter.comparison.residual(self._base)
         gain = partial(self.fitter.tangent_gain, residual, self.fitter.tangent_space())
-        gains = self._context.map_effects(gain, effects, self._progress, f"{self._note}, tangents")
-        order = np.argsort(gains)[::-1][: self._context.config.screening.tangent_fits]
-        return [effects[k] for k in order if gains[k] > 0]
+        many = [e for e in effects if max_field_count(context, e) >= config.budget.very_costly_fields]
+        gains: dict[Effect, float] = {}
+        for some in ([e for e in effects if e not in many], many):
+            if max(gains.values(), default=0.0) < config.screening.decisive_tangent_gain * self._base_cost:
+                found = context.map_effects(gain, some, self._progress, f"{self._note}, tangents")
+                gains |= dict(zip(some, found, strict=True))
+        best_first = sorted(gains, key=lambda e: -gains[e])[: config.screening.tangent_fits]
+        return [e for e in best_first if gains[e] > 0]
 
     def _improving(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> list[CandidateFit]:
         """Fits of some effects that cost less than the base, the best first."""

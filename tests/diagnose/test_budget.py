@@ -97,6 +97,23 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
     assert tuple(truth) in tried
 
 
+@pytest.mark.parametrize(("share", "computed"), [(0.05, [2]), (1.0, [2, 1])], ids=["decisive", "never decisive"])
+def test_derivatives_of_very_many_fields_are_left_out_where_another_effect_explains_most(
+    make_context: MakeContext, share: float, computed: list[int]
+) -> None:
+    context, totals = make_context({"undiffracted": {"share": 0.01}}), list[int]()
+    screening = dataclasses.replace(context.config.screening, decisive_tangent_gain=share)
+    context = dataclasses.replace(context, config=dataclasses.replace(context.config, screening=screening))
+
+    def note(done: int, total: int, what: str) -> None:
+        if what.endswith("tangents") and done == total:
+            totals.append(total)
+
+    effects = [context.effects[name] for name in ("source_extent", "stroke", "undiffracted")]
+    first = next(batch for stage in screen_effects(context, {}, effects, note, "") for batch in stage if batch)[0]
+    assert first.causes == ("undiffracted",) and totals == computed
+
+
 @pytest.mark.parametrize(("budget", "batches"), [(1.0, 1), (1e9, 2)])
 def test_no_further_effect_is_tried_alone_far_beyond_the_budget(
     make_context: MakeContext, budget: float, batches: int

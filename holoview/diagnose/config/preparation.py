@@ -111,7 +111,17 @@ class RegionConfig:
 
     side_px: int = 128
     """[px] Modulator pixels across the middle, beside the margin for light that walks off sideways; on a Fourier bench
-    speckles. Evidence: the search study's modulators had 128 × 96, and a far field has a speckle for each pixel."""
+    the most speckles. Evidence: the search study's modulators had 128 × 96, and a far field has a speckle for each
+    pixel."""
+
+    min_side_speckles: int = 64
+    """[speckles] Across the middle on a Fourier bench with many captures. Evidence: measured: pairs of faults are named
+    as well with modulators of 64 × 48 pixels, which have so many speckles; of 1024 × 768 pixels, a field with 128 takes
+    1.4 times as long."""
+
+    all_speckles: int = 1 << 16
+    """[speckles] Of all captures together, in the middle on a Fourier bench. Evidence: 16 captures of 64 × 64 pixels;
+    none recorded."""
 
     further_px: int = 16
     """[px] Margin beside the walk-off of the steepest ray. Evidence: with stops at the first order and 10 mm to the

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 
 from holoview.captures.dataset import Captures
-from holoview.captures.records.central_region import central_region
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.picture_middle import middle_of, saving
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.sampling_config import PLAIN
 from holoview.diagnose.search_context import SearchContext, field_samples
@@ -29,7 +29,7 @@ def loop_context(
 
     end: when fits have to end. known: effects that the nominal model has.
     """
-    cut = middle_of(check_records(captures, known, config).captures, config)
+    cut = searched_part(check_records(captures, known, config).captures, config)
     useless = find_useless_captures(cut, config.judgement)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
@@ -39,9 +39,7 @@ def loop_context(
     return dataclasses.replace(context, split=split, field_budget=budget, end=end)
 
 
-def middle_of(captures: Captures, config: SearchConfig) -> Captures:
+def searched_part(captures: Captures, config: SearchConfig) -> Captures:
     """The captures, or their middle where that saves much."""
-    region = config.region
-    cut = central_region(captures, region.side_px, 0 if captures.is_fourier else region.further_px)
-    parts = (captures.images, cut.images) if captures.is_fourier else (captures.levels, cut.levels)
-    return captures if parts[0].size < region.min_saving * parts[1].size else cut
+    cut = middle_of(captures, config.region)
+    return captures if saving(captures, cut) < config.region.min_saving else cut

@@ -13,7 +13,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import BORDER_PX
 from holoview.diagnose.comparison import PredictorProtocol, Values
 from holoview.rig.adaptive.hypotheses import Belief, Hypothesis
-from holoview.rig.adaptive.loop_context import middle_of
+from holoview.rig.adaptive.loop_context import searched_part
 from holoview.rig.adaptive.proposals import Proposal
 from holoview.rig.adaptive.separation import Response
 from holoview.rig.limits import SafetyLimits
@@ -37,7 +37,7 @@ class ProposalPrediction:
         self, belief: Belief, taken: Captures, proposals: Sequence[Proposal], limits: SafetyLimits, **options: Any
     ) -> None:
         self._belief, self._gains = belief, _gains(belief)
-        self.captures = middle_of(_as_session(taken, proposals), belief.context.config)
+        self.captures = searched_part(_as_session(taken, proposals), belief.context.config)
         self._all, self.steps = np.arange(len(proposals)), belief.context.config.fits.steps
         self._predictor: PredictorProtocol = belief.context.predictor.create(captures=self.captures, **options)
         self.proposals = self._with_exposures(proposals, limits)
