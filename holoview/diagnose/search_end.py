@@ -101,20 +101,24 @@ class BestSoFar(Generic[R]):
     """The best that a search has found so far.
 
     on_change: called with each result that names other causes than the last one, or leaves less than half its excess.
+    Once causes were named it isn't called where a search, begun anew, has found none yet.
     """
 
     def __init__(self, on_change: Callable[[R], None] | None = None) -> None:
-        self._on_change = on_change
+        self._on_change, self._has_named = on_change, False
         self.result: R | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        return {"_on_change": None, "result": None}  # another process has nothing to tell
+        return {"_on_change": None, "_has_named": False, "result": None}  # another process has nothing to tell
 
     def note(self, result: R) -> None:
         """Keeps a result; one without candidates is kept only if there is no other."""
         before, self.result = self.result, result if result.candidates or self.result is None else self.result
         if self.result is before or self._on_change is None:
             return
+        if self._has_named and not self.result.best.causes:
+            return
+        self._has_named |= bool(self.result.best.causes)
         same = before is not None and before.best.causes == self.result.best.causes
         if not same or before is None or 2 * self.result.best.excess < before.best.excess:
             self._on_change(self.result)

@@ -94,6 +94,18 @@ def test_what_is_better_is_told_once() -> None:
     assert pickle.loads(pickle.dumps(best)).result is None
 
 
+def test_a_search_that_begins_anew_does_not_take_back_what_was_told() -> None:
+    told: list[_Result] = []
+    best: BestSoFar[_Result] = BestSoFar(told.append)
+    first, again = _result("gap"), _result("gap", chi2=1.2)
+    best.note(first)
+    best.clear()
+    best.note(_result())
+    assert best.result == _result() and told == [first]
+    best.note(again)
+    assert told == [first, again]
+
+
 def test_predictions_of_jobs_end_with_the_search(make_context: MakeContext) -> None:
     context = make_context()
     ended = replace(context, end=SearchEnd(-1.0))
