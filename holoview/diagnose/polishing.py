@@ -6,17 +6,22 @@ from functools import partial
 
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.field_count import is_slow, is_very_costly
-from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out, score_on_held_out
+from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult, rank_on_held_out, score_on_held_out
 from holoview.diagnose.refine import refine_along_axes, refine_fit
 from holoview.diagnose.search_context import SearchContext
 
 
-def free_fine_parameters(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help."""
+def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_costly_far: bool = True) -> SearchResult:
+    """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help.
+
+    is_costly_far: also of a costly one, or of large fields, that isn't quite near.
+    """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
     has_fine = any(p.fine for e in effects for p in e.parameters)
     if explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
+        return result
+    if not (is_costly_far or _is_affordable(context, best)):
         return result
     freed = refine_fit(context, best.fit, include_fine=True)
     score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
@@ -35,7 +40,7 @@ def refine_leaders_along_axes(
     What is far off lacks a cause: with it, other values of the causes that it has would be best. is_costly_far: also
     costly ones, and those of large fields, that aren't quite near.
     """
-    config, near_chi2 = context.config.selection, context.config.ranking.near_chi2
+    config = context.config.selection
     for _ in range(config.axis_rounds):
         if result.best.chi2_per_pixel < config.floor_chi2:
             break
@@ -43,7 +48,7 @@ def refine_leaders_along_axes(
         helpful = [
             c.fit
             for c in result.candidates[: config.axis_candidates]
-            if c.excess < max_excess and (is_costly_far or c.chi2_per_pixel < near_chi2 or not is_slow(context, c.fit))
+            if c.excess < max_excess and (is_costly_far or _is_affordable(context, c))
         ]
         leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
         if not leaders:
@@ -57,6 +62,11 @@ def refine_leaders_along_axes(
         if result.best.excess > config.axis_gain_share * before:
             break
     return result
+
+
+def _is_affordable(context: SearchContext, score: HeldOutScore) -> bool:
+    """Whether a candidate is quite near the floor, or takes little time."""
+    return score.chi2_per_pixel < context.config.ranking.near_chi2 or not is_slow(context, score.fit)
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
