@@ -50,6 +50,11 @@ def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
     return max_field_count(context, effect) >= context.config.budget.costly_fields
 
 
+def has_very_many_fields(context: SearchContext, effect: Effect) -> bool:
+    """Whether predictions with this effect add very many fields."""
+    return max_field_count(context, effect) >= context.config.budget.very_costly_fields
+
+
 def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add many fields."""
     return incoherent_field_count(context, fit.values) >= context.config.budget.costly_fields

@@ -27,7 +27,7 @@ from holoview.diagnose.effect_scan import (
     fit_rival_parameters,
     scan_effect,
 )
-from holoview.diagnose.field_count import is_costly_effect, max_field_count, search_cost
+from holoview.diagnose.field_count import has_very_many_fields, is_costly_effect, search_cost
 from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
@@ -50,24 +50,24 @@ def screen_effects(
 
     Fits that gain nothing are left out. With a small error of the model, and with a medium one beside other causes: the
     most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
-    error without other causes: local fits, then scans. Large: scans alone.
+    error without other causes: local fits, then scans. Large: scans alone. Of large fields what takes longest is last.
     """
-    config = context.config.screening
-    error = context.relative_model_error(base)
+    config, error = context.config.screening, context.relative_model_error(base)
     screening = _Screening(context, base, effects, error, progress, note)
-    ordered = sorted(effects, key=lambda e: (search_cost(context, e), e.id))
+    ordered = sorted({*effects} - {*screening.late}, key=lambda e: (search_cost(context, e), e.id))
+    is_done = False
     if error < (config.local_max_error if base else config.tangent_max_error):
         yield screening.nearby_fits(ordered)
         unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-        if cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count:
-            return
+        is_done = cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count
     elif error < config.local_max_error:
         yield screening.local_fits(ordered)
-    starts = screening.image_starts()
-    found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
-    yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
-    if screening.finds_stuck_last:
-        yield iter([screening.stuck_fits(ordered)])
+    if not is_done:
+        starts = screening.image_starts()
+        found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
+        yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
+    if screening.late:
+        yield screening.late_fits()
 
 
 def fit_over_range(
@@ -201,9 +201,9 @@ class _Screening:
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
         self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
-        samples = field_samples(context.data.captures)
-        has_others = not all(is_stuck_effect(effect) for effect in effects)
-        self.finds_stuck_last = has_others and samples > context.config.stuck.max_early_samples
+        slow = [e for e in effects if is_stuck_effect(e) or has_very_many_fields(context, e)]
+        is_large = field_samples(context.data.captures) > context.config.screening.max_early_samples
+        self.late: Sequence[Effect] = slow if is_large and len(slow) < len(effects) else ()
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
         few = spread_over_wavelengths(context.data.captures, coarse, context.config.screening.scan_captures)
@@ -230,7 +230,7 @@ class _Screening:
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")
-        if any(has_list(effect) for effect in others):
+        if not self.late and any(has_list(effect) for effect in others):
             yield self._fits_of_seen(others, self._stuck_starts)[0]
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
@@ -238,12 +238,14 @@ class _Screening:
         seen, others = self._fits_of_seen(effects, self._residual_starts)
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
-        if self.finds_stuck_last:
-            yield self.stuck_fits(others)
 
-    def stuck_fits(self, effects: Sequence[Effect]) -> list[CandidateFit]:
-        """Fits of stuck pixels, where there seem to be any."""
-        return self._fits_of_seen([e for e in effects if is_stuck_effect(e)], self._stuck_starts)[0]
+    def late_fits(self) -> FitBatches:
+        """Fits of what takes longest: of very many fields, and of stuck pixels where there seem to be any."""
+        stuck = [e for e in self.late if is_stuck_effect(e)]
+        yield self._improving(
+            partial(self.fitter.scan_and_fit, _no_starts), [e for e in self.late if e not in stuck], ""
+        )
+        yield self._fits_of_seen(stuck, self._stuck_starts)[0]
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
@@ -280,7 +282,7 @@ class _Screening:
     @property
     def _early_stuck_starts(self) -> tuple[StartProvider, ...]:
         """Those of stuck pixels; none where these come last."""
-        return () if self.finds_stuck_last else (self._stuck_starts,)
+        return () if self.late else (self._stuck_starts,)
 
     @cached_property
     def _quick_starts(self) -> StartProvider:
@@ -301,7 +303,7 @@ class _Screening:
         context, config = self._context, self._context.config
         residual = self.fitter.comparison.residual(self._base)
         gain = partial(self.fitter.tangent_gain, residual, self.fitter.tangent_space())
-        many = [e for e in effects if max_field_count(context, e) >= config.budget.very_costly_fields]
+        many = [e for e in effects if has_very_many_fields(context, e)]
         gains: dict[Effect, float] = {}
         for some in ([e for e in effects if e not in many], many):
             if max(gains.values(), default=0.0) < config.screening.decisive_tangent_gain * self._base_cost:

@@ -82,8 +82,8 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
     """On a Fourier bench of 1024 × 768 pixels a row that only seemed to be stuck took longer than the whole search."""
     context, tried = make_context(truth), list[tuple[str, ...]]()
     assert context.relative_model_error({}) == pytest.approx(error, rel=0.1)
-    stuck = dataclasses.replace(context.config.stuck, max_early_samples=0)
-    context = dataclasses.replace(context, config=dataclasses.replace(context.config, stuck=stuck))
+    screening = dataclasses.replace(context.config.screening, max_early_samples=0)
+    context = dataclasses.replace(context, config=dataclasses.replace(context.config, screening=screening))
 
     def look(*_: Any) -> Any:
         assert tried, "nothing else was tried"

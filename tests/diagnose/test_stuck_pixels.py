@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.config.stuck import StuckConfig
+from holoview.diagnose.config import ScreeningConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
@@ -25,7 +24,7 @@ FAIL_AT = 3.0
 ALIKE = ("slm1_stuck", "slm2_stuck", "slm1_fringes", "slm_flatness", "stroke_map", "lut")
 FOUR_M = (450e-9, 520e-9, 590e-9, 650e-9)
 LAST = 15.0  # of 16 levels
-LAST_OF_ALL = SearchConfig(stuck=StuckConfig(max_early_samples=0))
+LAST_OF_ALL = SearchConfig(screening=ScreeningConfig(max_early_samples=0))
 """Settings as of large fields, where stuck pixels are looked for after all else."""
 
 

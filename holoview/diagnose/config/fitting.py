@@ -9,6 +9,10 @@ from dataclasses import dataclass, field
 class ScreeningConfig:
     """First look at every effect: by tangents near the truth, by local fits further away, by scans far off."""
 
+    max_early_samples: int = 200_000
+    """[samples] Of a field, above which stuck pixels and effects of very many fields come last. Evidence: measured:
+    with a million samples, a row that seemed to be stuck took four minutes, an extended source half a minute."""
+
     decisive_tangent_gain: float = 0.5
     """[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields
     aren't computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all

@@ -28,10 +28,6 @@ class StuckConfig:
     """[pixels] By which the end of a part of a line is moved, again and again, while χ² falls. Evidence: derivation:
     gains tell the end to some pixels."""
 
-    max_early_samples: int = 200_000
-    """[samples] Of a field, up to which stuck pixels are looked for before effects are scanned. Evidence: they leave
-    much less error where there are any; with a million samples, a row that seemed to be stuck took four minutes."""
-
     min_line_sigmas: float = 5.0
     """[σ] Lines that stand out from the others by less aren't taken. Evidence: none recorded."""
 
