@@ -67,7 +67,7 @@ def screen_effects(
         found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
         yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
     if screening.late:
-        yield screening.late_fits()
+        yield screening.late_fits(is_done)
 
 
 def fit_over_range(
@@ -239,13 +239,12 @@ class _Screening:
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
 
-    def late_fits(self) -> FitBatches:
-        """Fits of what takes longest: of very many fields, and of stuck pixels where there seem to be any."""
-        stuck = [e for e in self.late if is_stuck_effect(e)]
-        yield self._improving(
-            partial(self.fitter.scan_and_fit, _no_starts), [e for e in self.late if e not in stuck], ""
-        )
-        yield self._fits_of_seen(stuck, self._stuck_starts)[0]
+    def late_fits(self, is_near: bool) -> FitBatches:
+        """Of very many fields, then of stuck pixels where there seem to be any. is_near: hardly anything is left."""
+        fit: EffectFitter = self.fitter.nearby_fit if is_near else partial(self.fitter.scan_and_fit, _no_starts)
+        many = [e for e in self.late if not is_stuck_effect(e)]
+        yield self._improving(fit, self._best_by_tangent(many) if is_near else many, "")
+        yield self._fits_of_seen([e for e in self.late if is_stuck_effect(e)], self._stuck_starts)[0]
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""

@@ -68,7 +68,7 @@ def right() -> Captures:
     return measured()
 
 
-@pytest.mark.parametrize("name", taken(list(MISTAKES), 12), ids=" ".join)
+@pytest.mark.parametrize("name", taken(list(MISTAKES), 9), ids=" ".join)
 def test_a_mistake_is_named_and_nothing_else(right: Captures, name: Name) -> None:
     found = find_record_errors(spoiled(right, MISTAKES[name]))
     assert names(found) == [name]
