@@ -20,10 +20,11 @@ from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.diagnose.held_out_ranking import rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.region_search import with_region
-from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
-from holoview.diagnose.search_end import SearchEnd
+from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext
+from holoview.diagnose.search_end import SearchEnd, SearchEnded
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects
@@ -122,6 +123,21 @@ def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], S
     assert region is not None and region.is_region
     assert region.end.time_s == pytest.approx(RegionConfig().max_time_share * 1000.0)
     assert not region.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
+
+
+def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look-alikes are computed in the middle afterwards."""
+
+    def end(context: SearchContext, leads: Leads, *_: object) -> None:
+        context.workers.start()
+        rank_on_held_out(context, leads.fits)
+        raise SearchEnded
+
+    monkeypatch.setattr("holoview.diagnose.forward_selection._follow_leads", end)
+    budget = replace(FAR_CONFIG.budget, worker_start_s=0.0)
+    captures = _far_session("stroke", "stroke_error", 0.08)
+    found = diagnose(captures, FAR_EFFECTS, free_maps=False, workers=2, config=replace(FAR_CONFIG, budget=budget))
+    assert [cause.effect for cause in found.causes] == ["stroke"]
 
 
 @pytest.mark.parametrize("is_far", [True, False])
