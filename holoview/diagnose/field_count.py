@@ -50,7 +50,7 @@ def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
     return max_field_count(context, effect) >= context.config.budget.costly_fields
 
 
-def has_very_many_fields(context: SearchContext, effect: Effect) -> bool:
+def is_very_costly_effect(context: SearchContext, effect: Effect) -> bool:
     """Whether predictions with this effect add very many fields."""
     return max_field_count(context, effect) >= context.config.budget.very_costly_fields
 

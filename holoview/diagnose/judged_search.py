@@ -26,7 +26,6 @@ from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.search_end import NEVER, SearchEnd, SearchEnded
 from holoview.diagnose.simplest_name import prefer_fewer_numbers
 from holoview.diagnose.verdict import Decision, Verdict, decide, limited_by_bad_captures
-from holoview.diagnose.worker_pool import WorkerPool
 from holoview.util.progress import ProgressCallback
 
 
@@ -98,7 +97,7 @@ def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOu
         context, result = _search_causes(_with_nuisances(context, {}), progress)
     except SearchEnded:
         context.workers.close(kill=True)
-        context, result, was_ended = _without_workers(context), context.best_so_far.result, True
+        result, was_ended = context.best_so_far.result, True
     is_out_of_budget = context.budget_exhausted
     context = replace(context, end=NEVER)
     context.predictor.end = NEVER
@@ -109,12 +108,6 @@ def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOu
         decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
     notes = [*drift_notes, *sampling_notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
     return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
-
-
-def _without_workers(context: SearchContext) -> SearchContext:
-    """The context, and that of its middle, with this process alone."""
-    alone, region = WorkerPool(1), context.region
-    return replace(context, workers=alone, region=None if region is None else replace(region, workers=alone))
 
 
 def _decide(context: SearchContext, result: SearchResult) -> Decision:

@@ -45,7 +45,7 @@ from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
-from holoview.util.progress import ProgressCallback
+from holoview.util.progress import ProgressCallback, no_progress
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
@@ -95,7 +95,7 @@ def diagnose(
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
     candidates = list(listed_effects().values() if effects is None else effects)
-    options = (workers, progress or _no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
+    options = (workers, progress or no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
     request = _Request(candidates, known, uncertain or {}, *options, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -236,10 +236,6 @@ def _limited(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
     return with_region(dataclasses.replace(context, field_budget=budget, end=end, best_so_far=best))
-
-
-def _no_progress(done: int, total: int, note: str) -> None:
-    pass
 
 
 def _prepare_worker(effect_files: Sequence[str]) -> None:

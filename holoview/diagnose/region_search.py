@@ -123,7 +123,6 @@ def search_region_first(
         context,
         region=inner.context,
         leads=leads,
-        workers=inner.context.workers,
         cut_error=cut_error,
         prnu=inner.context.prnu,
         has_camera_jitter=inner.context.has_camera_jitter,

@@ -27,7 +27,7 @@ from holoview.diagnose.effect_scan import (
     fit_rival_parameters,
     scan_effect,
 )
-from holoview.diagnose.field_count import has_very_many_fields, is_costly_effect, search_cost
+from holoview.diagnose.field_count import is_costly_effect, is_very_costly_effect, search_cost
 from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
@@ -37,7 +37,7 @@ from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.diagnose.smear_starts import SmearStarts
 from holoview.diagnose.stuck_starts import StuckStarts
 from holoview.model.effects.effect import Effect
-from holoview.util.progress import ProgressCallback
+from holoview.util.progress import ProgressCallback, no_progress
 
 EffectFitter = Callable[[Effect], CandidateFit]
 FitBatches = Iterator[list[CandidateFit]]
@@ -74,7 +74,7 @@ def fit_over_range(
     context: SearchContext, base: FittedValues, effect: Effect, further_starts: Sequence[dict[str, float]]
 ) -> CandidateFit:
     """One effect on top of `base`, scanned over its range. further_starts: points beyond those that images suggest."""
-    screening = _Screening(context, base, [effect], context.relative_model_error(base), _no_progress, "")
+    screening = _Screening(context, base, [effect], context.relative_model_error(base), no_progress, "")
     images = screening.image_starts()
     return screening.fitter.scan_and_fit(lambda one: [*further_starts, *images(one)], effect)
 
@@ -201,7 +201,7 @@ class _Screening:
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
         self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
-        slow = [e for e in effects if is_stuck_effect(e) or has_very_many_fields(context, e)]
+        slow = [e for e in effects if is_stuck_effect(e) or is_very_costly_effect(context, e)]
         is_large = field_samples(context.data.captures) > context.config.screening.max_early_samples
         self.late: Sequence[Effect] = slow if is_large and len(slow) < len(effects) else ()
         coarse = context.split.coarse
@@ -297,28 +297,27 @@ class _Screening:
         )
         return partial(_all_starts, providers)
 
+    @cached_property
+    def _tangent_gain(self) -> Callable[[Effect], float]:
+        return partial(
+            self.fitter.tangent_gain, self.fitter.comparison.residual(self._base), self.fitter.tangent_space()
+        )
+
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
         """Those whose derivatives explain most, the best first; of very many fields only where no other does."""
         context, config = self._context, self._context.config
-        residual = self.fitter.comparison.residual(self._base)
-        gain = partial(self.fitter.tangent_gain, residual, self.fitter.tangent_space())
-        many = [e for e in effects if has_very_many_fields(context, e)]
+        many = [e for e in effects if is_very_costly_effect(context, e)]
         gains: dict[Effect, float] = {}
         for some in ([e for e in effects if e not in many], many):
             if max(gains.values(), default=0.0) < config.screening.decisive_tangent_gain * self._base_cost:
-                found = context.map_effects(gain, some, self._progress, f"{self._note}, tangents")
+                found = context.map_effects(self._tangent_gain, some, self._progress, f"{self._note}, tangents")
                 gains |= dict(zip(some, found, strict=True))
-        best_first = sorted(gains, key=lambda e: -gains[e])[: config.screening.tangent_fits]
-        return [e for e in best_first if gains[e] > 0]
+        return [e for e in sorted(gains, key=lambda e: -gains[e])[: config.screening.tangent_fits] if gains[e] > 0]
 
     def _improving(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> list[CandidateFit]:
         """Fits of some effects that cost less than the base, the best first."""
         fits = self._context.map_effects(fit, effects, self._progress, self._note + note)
         return sorted((f for f in fits if f.cost < self._base_cost), key=lambda f: f.cost)
-
-
-def _no_progress(done: int, total: int, note: str) -> None:
-    pass
 
 
 def _no_starts(effect: Effect) -> list[dict[str, float]]:

@@ -121,8 +121,8 @@ class WorkerPool:
         self._executor.shutdown(cancel_futures=True)
 
     def _has_processes(self) -> bool:
-        """Whether the processes are ready; starts them when it is time."""
-        if self.workers < 2 or time.monotonic() < self._start_at:
+        """Whether the processes are ready; starts them when it is time. A closed pool has none: this process works."""
+        if self._is_closed or self.workers < 2 or time.monotonic() < self._start_at:
             return False
         if self._ready is None:
             try:

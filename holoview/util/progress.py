@@ -1,4 +1,4 @@
-"""Types of the functions that a long computation calls to report its progress."""
+"""Types of the functions that a long computation calls to report its progress, and one that reports nothing."""
 
 from __future__ import annotations
 
@@ -12,3 +12,7 @@ StepCallback = Callable[[int, int], None]
 
 TextCallback = Callable[[str], None]
 """Called with a sentence that a user should read."""
+
+
+def no_progress(done: int, total: int, note: str) -> None:
+    """A `ProgressCallback` for computations that nobody watches."""

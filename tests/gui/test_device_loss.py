@@ -14,4 +14,5 @@ pytestmark = pytest.mark.gpu
 
 @pytest.mark.parametrize("optimises", [False, True])
 def test_the_work_is_back_after_the_device_was_lost(device: Device, tmp_path: Path, optimises: bool) -> None:
-    recovery(tmp_path, ("--new", "--set", "shape=[96, 128]"), optimises)
+    found = recovery(tmp_path, ("--new", "--set", "shape=[96, 128]"), optimises)
+    assert found.connected <= found.window <= found.picture

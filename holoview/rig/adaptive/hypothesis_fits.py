@@ -24,6 +24,7 @@ from holoview.rig.adaptive.hypotheses import (
     open_hypotheses,
     with_probabilities,
 )
+from holoview.util.progress import no_progress
 
 _MAX_FITTED = 6  # hypotheses that are kept fitted, beside the nominal bench
 _REFITTED = 4  # of them, that are fitted again to every further capture
@@ -60,7 +61,7 @@ class HypothesisFits:
         count = len(context.kept)
         if not self._is_explained(context, comparison) and count >= _NEW_SEARCH * self._searched:
             self._searched = count
-            found = select_causes(context, _searched_effects(context), _no_progress)
+            found = select_causes(context, _searched_effects(context), no_progress)
             self._fits = first_per_cause_set([*(c.fit for c in found.candidates[:_MAX_FITTED]), *self._fits])
             context, comparison = self._fit_all(context)
             if not self._allows_movements and not self._is_explained(context, comparison):
@@ -141,7 +142,3 @@ def _with_nuisances(context: SearchContext, fit: CandidateFit, allows_movements:
 
 def _searched_effects(context: SearchContext) -> list[Effect]:
     return [e for e in context.effects.values() if not changes_only_power(e)]
-
-
-def _no_progress(done: int, total: int, note: str) -> None:
-    pass
