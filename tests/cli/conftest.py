@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from holoview.cli import main
+from tests.child_process import child_process
 
 SHAPE = (24, 32)
 
@@ -56,7 +57,7 @@ def interrupted(tmp_path: Path) -> Callable[..., Outcome]:
     def run(line: str, *arguments: object, number: int = signal.SIGINT) -> Outcome:
         command = [sys.executable, "-c", PROGRAM, *(str(argument) for argument in arguments)]
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
+        with child_process(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
             assert process.stderr is not None
             seen = ""
             while not seen.startswith(line):

@@ -22,6 +22,7 @@ from holoview.model.effects import registry
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
+from tests.child_process import child_process
 
 TABLE = {"answer": 42}
 
@@ -189,7 +190,7 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_workers_end_when_their_program_is_killed(tmp_path: Path) -> None:
     (tmp_path / "killed.py").write_text(KILLED, encoding="utf-8")
-    with subprocess.Popen([sys.executable, tmp_path / "killed.py"], stdout=subprocess.PIPE, text=True) as process:
+    with child_process([sys.executable, tmp_path / "killed.py"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         workers = [psutil.Process(int(word)) for word in process.stdout.readline().split()]
         assert len(workers) == 2

@@ -18,6 +18,7 @@ from holoview.session.optimisation_job import running_optimisation
 from holoview.session.session_store import SessionStore
 from holoview.session.unfinished_optimisation import RestOfOptimisation, read_rest
 from holoview.util.errors import UserError
+from tests.child_process import child_process
 
 ITERATIONS = 400
 _PROGRAM = """
@@ -48,7 +49,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     """The folder of the sessions of a program that was killed, and its process id."""
     folder = tmp_path_factory.mktemp("state")
     words = [sys.executable, "-c", _PROGRAM, str(folder)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as program:
+    with child_process(words, stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None and program.stdout.readline() == "saved\n"
         os.kill(program.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
     return folder, program.pid

@@ -24,6 +24,7 @@ from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from holoview.util.version import __version__
+from tests.child_process import child_process
 from tests.study.probe import STUDY
 
 HERE = Path(__file__).resolve().parent
@@ -153,7 +154,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", program, "study", "probe", "-o", str(tmp_path), "--workers", "2"]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes) as process:
+    with child_process(command, cwd=ROOT, start_new_session=True, **pipes) as process:
         until = time.monotonic() + 60
         while not list(tmp_path.glob("jobs/[!.]*.json")) and time.monotonic() < until:  # not one being written
             time.sleep(0.02)
@@ -214,7 +215,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
         "from holoview.study.store import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
         "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:
+    with child_process([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:
         until = time.monotonic() + 60
         while not (log.exists() and len(_log(log)) == 3) and time.monotonic() < until:
             time.sleep(0.02)

@@ -12,6 +12,7 @@ import pytest
 
 from holoview.util.errors import UserError
 from holoview.util.output_locks import OutputLocks
+from tests.child_process import child_process
 
 HOLD = """
 import sys, time
@@ -42,7 +43,7 @@ def test_links_are_followed_and_a_killed_program_holds_nothing(tmp_path: Path) -
     folder, file, link = tmp_path / "locks", tmp_path / "o.png", tmp_path / "link.png"
     link.symlink_to(file)
     words = [sys.executable, "-c", HOLD, str(folder), str(file)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as program, OutputLocks(folder) as locks:
+    with child_process(words, stdout=subprocess.PIPE, text=True) as program, OutputLocks(folder) as locks:
         assert program.stdout is not None and program.stdout.readline() == "held\n"
         with pytest.raises(UserError, match=f"process {program.pid}"):
             locks.hold(link)

@@ -15,6 +15,7 @@ from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.devices import DeviceError, Devices
 from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
 from holoview.rig.virtual.wire import Connection, Disconnected
+from tests.child_process import child_process
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, write_rig
 
 
@@ -133,7 +134,7 @@ def test_devices_of_a_virtual_rig_take_a_picture_and_close_with_lasers_off(rig: 
 def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> None:
     """When a process is killed, the system closes its end of the pipe."""
     command = [sys.executable, "-m", "holoview.rig.virtual.server", str(rig.path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with child_process(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         process.stdin.write("token\n")
         process.stdin.flush()
