@@ -27,8 +27,7 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tests.gui.served import SECONDS, Served, serving
-from tests.gui.test_served import browser_cookie
+from tests.gui.served import SECONDS, Served, browser_cookie, serving
 
 _KEYS = [*"abcdefghijklmnopqrstuvwxyz0123456789?+-", "Escape", "Enter", "Tab", "F1", "Delete", " "]
 _KEYS += ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown", "Home", "End"]

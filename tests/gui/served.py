@@ -1,18 +1,29 @@
-"""A viewer that is served by a process of its own, for the tests of the connection and of the page."""
+"""A viewer that is served by a process of its own, and what a browser of its page does."""
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
 
 from holoview.session.session_store import SessionStore
+
+if TYPE_CHECKING:  # the library is an optional one
+    from websockets.sync.client import ClientConnection
 
 SECONDS = 60
 
@@ -80,3 +91,33 @@ def serving(
     finally:
         process.kill()
         process.communicate()
+
+
+def browser_cookie(address: str, token: str) -> str:
+    """The cookie that the page sets for whoever has the token."""
+
+    class Stay(urllib.request.HTTPRedirectHandler):
+        def redirect_request(self, *_: Any) -> None:
+            return None
+
+    opener = urllib.request.build_opener(Stay)
+    try:
+        opener.open(f"http://{address}/?token={token}", timeout=SECONDS)
+    except urllib.error.HTTPError as answer:
+        with answer:
+            assert answer.code == 303
+            return str(answer.headers["set-cookie"]).split(";")[0]
+    raise AssertionError("the page sends nobody on")
+
+
+def next_frame(browser: ClientConnection, timeout_s: float = SECONDS) -> np.ndarray:
+    """The next picture; the browser says that it has shown it. Raises TimeoutError where none comes in time."""
+    while True:
+        message = json.loads(browser.recv(timeout=timeout_s))
+        if message.get("type") != "framebufferdata":
+            continue
+        data = browser.recv(timeout=SECONDS)
+        assert isinstance(data, bytes)
+        shown = {"index": message["index"], "timestamp": message["timestamp"], "localtime": 0.0}
+        browser.send(json.dumps({"type": "_framefeedback", **shown}))
+        return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)

@@ -18,8 +18,7 @@ from holoview.cli import main
 from holoview.gpu.device import Device
 from holoview.util.errors import UserError
 from tests.gui.conftest import Gui
-from tests.gui.served import serving
-from tests.gui.test_served import browser_cookie, next_frame
+from tests.gui.served import browser_cookie, next_frame, serving
 
 pytestmark = pytest.mark.gpu
 _OF_FILES = ("Open…", "Save hologram…", "Save view…", "Save focal sweep…", "Copy image", "Paste picture", "Quit")
