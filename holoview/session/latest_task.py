@@ -22,14 +22,14 @@ class LatestTask(Generic[T]):
         self._name, self._deliver, self._on_error = name, deliver, on_error
         self._condition, self._closed = Condition(), False
         self._request: tuple[Callable[[], T], Callable[[T], None]] | None = None
-        self._is_working = False
+        self._untaken = 0  # requests that were begun and whose results the owner hasn't got
         self._thread: Thread | None = None
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is being run or waits."""
+        """Whether a request waits or is being run, or its result waits for the owner."""
         with self._condition:
-            return self._is_working or self._request is not None
+            return self._untaken > 0 or self._request is not None
 
     def submit(self, work: Callable[[], T], on_result: Callable[[T], None]) -> None:
         """Runs `work` on the thread; the owner then calls `on_result` with what it returned."""
@@ -52,11 +52,16 @@ class LatestTask(Generic[T]):
                 self._condition.wait_for(lambda: self._closed or self._request is not None)
                 if self._closed or self._request is None:
                     return
-                (work, on_result), self._request, self._is_working = self._request, None, True
+                (work, on_result), self._request = self._request, None
+                self._untaken += 1
             try:
                 call = partial(on_result, work())
             except Exception as error:  # any exception is reported to the owner, as nobody waits for this thread
                 call = partial(self._on_error, error)
-            self._deliver(call)
-            with self._condition:
-                self._is_working = False
+            self._deliver(partial(self._hand_over, call))
+
+    def _hand_over(self, call: Callable[[], None]) -> None:
+        """Called by the owner: makes the call of a request that has been run."""
+        with self._condition:
+            self._untaken -= 1
+        call()

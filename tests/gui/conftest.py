@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import shutil
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ from holoview.gpu.device import Device
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.session.editing_session import EditingSession
+from holoview.session.session_store import SessionStore
 
 SIZE = (640, 400)
 GOLDEN = Path(__file__).parent / "golden"
@@ -34,6 +36,20 @@ def small_bench(**changes: Any) -> System:
     """Three lasers, 96 × 64 pixels."""
     lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": "white"}
     return preset.load("holochrome-8").edit({"shape": [64, 96], **lasers, **changes})
+
+
+def leave_crashed_session(store: SessionStore) -> None:
+    """A saved session, with the gap set to 4 mm, whose program is gone."""
+    lost = EditingSession(small_bench())
+    autosave = store.start_autosave(lost)
+    lost.change("Gap", {"gap": 4e-3})
+    assert autosave.flush()
+    left = autosave.folder.with_name("20260101-000000-1-0")
+    shutil.copytree(autosave.folder, left)
+    (left / "lock.json").write_text('{"pid": 999999999, "since": 0}')
+    assert autosave.close() is None
+    shutil.rmtree(autosave.folder)
+    lost.close()
 
 
 class Gui(InputDriver):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -14,10 +13,9 @@ import psutil
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SessionStore
 from tests.chromium import Browser, needs_chromium, pixels, started_browser, wait_until
-from tests.gui.conftest import small_bench
+from tests.gui.conftest import leave_crashed_session
 from tests.gui.served import SECONDS, serving
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
@@ -151,13 +149,7 @@ def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: P
 
 
 def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
-    store = SessionStore(tmp_path / "holoview")
-    lost = EditingSession(small_bench())
-    autosave = store.start_autosave(lost)
-    lost.change("Gap", {"gap": 4e-3})
-    assert autosave.flush()
-    (autosave.folder / "lock.json").write_text(json.dumps({"pid": 999999999, "since": 0}))
-    lost.close()
+    leave_crashed_session(SessionStore(tmp_path / "holoview"))
     with serving(tmp_path) as served:
         page = browser.open(served.url, 900, 600)
         wait_for_sizes(page, 900, 600)

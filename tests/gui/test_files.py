@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,12 @@ from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SessionStore
 from holoview.session.tone_mapping import tone_map
 from holoview.session.view_settings import NOW
 from holoview.util.errors import UserError
 from holoview.view import random_drive
-from tests.gui.conftest import Gui, small_bench
+from tests.gui.conftest import Gui, leave_crashed_session
 
 pytestmark = pytest.mark.gpu
 
@@ -198,18 +197,13 @@ def test_the_list_of_edits_goes_anywhere(gui: Gui) -> None:
 
 
 @pytest.fixture
-def crashed(make_gui: Callable[..., Gui], tmp_path: Path) -> Iterator[Gui]:
+def crashed(make_gui: Callable[..., Gui], tmp_path: Path) -> Gui:
     """A viewer that starts beside a session whose program is gone."""
     store = SessionStore(tmp_path)
-    lost = EditingSession(small_bench())
-    autosave = store.start_autosave(lost)
-    lost.change("Gap", {"gap": 4e-3})
-    assert autosave.flush()
-    (autosave.folder / "lock.json").write_text('{"pid": 999999999, "since": 0}')
+    leave_crashed_session(store)
     opened = make_gui(size=(800, 480), engine=True, panels=PANELS, store=store)
     opened.draw_until_idle()
-    yield opened
-    lost.close()
+    return opened
 
 
 def test_work_that_a_crash_left_is_offered_and_recovered(crashed: Gui) -> None:

@@ -154,6 +154,7 @@ def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: EditingSe
     with pytest.raises(UserError):
         saved.restore()
     assert store.crashed_sessions() == []
+    autosave.close()
 
 
 def test_an_open_session_becomes_the_saved_one_and_its_listeners_stay(tmp_path: Path, session: EditingSession) -> None:
@@ -179,6 +180,7 @@ def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, 
     (saved,) = [saved for saved in SessionStore(tmp_path).saved_sessions() if saved.folder == autosave.folder]
     pinned = saved.restore().snapshots["Unfinished optimisation"]
     assert pinned.origin == "half way" and pinned.drive.max() == 0
+    autosave.close()
 
 
 def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: EditingSession) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from queue import Queue
 from threading import Event
 from typing import Any
 
@@ -54,10 +56,24 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
     goes_on.set()
     until = time.monotonic() + 20
     while live.is_busy and time.monotonic() < until:
+        session.poll()
         time.sleep(0.01)
-    session.poll()
     assert means == [1, 29]
     live.close()
+
+
+def test_it_is_busy_until_the_owner_has_the_result(session: EditingSession) -> None:
+    """Whoever waits for the end finds the result there."""
+    taken: list[int] = []
+    delivered: Queue[Callable[[], None]] = Queue()
+    task: LatestTask[int] = LatestTask("test", delivered.put, session.messages.post_error)
+    assert not task.is_busy
+    task.submit(lambda: 7, taken.append)
+    hand_over = delivered.get(timeout=20)
+    assert task.is_busy and taken == []
+    hand_over()
+    assert taken == [7] and not task.is_busy
+    task.close()
 
 
 def test_a_failure_is_told_and_the_next_request_is_served(session: EditingSession) -> None:
