@@ -16,7 +16,7 @@
 BIN := .venv/bin
 OUT ?= out/demo
 TESTS_AT_ONCE ?= 2
-export TORCH_INDEX
+export TORCH_INDEX TESTS_AT_ONCE
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile

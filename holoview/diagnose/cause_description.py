@@ -14,7 +14,7 @@ from holoview.diagnose.free_parameters import free_parameters_of
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.power_law import PowerLawFit
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.uncertainty import confidence_intervals, local_jacobian
+from holoview.diagnose.uncertainty import confidence_intervals, local_information, local_jacobian
 from holoview.diagnose.verdict import Decision
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.list_parameter import ListParameter
@@ -33,7 +33,7 @@ def describe_causes(context: SearchContext, result: SearchResult, decision: Deci
     after = fit_quality(held_out, held_out.fit_gains(fit.values), report)
     effects = [context.effects[name] for name in fit.causes]
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
-    intervals = confidence_intervals(fit, local_jacobian(fit, effects, fine, steps), fine, context.config)
+    intervals = confidence_intervals(fit, local_information(fit, effects, fine, steps), fine, context.config)
     one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
     near = context.region or context
     few = near.model_weighted_comparison(near.split.coarse[one_or_two], fit.values)

@@ -107,6 +107,25 @@ class Comparison:
         other.predictor = predictor
         return other
 
+    def parts(self) -> list[tuple[slice, Comparison]]:
+        """Comparisons of some captures each, with their place in the flat residuals.
+
+        One alone where there are few pixels, and where movements are fitted: their mean depends on all captures.
+        """
+        count, pixels = self.weight.shape[0], self.weight[0].size
+        size = max(1, self.config.max_part_pixels // pixels)
+        if self.fit_shifts or size >= count:
+            return [(slice(None), self)]
+        starts = range(0, count, size)
+        return [(slice(k * pixels, (k + size) * pixels), self._of_captures(slice(k, k + size))) for k in starts]
+
+    def _of_captures(self, some: slice) -> Comparison:
+        """The same with some of the captures; shares their arrays."""
+        other = copy(self)
+        for name in ("indices", "light", "weight", "pixels_per_capture", "_weighted_light"):
+            setattr(other, name, getattr(self, name)[some])
+        return other
+
     @property
     def pixel_count(self) -> float:
         """Number of pixels that are compared."""

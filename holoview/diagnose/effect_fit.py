@@ -15,6 +15,7 @@ from holoview.model.effects.effect import Effect
 from holoview.numerics.least_squares import (
     Minimum,
     ResidualFunction,
+    ResidualPart,
     ResidualVector,
     Vector,
     jacobian,
@@ -83,6 +84,7 @@ def local_fit(
             bounds,
             iterations=config.iterations if iterations is None else iterations,
             tolerance=config.tolerance if tolerance is None else tolerance,
+            parts=residual_parts(varied, start, comparison),
         )
         edges = hard_edge_mask(varied)
         if edges.all() and minimum.cost < config.edge_max_cost * cost:
@@ -123,6 +125,11 @@ def residual_function(free: FreeParameters, base: FittedValues, comparison: Comp
             return comparison.infeasible_residual
 
     return function
+
+
+def residual_parts(free: FreeParameters, base: FittedValues, comparison: Comparison) -> list[ResidualPart]:
+    """As `residual_function`, of some captures at a time where there are many pixels."""
+    return [ResidualPart(where, residual_function(free, base, part)) for where, part in comparison.parts()]
 
 
 def effect_jacobian(

@@ -13,7 +13,14 @@ import numpy as np
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import FitConfig
-from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, hard_edge_mask, refit, residuals_and_start
+from holoview.diagnose.effect_fit import (
+    CandidateFit,
+    cost_or_inf,
+    hard_edge_mask,
+    refit,
+    residual_parts,
+    residuals_and_start,
+)
 from holoview.diagnose.free_parameters import free_parameters_of
 from holoview.model.effects.effect import Effect
 from holoview.numerics.least_squares import axis_scan, levenberg_marquardt, minimise_along_axis
@@ -42,7 +49,12 @@ def refine_hard_edges(
     best = nelder_mead(function, start, bounds, edges, config.first_edge_size, config.edge_evaluations)
     if not edges.all():
         smooth = levenberg_marquardt(
-            function, best.x, bounds, iterations=config.edge_iterations, tolerance=config.edge_tolerance
+            function,
+            best.x,
+            bounds,
+            iterations=config.edge_iterations,
+            tolerance=config.edge_tolerance,
+            parts=residual_parts(free, fit.values, comparison),
         )
         best = min(best, smooth, key=lambda m: m.cost)
     best = nelder_mead(function, best, bounds, edges, config.last_edge_size, config.edge_evaluations)

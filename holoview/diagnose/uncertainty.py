@@ -52,6 +52,28 @@ class LocalJacobian:
     capture_count: int
 
 
+@dataclass(frozen=True)
+class LocalInformation:
+    """What captures tell of the causes' parameters at a solution, in units of the priors.
+
+    normal (parameter, parameter): JᵀJ. scores (capture, parameter): Jᵀr of each capture. residual: flat.
+    """
+
+    parameters: FreeParameters
+    normal: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    residual: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, at: LocalJacobian) -> LocalInformation:
+        """From derivatives."""
+        count, captures = len(at.parameters), at.capture_count
+        residual = at.residual.reshape(captures, -1)
+        slopes = at.slopes.reshape(count, *residual.shape)  # there may be no parameter
+        scores = np.einsum("pkn,kn->kp", slopes, residual, dtype=np.float64)
+        return cls(at.parameters, (at.slopes @ at.slopes.T).astype(np.float64), scores, at.residual)
+
+
 def local_jacobian(
     fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison, steps: StepConfig
 ) -> LocalJacobian:
@@ -63,17 +85,26 @@ def local_jacobian(
     return LocalJacobian(free, slopes, residual, len(comparison.indices))
 
 
+def local_information(
+    fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison, steps: StepConfig
+) -> LocalInformation:
+    """From derivatives as of `local_jacobian`, of some captures at a time where there are many pixels."""
+    parts = [LocalInformation.of(local_jacobian(fit, effects, part, steps)) for _, part in comparison.parts()]
+    normal = np.sum([part.normal for part in parts], axis=0)
+    scores, residual = (np.concatenate(rows) for rows in zip(*((p.scores, p.residual) for p in parts), strict=True))
+    return LocalInformation(parts[0].parameters, normal, scores, residual)
+
+
 def confidence_intervals(
-    fit: CandidateFit, at: LocalJacobian, comparison: Comparison, config: SearchConfig
+    fit: CandidateFit, at: LocalInformation, comparison: Comparison, config: SearchConfig
 ) -> dict[tuple[str, str], Interval]:
     """The interval of each (effect, parameter); infinite where the captures hold no information about it.
 
     Without parameters at their identity that these captures can't show, such as those of a laser that wasn't on.
     """
-    normal = (at.slopes @ at.slopes.T).astype(np.float64)
-    variance = _variances(at, normal)
-    factor = float(student.ppf(0.5 + config.intervals.level / 2, max(at.capture_count - 1, 1)))
-    unknown = np.diag(normal) <= 0.0
+    variance = _variances(at)
+    factor = float(student.ppf(0.5 + config.intervals.level / 2, max(len(at.scores) - 1, 1)))
+    unknown = np.diag(at.normal) <= 0.0
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
     for i, (effect, parameter) in enumerate(at.parameters.entries):
@@ -89,25 +120,19 @@ def confidence_intervals(
     return result
 
 
-def _variances(at: LocalJacobian, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def _variances(at: LocalInformation) -> NDArray[np.float64]:
     """Variance of each parameter, in priors²: the larger of those of the noise and of the captures' scores."""
-    captures = at.capture_count
+    captures = len(at.scores)
     if not len(at.parameters):
         return np.empty(0)
-    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
-    scores = np.einsum(
-        "pkn,kn->kp",
-        at.slopes.reshape(len(at.parameters), captures, -1),
-        at.residual.reshape(captures, -1),
-        dtype=np.float64,
-    )
-    robust = inverse @ (scores.T @ scores * (captures / max(captures - 1, 1))) @ inverse
+    inverse = np.linalg.pinv(at.normal, rcond=1e-10, hermitian=True)
+    robust = inverse @ (at.scores.T @ at.scores * (captures / max(captures - 1, 1))) @ inverse
     noise = inverse * max(1.0, float(np.mean(np.square(at.residual[at.residual != 0.0]))))
     return np.maximum(np.diag(robust), np.diag(noise))
 
 
 def _edge_half_widths(
-    fit: CandidateFit, at: LocalJacobian, comparison: Comparison, config: SearchConfig
+    fit: CandidateFit, at: LocalInformation, comparison: Comparison, config: SearchConfig
 ) -> dict[str, float]:
     """For each effect with hard edges, half the interval of its parameters that move them, in priors.
 
@@ -125,7 +150,7 @@ def _edge_half_widths(
 
 
 def _profile_of_edge(
-    fit: CandidateFit, at: LocalJacobian, axis: int, comparison: Comparison, config: SearchConfig
+    fit: CandidateFit, at: LocalInformation, axis: int, comparison: Comparison, config: SearchConfig
 ) -> float:
     """How far a parameter with a hard edge may move alone before the captures object, in priors."""
     function = residual_function(at.parameters, fit.values, comparison)

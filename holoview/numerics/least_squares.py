@@ -1,7 +1,8 @@
 """Least squares inside bounds (Levenberg–Marquardt), minimisation along one axis, and profile likelihood intervals.
 
 Written for residuals of millions of float32 values that take long to compute: derivatives are forward differences,
-normal equations are formed in float32 and solved in float64, and every function has a budget of evaluations.
+normal equations are formed in float32, of some residuals at a time where memory is short, and solved in float64, and
+every function has a budget of evaluations.
 `scipy.optimize.least_squares` holds the whole Jacobian in float64 and has no such budget.
 
 Levenberg, Q. Appl. Math. 2, 164 (1944); Marquardt, J. SIAM 11, 431 (1963), with damping in proportion to the diagonal.
@@ -9,7 +10,7 @@ Levenberg, Q. Appl. Math. 2, 164 (1944); Marquardt, J. SIAM 11, 431 (1963), with
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,8 +83,38 @@ def jacobian(
     return columns
 
 
+@dataclass(frozen=True)
+class ResidualPart:
+    """Some of a function's residuals, which can be computed alone. where: their place among all of them, flat."""
+
+    where: slice
+    function: ResidualFunction
+
+
+def normal_equations(
+    parts: Sequence[ResidualPart], x: Vector, residual: ResidualVector, bounds: SearchDomain
+) -> tuple[NDArray[np.float64], Vector]:
+    """JᵀJ (parameter, parameter) and Jᵀr (parameter,) at x, summed over parts that hold each residual once.
+
+    residual: all of them at x. Memory is taken for the derivatives of one part at a time.
+    """
+    normal, gradient = np.zeros((len(x), len(x))), np.zeros(len(x))
+    for part in parts:
+        own = residual.ravel()[part.where]
+        derivatives = jacobian(part.function, x, own, bounds)
+        normal += derivatives @ derivatives.T
+        gradient += derivatives @ own
+    return normal, gradient
+
+
 def levenberg_marquardt(
-    function: ResidualFunction, start: Vector, bounds: SearchDomain, *, iterations: int = 6, tolerance: float = 2e-3
+    function: ResidualFunction,
+    start: Vector,
+    bounds: SearchDomain,
+    *,
+    iterations: int = 6,
+    tolerance: float = 2e-3,
+    parts: Sequence[ResidualPart] = (),
 ) -> Minimum:
     """A local minimum of Σ residual² inside the bounds.
 
@@ -91,6 +122,7 @@ def levenberg_marquardt(
     start: where to begin; clipped to the bounds.
     iterations: at most so many, each with a Jacobian and up to five trial steps.
     tolerance: ends after an iteration that lowers the cost by a smaller share of it.
+    parts: of the function, as in `normal_equations`; none: the function as a whole.
 
     A parameter at a bound that the gradient pushes outwards is held, and the step of the others is computed without it.
     """
@@ -98,10 +130,8 @@ def levenberg_marquardt(
     residual = function(x)
     cost, evaluations, damping = sum_of_squares(residual), 1, _FIRST_DAMPING
     for _ in range(iterations):
-        derivatives = jacobian(function, x, residual, bounds)
+        normal, gradient = normal_equations(parts or [ResidualPart(slice(None), function)], x, residual, bounds)
         evaluations += len(x)
-        normal = (derivatives @ derivatives.T).astype(np.float64)
-        gradient = (derivatives @ residual.ravel()).astype(np.float64)
         for _ in range(_MAX_TRIES):
             trial = bounds.clip(x + _step(normal, gradient, damping, x, bounds))
             if not np.any(trial != x):

@@ -101,3 +101,26 @@ def test_pixels_that_arent_trusted_weigh_nothing() -> None:
     spoilt = pictures(COUNT, images=images)
     assert _comparison(spoilt, fake).pixel_count == _comparison(captures, fake).pixel_count - 16 * COUNT
     assert _comparison(spoilt, fake).chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)
+
+
+@pytest.mark.parametrize("captures_at_once", [1, 3, COUNT])
+def test_parts_hold_every_residual_once(captures_at_once: int) -> None:
+    captures, fake = _session(np.linspace(0.5, 2.0, COUNT), STILL)
+    whole = _comparison(captures, fake)
+    whole.config = ComparisonConfig(max_part_pixels=captures_at_once * SIZE[0] * SIZE[1] + 1)
+    values, parts = {"black": {"counts": 1.5}}, whole.parts()
+    assert [len(part.indices) for _, part in parts] == {1: [1] * 8, 3: [3, 3, 2], 8: [8]}[captures_at_once]
+    found = np.full(whole.weight.size, np.nan, np.float32)
+    for where, part in parts:
+        found[where] = part.residual(values)
+    np.testing.assert_array_equal(found, whole.residual(values))
+    assert sum(part.pixel_count for _, part in parts) == whole.pixel_count
+
+
+def test_movements_are_fitted_in_all_captures_at_once() -> None:
+    """What they share is an effect, and no part knows it."""
+    captures, fake = _session(np.ones(COUNT), STILL)
+    whole = _comparison(captures, fake, shifts=True)
+    whole.config = ComparisonConfig(max_part_pixels=1)
+    ((where, only),) = whole.parts()
+    assert only is whole and where == slice(None)

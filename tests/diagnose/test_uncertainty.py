@@ -8,7 +8,14 @@ import pytest
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
-from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation, confidence_intervals
+from holoview.diagnose.uncertainty import (
+    LocalInformation,
+    LocalJacobian,
+    canonical_correlation,
+    confidence_intervals,
+    local_information,
+    local_jacobian,
+)
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter
 
@@ -44,7 +51,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(error: float) -> None:
     for _ in range(200):
         a, b, rest = _drawn(rng, slopes, error)
         fit = CandidateFit(("two",), {"two": {"a": a, "b": b}}, 0.0)
-        at = LocalJacobian(_free(), slopes, rest, CAPTURES)
+        at = LocalInformation.of(LocalJacobian(_free(), slopes, rest, CAPTURES))
         found = confidence_intervals(fit, at, None, SearchConfig())  # type: ignore[arg-type]
         inside += abs(a) <= found["two", "a"].half_width
         inside += abs(b) <= found["two", "b"].half_width
@@ -56,8 +63,41 @@ def test_a_number_that_nothing_depends_on_is_unknown() -> None:
     slopes[0] = 1.0
     rest = np.random.default_rng(1).standard_normal(CAPTURES * PIXELS).astype(np.float32)
     fit = CandidateFit(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
-    found = confidence_intervals(fit, LocalJacobian(_free(), slopes, rest, CAPTURES), None, SearchConfig())  # type: ignore[arg-type]
+    at = LocalInformation.of(LocalJacobian(_free(), slopes, rest, CAPTURES))
+    found = confidence_intervals(fit, at, None, SearchConfig())  # type: ignore[arg-type]
     assert np.isfinite(found["two", "a"].sigma) and found["two", "b"].sigma == float("inf")
+
+
+class TwoCaptures:
+    """Residuals of some captures that depend linearly on both numbers; parts of two captures each."""
+
+    def __init__(self, slopes: np.ndarray, rest: np.ndarray, captures: range = range(CAPTURES)) -> None:
+        self.slopes, self.rest, self.indices = slopes, rest, np.array(captures)
+
+    def residual(self, values: dict[str, dict[str, float]]) -> np.ndarray:
+        x = np.array([values["two"]["a"] / 2.0, values["two"]["b"] / 0.5], np.float32)
+        found = np.einsum("p,pkn->kn", x, self.slopes[:, self.indices]) + self.rest[self.indices]
+        return np.asarray(found, np.float32).ravel()
+
+    def parts(self) -> list[tuple[slice, TwoCaptures]]:
+        starts = range(0, CAPTURES, 2)
+        return [
+            (slice(k * PIXELS, (k + 2) * PIXELS), TwoCaptures(self.slopes, self.rest, range(k, k + 2))) for k in starts
+        ]
+
+
+def test_of_a_few_captures_at_a_time_information_is_that_of_all() -> None:
+    rng = np.random.default_rng(5)
+    slopes = rng.standard_normal((2, CAPTURES, PIXELS)).astype(np.float32)
+    rest = rng.standard_normal((CAPTURES, PIXELS)).astype(np.float32)
+    whole = TwoCaptures(slopes, rest)
+    fit = CandidateFit(("two",), {"two": {"a": 0.4, "b": -0.3}}, 0.0)
+    steps = SearchConfig().fits.steps
+    expected = LocalInformation.of(local_jacobian(fit, [Two()], whole, steps))  # type: ignore[arg-type]
+    found = local_information(fit, [Two()], whole, steps)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found.residual, expected.residual)
+    np.testing.assert_array_equal(found.scores, expected.scores)
+    np.testing.assert_allclose(found.normal, expected.normal, rtol=0, atol=1e-5 * expected.normal.max())
 
 
 class Aperture(Effect):
@@ -104,7 +144,7 @@ def test_intervals_of_edges_hold_all_that_no_sample_tells_apart() -> None:
             if (comparison.samples(*point) == comparison.true).all()
         )
         fit = CandidateFit(("aperture",), {"aperture": {"size": found[0], "centre": found[1]}}, 0.0)
-        at = LocalJacobian(free, slopes, comparison.noise, CAPTURES)
+        at = LocalInformation.of(LocalJacobian(free, slopes, comparison.noise, CAPTURES))
         told = confidence_intervals(fit, at, comparison, SearchConfig())  # type: ignore[arg-type]
         inside += abs(found[0] - size) <= told["aperture", "size"].half_width
         inside += abs(found[1] - centre) <= told["aperture", "centre"].half_width

@@ -7,12 +7,14 @@ import pytest
 
 from holoview.numerics.least_squares import (
     Minimum,
+    ResidualPart,
     ResidualVector,
     SearchDomain,
     Vector,
     jacobian,
     levenberg_marquardt,
     minimise_along_axis,
+    normal_equations,
     profile_half_width,
 )
 
@@ -33,6 +35,37 @@ def test_a_linear_problem_ends_where_the_normal_equations_do() -> None:
     exact = np.linalg.lstsq(a, b, rcond=None)[0]
     assert found.x == pytest.approx(exact, abs=1e-4)  # forward differences of float32 residuals
     assert found.cost == pytest.approx(float(np.square(a @ exact - b).sum()), rel=1e-6)
+
+
+def test_derivatives_of_one_part_at_a_time_end_at_the_same_minimum() -> None:
+    """Parts of unequal size; where all are taken, sums differ by the rounding of float32."""
+    a, b = _line(np.random.default_rng(7))
+    asked: list[int] = []
+
+    def rows(where: slice) -> ResidualPart:
+        def function(x: Vector) -> ResidualVector:
+            asked.append(len(b[where]))
+            return np.asarray((a[where] * x).sum(axis=1) - b[where], np.float32)
+
+        return ResidualPart(where, function)
+
+    parts = [rows(slice(0, 70)), rows(slice(70, 140)), rows(slice(140, 210))]
+    whole = rows(slice(None))
+    start, bounds = np.array([0.3, -0.2, 0.1]), _bounds(3)
+    for found, expected in zip(
+        normal_equations(parts, start, whole.function(start), bounds),
+        normal_equations([whole], start, whole.function(start), bounds),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+    asked.clear()
+    found_all = levenberg_marquardt(whole.function, start, bounds, iterations=2, tolerance=0.0)
+    asked_whole = sum(asked)
+    asked.clear()
+    found_parts = levenberg_marquardt(whole.function, start, bounds, iterations=2, tolerance=0.0, parts=parts)
+    assert found_parts.x == pytest.approx(found_all.x, abs=1e-5)
+    assert found_parts.evaluations == found_all.evaluations and sum(asked) == asked_whole
+    assert {70, 60} < set(asked)
 
 
 def test_a_bound_holds_one_parameter_and_the_others_are_solved_without_it() -> None:

@@ -172,6 +172,10 @@ class ComparisonConfig:
     """[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual.
     Evidence: it replaced 5 σ of the mean, which few captures reach by chance; the value: none recorded."""
 
+    max_part_pixels: int = 4_000_000
+    """[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: with all of eight pictures
+    of 1600 × 1200 pixels, two processes took 9 to 11 GB; smaller sessions are one part."""
+
     infeasible_factor: float = 10.0
     """[1] Residuals of parameters that no bench can have are so many times those of a dark image. Evidence: they
     must exceed those of every bench that can be."""
