@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +19,7 @@ import torch
 from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
+from holoview.util.freed_memory import give_back_freed_memory
 
 LONGEST = (
     "docs/test_tutorials.py",
@@ -84,13 +83,9 @@ def _one_thread_again(_one_thread: None) -> Iterator[None]:
 @pytest.fixture(scope="module", autouse=True)
 def _free_memory_given_back() -> Iterator[None]:
     """GNU's allocator keeps what is freed between what is in use: gigabytes after some hundred files."""
-    process = psutil.Process()
-    before = process.memory_info().rss
+    before = psutil.Process().memory_info().rss
     yield
-    if sys.platform == "linux" and process.memory_info().rss > before + _MUCH_MEMORY:
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)
+    give_back_freed_memory(before + _MUCH_MEMORY)
 
 
 @pytest.fixture

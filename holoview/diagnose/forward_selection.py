@@ -115,7 +115,8 @@ def _search_second_causes_early(
     if is_settled(context, result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)
-    return result if is_at_floor(context, result) else refine_leaders_along_axes(context, result)
+    is_over = is_at_floor(context, result) or context.budget_exhausted
+    return result if is_over else refine_leaders_along_axes(context, result)
 
 
 def _is_promising(context: SearchContext, result: SearchResult) -> bool:

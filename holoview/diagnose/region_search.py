@@ -114,6 +114,7 @@ def search_region_first(
     inner = search_good_captures(region, useless, count, progress)
     if context.end.was_asked:
         return replace(inner, notes=[*inner.notes, f"{_where(inner.context)}; whole pictures weren't looked at."])
+    context.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     decision = inner.decision
     fits = tuple(score.fit for score in (decision.best, *decision.rivals) if score is not None)
     leads = Leads(fits, decision.verdict in _EXPLAINED, inner.context.left_out)

@@ -29,12 +29,14 @@ from typing import Any, TypeVar
 
 from holoview.diagnose.shared_arrays import ArrayStore, SharedObjects
 from holoview.util.errors import UserError
+from holoview.util.freed_memory import give_back_freed_memory
 from holoview.util.memory_limit import VARIABLE, worker_share, workers_within_memory
 from holoview.util.signals import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
 
+_LARGE_BYTES = 1 << 30  # of a process; in a larger one, what a job has freed is given back
 _POLL_S = 0.2  # Windows notices Ctrl-C between two waits only
 _PRELOADED = "holoview.diagnose.pipeline"
 
@@ -91,6 +93,7 @@ class WorkerPool:
         results: list[T] = []
         while len(results) < len(jobs) and not (len(jobs) - len(results) > 1 and self._has_processes()):
             results.append(jobs[len(results)]())
+            give_back_freed_memory(_LARGE_BYTES)
             _report(on_finished, len(results))
         if len(results) < len(jobs):
             results += self._run_in_processes(jobs[len(results) :], len(results), on_finished, check)
@@ -102,8 +105,17 @@ class WorkerPool:
         if not self._has_processes() and self._ready is not None:
             wait([self._ready])
 
+    def rest(self) -> None:
+        """Ends the processes until several jobs are to be run again: what they keep for later jobs takes memory."""
+        if self._ready is not None:
+            wait([self._ready])
+        self._end_processes(kill=False)
+        self._executor = self._ready = None
+        self._store.close()
+        give_back_freed_memory(_LARGE_BYTES)
+
     def close(self, kill: bool = False) -> None:
-        """Ends the processes; kill: in the middle of their jobs."""
+        """Ends the processes for good; kill: in the middle of their jobs."""
         with self._closing:
             self._is_closed = True
         try:
@@ -232,6 +244,8 @@ def _run_job(job: bytes) -> Any:
         return _JobUnpickler(io.BytesIO(job)).load()()
     except Exception as error:
         raise _picklable(error) from None
+    finally:
+        give_back_freed_memory(_LARGE_BYTES)
 
 
 def _picklable(error: Exception) -> Exception:

@@ -28,6 +28,7 @@ NOT_SETTINGS = {
     "plots._SIGMAS",
     "shared_arrays._ALIGNMENT",  # of memory
     "shared_arrays._MIN_BYTES",
+    "worker_pool._LARGE_BYTES",  # of memory
     "worker_pool._POLL_S",  # in which Ctrl-C is noticed
 }
 

@@ -106,6 +106,17 @@ def test_what_is_shared_is_one_object_in_each_process(processes: WorkerPool) -> 
     assert processes.run([partial(_same_table, TABLE, separate)] * 2) == [(False, 42)] * 2
 
 
+def test_processes_that_rest_are_gone_and_others_take_their_place(processes: WorkerPool) -> None:
+    (first, *_) = processes.run([os.getpid] * 4)
+    processes.rest()
+    processes.rest()
+    assert not psutil.pid_exists(first)
+    assert processes.run([os.getpid] * 2)[0] == os.getpid(), "until others are ready, this process works"
+    processes.start()
+    assert {first, os.getpid()}.isdisjoint(processes.run([os.getpid] * 4))
+    assert processes.run([partial(_same_table, TABLE, TABLE)] * 2) == [(True, 42)] * 2
+
+
 def test_objects_that_cannot_be_sent_keep_the_jobs_here() -> None:
     with WorkerPool(2) as pool:
         pool.share({"function": lambda: None})
