@@ -1,5 +1,6 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests (two files at a time; one: TESTS_AT_ONCE=0)
+# make test-all   make test, then the tests that explore: fuzzing, all studies, long tutorials, most bad captures
 # make test-processors  repeat the tests that depend most on the processor as if on others
 # make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
 # make package  build the source distribution and the wheel into dist/
@@ -10,7 +11,7 @@
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make fuzz   feed hostile files and options for an hour (MINUTES=60 SEED=1) and count how they end
 # make bench  time the frame's stages on this machine
-.PHONY: fuzz demo test test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
+.PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -32,6 +33,9 @@ test: lint
 	@bash .ci/adapter
 	@bash .ci/window
 	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder
+
+test-all: test
+	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder -m "explores and not slow"
 
 test-processors: .venv/holoview.stamp
 	@bash .ci/adapter

@@ -11,7 +11,7 @@ import holoview
 from tests.conftest import LONGEST
 
 PACKAGE = Path(holoview.__file__).resolve().parent
-MOST_LINES, MOST_FUNCTION_LINES = 330, 60
+MOST_FUNCTION_LINES = 60
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,7 @@ def test_every_module_says_in_its_first_sentence_what_it_is_for(trees: dict[str,
     assert [name for name, text in first.items() if not text.endswith((".", ":")) or len(text.split()) < 4] == []
 
 
-def test_files_and_functions_are_short_enough_to_hold_one_concept(trees: dict[str, ast.Module]) -> None:
-    assert [name for name, tree in trees.items() if tree.body[-1].end_lineno > MOST_LINES] == []  # type: ignore[operator]
+def test_functions_are_short_enough_to_hold_one_concept(trees: dict[str, ast.Module]) -> None:
     functions = {
         f"{name}: {node.name}": node.body[-1].end_lineno - node.lineno  # type: ignore[operator]
         for name, tree in trees.items()
