@@ -36,8 +36,9 @@ from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read
 from holoview.model.effects.active_effects import EffectValues
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, read_record
+from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import read_record
 
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
