@@ -39,29 +39,29 @@ FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
 _COUNTS = ("uint8", "uint16")
 _REAL = ("float64", "float32", "float16", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 
-_LEVELS = tuple(ArraySchema(f"slm{n}/levels", _COUNTS, ("capture", "row", "column")) for n in (1, 2))
+LEVELS = tuple(ArraySchema(f"slm{n}/levels", _COUNTS, ("capture", "row", "column")) for n in (1, 2))
 """Of each modulator; a file of a single one has the first only."""
 
-_IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera column"))
+IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera column"))
 
-_PER_CAPTURE = tuple(ArraySchema(name, _REAL, ("capture",)) for name in ("wavelength", "distance", "power", "exposure"))
+PER_CAPTURE = tuple(ArraySchema(name, _REAL, ("capture",)) for name in ("wavelength", "distance", "power", "exposure"))
 
-_SLM_NUMBERS = (
+SLM_NUMBERS = (
     NumberSchema("pitch"),
     NumberSchema("num_levels", 2, 65536, whole=True),
     NumberSchema("opd_range"),
 )
-_CAMERA_NUMBERS = (
+CAMERA_NUMBERS = (
     NumberSchema("pitch"),
     NumberSchema("bit_depth", 1, 16, whole=True),
     NumberSchema("electrons_per_count", 1e-9, 1e9),
     NumberSchema("read_noise", 0, 1e9),
     NumberSchema("black_level", 0, 65535),
 )
-_GEOMETRY_NUMBERS = (NumberSchema("gap", optional=True), NumberSchema("focal_length", optional=True))
+GEOMETRY_NUMBERS = (NumberSchema("gap", optional=True), NumberSchema("focal_length", optional=True))
 """Attributes of slm1, slm2, camera and geometry."""
 
-_VERSION = NumberSchema("version", whole=True)
+VERSION = NumberSchema("version", whole=True)
 
 _PEAK_SHARE = 1.6  # of the data: while they are checked, a mask of the pictures is held beside them
 _GEOMETRY = "geometry attribute "  # before its name, in errors
@@ -110,7 +110,7 @@ def write_captures(
         camera.attrs.update(pitch=c.pitch_m, bit_depth=c.bit_depth, electrons_per_count=c.electrons_per_count)
         camera.attrs.update(read_noise=c.read_noise, black_level=c.black_level)
         columns = (captures.wavelength_m, captures.distance_m, captures.power, captures.exposure_s)
-        for schema, values in zip(_PER_CAPTURE, columns, strict=True):
+        for schema, values in zip(PER_CAPTURE, columns, strict=True):
             h5.create_dataset(schema.name, data=values.astype(np.float64))
         geometry = h5.create_group("geometry")
         for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
@@ -125,9 +125,9 @@ def _read(h5: h5py.File) -> Captures:
     _check_format(h5)
     sizes: dict[str, int] = {}
     slms = ["slm1", "slm2"] if plain_child(h5, "slm2") is not None else ["slm1"]
-    levels = [DatasetReader(h5, schema, sizes) for schema in _LEVELS[: len(slms)]]
-    images = DatasetReader(h5, _IMAGES, sizes)
-    columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in _PER_CAPTURE}
+    levels = [DatasetReader(h5, schema, sizes) for schema in LEVELS[: len(slms)]]
+    images = DatasetReader(h5, IMAGES, sizes)
+    columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in PER_CAPTURE}
     datasets = [*levels, images, *columns.values()]
     needed = _PEAK_SHARE * sum(d.size_bytes for d in datasets) + 2 * max(d.chunk_bytes for d in datasets)
     require_memory("captures", needed, remedy="give it fewer captures")
@@ -139,8 +139,8 @@ def _read(h5: h5py.File) -> Captures:
         distance_m=columns["distance"].read().astype(np.float64),
         power=columns["power"].read().astype(np.float64),
         exposure_s=columns["exposure"].read().astype(np.float64),
-        slms=tuple(slm_from_attributes(_numbers(h5, slm, _SLM_NUMBERS)) for slm in slms),
-        camera=camera_from_attributes(_numbers(h5, "camera", _CAMERA_NUMBERS)),
+        slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms),
+        camera=camera_from_attributes(_numbers(h5, "camera", CAMERA_NUMBERS)),
         gap_m=geometry.get("gap"),
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
         relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
@@ -153,7 +153,7 @@ def _check_format(h5: h5py.File) -> None:
     name, version = _decode_attribute(read_attribute(h5, "format")), read_attribute(h5, "version")
     if name != FORMAT_NAME:
         raise UserError("attribute format", f'"{name}"' if name else "is missing", expected=f'"{FORMAT_NAME}"')
-    if version is None or _VERSION.read(version, "attribute version") != FORMAT_VERSION:
+    if version is None or VERSION.read(version, "attribute version") != FORMAT_VERSION:
         raise UserError("attribute version", f"{version}", expected=f"{FORMAT_VERSION}, the only one that is known")
 
 
@@ -175,7 +175,7 @@ def _read_images(reader: DatasetReader) -> NDArray[np.uint16]:
 
 def _geometry(h5: h5py.File) -> dict[str, Any]:
     """The attributes of the geometry that the file has."""
-    group, lengths = plain_child(h5, "geometry"), _numbers(h5, "geometry", _GEOMETRY_NUMBERS)
+    group, lengths = plain_child(h5, "geometry"), _numbers(h5, "geometry", GEOMETRY_NUMBERS)
     stops = {} if group is None else {name: read_attribute(group, name) for name in STOP_KEYS}
     return {name: value for name, value in stops.items() if value is not None} | lengths
 
