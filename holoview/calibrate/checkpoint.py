@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.nominal_stops import stated_keys
+from holoview.captures.nominal_bench import stated_keys
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
 from holoview.model.bench_parts import Relay
