@@ -34,10 +34,10 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from holoview.captures.nominal_bench import BenchTables, parse_bench_tables
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.captures.bench_tables import BenchTables, parse_bench_tables
 from holoview.captures.dataset import Captures
 from holoview.captures.validation import check_captures
 from holoview.model.field_types import Number

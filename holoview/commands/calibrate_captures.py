@@ -27,7 +27,7 @@ from holoview.commands.output_files import ResultSaver, add_input, add_output, a
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.optimise.threads import limit_torch_threads
+from holoview.optimise.parallel import limit_torch_threads
 from holoview.report.figure import require_matplotlib
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.effect_check import check_user_effects
+from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
 from holoview.commands.arguments import parse_duration

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from holoview.captures.dataset import Captures, join_captures
-from holoview.captures.effect_check import check_user_effects
+from holoview.captures.predictor import check_user_effects
 from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr
 from holoview.commands.number_options import number, whole

@@ -22,8 +22,8 @@ from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
+from holoview.optimise.eyes import PupilPlaces
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
-from holoview.optimise.pupil_places import PupilPlaces
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.camera_loop.bench_camera import BenchCamera

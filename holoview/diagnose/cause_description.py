@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
 from holoview.diagnose.diagnosis import Cause

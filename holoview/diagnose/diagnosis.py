@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import ReportConfig
 from holoview.diagnose.diagnosis import HeldOutGroup, SampleCapture

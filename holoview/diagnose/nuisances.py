@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holoview.captures.noise_model import estimate_prnu
+from holoview.captures.prepared_captures import estimate_prnu
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.laser_drift import DRIFT_EFFECT, estimate_laser_drift

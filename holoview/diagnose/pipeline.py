@@ -15,9 +15,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.effect_check import check_known_effects
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import CACHE_BYTES, prediction_bytes
+from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
 from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.comparison import Values

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.captures.dataset import Captures
-from holoview.captures.fit_quality import FitQuality
-from holoview.captures.noise_model import neighbour_variance
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.prepared_captures import FitQuality, neighbour_variance, prepare_captures
 from holoview.captures.records import Correction, RecordFindings, find_record_errors
 from holoview.captures.records.correction import Hypothesis, apply_corrections
 from holoview.captures.records.power_order import PowerOrder

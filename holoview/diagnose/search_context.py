@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.noise_model import add_model_error, neighbour_variance
 from holoview.captures.predictor import Prediction
-from holoview.captures.prepared_captures import Images, PreparedCaptures
+from holoview.captures.prepared_captures import Images, PreparedCaptures, add_model_error, neighbour_variance
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import Comparison, PredictorProtocol, Values
 from holoview.diagnose.config import SearchConfig

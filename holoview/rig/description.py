@@ -41,8 +41,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
 
-from holoview.captures.bench_tables import KEYS, BenchTables, parse_bench_tables
 from holoview.captures.dataset import Captures
 from holoview.captures.validation import check_settings
 from holoview.model.field_types import Array, FieldType, Number

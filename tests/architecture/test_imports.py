@@ -55,9 +55,9 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.session.live_score", "holoview.metrics.perceptual_quality"): SLOW,
     ("holoview.session.measure", "scipy"): SLOW,
     ("holoview.session.optimisation_job", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.optimisation_job", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.session.optimisation_job", "holoview.optimise.parallel"): SLOW,
     ("holoview.session.scheme_comparison", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.scheme_comparison", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.session.scheme_comparison", "holoview.optimise.parallel"): SLOW,
     ("holoview.metrics.retinal_speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.targets.scene_layers", "scipy"): SLOW,
@@ -166,7 +166,7 @@ def _under(name: str, package: str) -> bool:
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
     assert {"torch", "holoview.model.plan", "holoview.util.errors"} <= _imported("holoview.optics.frame_inputs")
-    assert "holoview.optics.pupil" in _reached("holoview.engine.torch_executor")
+    assert "holoview.optics.propagate" in _reached("holoview.engine.torch_executor")
     assert "torch" in _reached("holoview.engine.torch_executor")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)
     assert "holoview.gpu.device" not in _imported("holoview.engine.backend")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config.decision import VerdictConfig

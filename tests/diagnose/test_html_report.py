@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as arrays
 from safetensors.numpy import save_file
 
 from holoview.calibrate.checkpoint import _format
-from holoview.captures.capture_schema import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
+from holoview.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
 from holoview.effects.calibration.learned_maps import TENSORS, MapLayout
 from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes
 from holoview.io.hologram import _FILE

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.nominal_stops import stated_keys
+from holoview.captures.nominal_bench import stated_keys
 from holoview.model.bench_parts import Source
 from holoview.model.system import System
 from holoview.rig.description import RigDescription

@@ -22,11 +22,17 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.model.system import System
-from holoview.optimise.amplitudes import AmplitudeLeastSquares, NormalEquations
 from holoview.optimise.forward_model import ProcessRows
-from holoview.optimise.objective import Objective, ResidualSums
+from holoview.optimise.objective import (
+    AmplitudeLeastSquares,
+    NormalEquations,
+    Objective,
+    ResidualSums,
+    RowResult,
+    beam_weights_of,
+    replace_by_adjoint,
+)
 from holoview.optimise.problem import EvaluationRequest, Floats, Problem
-from holoview.optimise.row_evaluation import RowResult, beam_weights_of, replace_by_adjoint
 from holoview.optimise.settings import Settings
 from holoview.rig.camera_loop.bench_camera import Picture, Shot
 from holoview.rig.camera_loop.bench_match import lasers_of

@@ -26,10 +26,9 @@ from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.checkpoint import target_digest
-from holoview.optimise.patterns import initial_drive
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings
-from holoview.optimise.variables import OptimisationVariables
+from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.rig.camera_loop.bench_camera import Picture, PictureSource, Shot
 from holoview.rig.camera_loop.bench_match import lasers_of, levels_of_drive, on_rig
 from holoview.rig.camera_loop.camera_problem import CameraProblem

@@ -10,9 +10,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.optimise.patterns import PatternVariables, initial_drive
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
+from holoview.optimise.variables import PatternVariables, initial_drive
 from holoview.rig.camera_loop.bench_camera import Picture
 from holoview.rig.camera_loop.bench_match import levels_of_drive
 from holoview.rig.camera_loop.camera_problem import CameraProblem
