@@ -26,11 +26,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from holoview.captures.nominal_bench import stated_keys
 from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_bench import stated_keys
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
 from holoview.model.effects.active_effects import EffectValues

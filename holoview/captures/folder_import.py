@@ -34,11 +34,11 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from holoview.captures.nominal_bench import BenchTables, parse_bench_tables
 from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_bench import BenchTables, parse_bench_tables
 from holoview.captures.validation import check_captures
 from holoview.model.field_types import Number
 from holoview.targets.raster import require_picture_memory

@@ -41,9 +41,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
 
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
 from holoview.captures.validation import check_settings
 from holoview.model.field_types import Array, FieldType, Number
 from holoview.rig.limits import SafetyLimits

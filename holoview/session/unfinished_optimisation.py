@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes
-
 from holoview.optimise.settings import Settings
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession

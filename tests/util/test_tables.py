@@ -47,7 +47,7 @@ def test_wrong_tables_are_refused(table: dict[str, object], message: str) -> Non
 
 def test_errors_name_the_noun() -> None:
     check_keys(["camera"], TYPES | {"camera": Integer()})
-    with pytest.raises(UserError, match="^bench: camra: unknown table; did you mean camera"):
+    with pytest.raises(UserError, match=r"^bench: camra: unknown table; did you mean camera"):
         check_keys(["camra"], ["camera", "slm1"], "bench: ", noun="table")
 
 
