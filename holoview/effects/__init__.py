@@ -59,12 +59,12 @@ effect, parameter, places: deprecated names of modules of `holoview.model.effect
 
 from typing import Any
 
-from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.old_names import moved
 from holoview.model.effects.parameter import Parameter, Values
 
-__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "Values"]
+__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "StartKind", "Values"]
 
 _old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataProperties"})
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from holoview.effects.fringe_depths import depth_parameters, describe_fringes, fringe_depths, wedge_starts
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
@@ -52,6 +52,7 @@ class CameraFringes(Effect):
         ),
         *depth_parameters("the picture's centre"),
     )
+    start_kinds = (StartKind.CAMERA_FRINGES,)
     acts_on = ("camera",)
     imitates = ("vignetting",)
     order = 3

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, ClassVar
 
 from holoview.effects.fringe_depths import depth_parameters, describe_fringes, fringe_depths, wedge_starts
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
@@ -47,6 +47,7 @@ class SlmFringes(Effect):
         ),
         *depth_parameters("the modulator's centre"),
     )
+    start_kinds = (StartKind.MODULATOR_FRINGES,)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
