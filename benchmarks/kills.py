@@ -41,8 +41,8 @@ from holoview.model import preset
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.rig import read_rig
 from holoview.rig.camera_loop.loop_checkpoint import load_loop_checkpoint
-from holoview.util.data_text import parse_toml
 from holoview.util.safetensors_file import format_of, metadata_of
+from holoview.util.tables import parse_toml
 from tests.fuzz.trial import preload
 
 _FINISHED = ("of a finished", "is there already")

@@ -54,23 +54,10 @@ calibrated        the effect that applies learned maps; calibration: the maps an
 starting_grids    starting points that several effects share
 fringe_depths     depth and phase of fringes at each wavelength
 stuck_places      stuck columns, rows and pixels in words
-effect, parameter, places: deprecated names of modules of `holoview.model.effects`
 """
-
-from typing import Any
 
 from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.old_names import moved
 from holoview.model.effects.parameter import Parameter, Values
 
 __all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "StartKind", "Values"]
-
-_old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataProperties"})
-
-
-def __getattr__(name: str) -> Any:
-    """`Facts`, the name of `DataProperties` before version 0.1.0."""
-    if name != "Facts":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _old(name)

@@ -29,11 +29,11 @@ from holoview.session.target_spec import TargetSpec
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
 from holoview.util.files import expand_home
 from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import format_of
+from holoview.util.tables import parse_toml
 from holoview.view import random_drive
 
 CONTENT_KINDS = ("hologram", "preset", "patterns", "picture", "stack", "pupil path")

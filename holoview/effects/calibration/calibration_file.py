@@ -15,8 +15,8 @@ import torch
 
 from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
-from holoview.util.data_text import parse_json_table
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import parse_json_table
 
 _FORMAT = TensorFormat(
     name="holoview-calibration",

@@ -10,7 +10,8 @@ from itertools import pairwise
 
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, read_record
+from holoview.util.file_schema import ArraySchema
+from holoview.util.tables import read_record
 
 _F32 = ("float32",)
 _LOG_AMPLITUDE = (-20.0, 20.0)

@@ -30,7 +30,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from holoview.model.effects.old_names import MEMBERS, adopt_old_members, old_attribute, old_method
 from holoview.model.effects.parameter import Parameter, Values
 
 if TYPE_CHECKING:  # torch takes seconds to import; a System holds the values of its effects
@@ -148,9 +147,6 @@ class Effect:
     has_rival_parameters: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 
-    def __init_subclass__(cls) -> None:
-        adopt_old_members(cls)
-
     # --- hooks ------------------------------------------------------------------------------------------------------
 
     def bench(self, system: System, v: Values) -> System:
@@ -258,8 +254,3 @@ class Effect:
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
         return getattr(type(self), hook) is not getattr(Effect, hook)
-
-
-for _old, _new in MEMBERS.items():  # effect files may call inherited members by their old names
-    _method = getattr(Effect, _new, None)
-    setattr(Effect, _old, old_method(_old, _new, _method) if callable(_method) else old_attribute(_old, _new))

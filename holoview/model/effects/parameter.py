@@ -10,7 +10,8 @@ import numpy as np
 
 from holoview.model.field_types import Number
 from holoview.util import units
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
+from holoview.util.tables import check_keys
 
 _SI = {"pm": "m", "nm": "m", "um": "m", "mm": "m", "cm": "m", "urad": "rad", "mrad": "rad", "": "1"}
 
@@ -150,10 +151,7 @@ class Values(Mapping[str, float]):
 
     def __init__(self, parameters: tuple[Parameter, ...], given: Mapping[str, Any] | None = None) -> None:
         given = given or {}
-        known = {p.name for p in parameters}
-        for name in given:
-            if name not in known:
-                raise UserError(name, "unknown parameter", remedy=suggest_matches(name, known))
+        check_keys(given, {p.name for p in parameters}, noun="parameter")
         self._values = {p.name: given.get(p.name, p.identity) for p in parameters}
         self._is_identity = all(_is_identity(self._values[p.name], p.identity) for p in parameters)
 

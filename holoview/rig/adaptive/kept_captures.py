@@ -10,10 +10,10 @@ from typing import Any
 
 from holoview.captures.capture_file import read_captures, write_captures
 from holoview.captures.dataset import Captures, join_captures
-from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_json_table
 
 _STATE = "loop.json"
 _EXPECTED = "the state of a closed loop"
