@@ -54,8 +54,8 @@ calibrated        the effect that applies learned maps (`holoview.model.effects.
 starting_grids    starting points that several effects share
 """
 
-from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter, Values
 
-__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "Values"]
+__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "StartKind", "Values"]

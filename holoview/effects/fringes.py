@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, ClassVar
 
 from holoview.effects.starting_grids import half_circle
-from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.effect import Effect, Needs, StartKind
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
@@ -108,6 +108,7 @@ class SlmFringes(Effect):
         *_wedge("modulator"),
         *depth_parameters("the modulator's centre"),
     )
+    start_kinds = (StartKind.MODULATOR_FRINGES,)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
@@ -170,6 +171,7 @@ class CameraFringes(Effect):
         *depth_parameters("the picture's centre"),
     )
     acts_on = ("camera",)
+    start_kinds = (StartKind.CAMERA_FRINGES,)
     imitates = ("vignetting",)
     order = 3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.effect import Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
@@ -54,6 +54,7 @@ class SlmStuck(Effect):
         _places("late_columns", "Columns that show the pattern before."),
         _places("late_rows", "Rows that show the pattern before."),
     )
+    start_kinds = (StartKind.STUCK_PIXELS,)
     order = 1  # a dead pixel knows no table and doesn't settle, but its field reaches its neighbours
     varies_over_field = True
 
