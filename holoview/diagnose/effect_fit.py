@@ -160,4 +160,4 @@ def residuals_and_start(
 
 def hard_edge_mask(free: FreeParameters) -> NDArray[np.bool_]:
     """Which parameters move hard edges, where residuals jump and have no useful derivative."""
-    return np.array([p.sharp for _, p in free.entries], dtype=bool)
+    return np.array([p.non_smooth for _, p in free.entries], dtype=bool)

@@ -61,7 +61,7 @@ def fit_from_scan(
     Of an effect with many parameters from one, which is the best on all captures of the comparison: a few of them can't
     tell opposite wedges apart.
     """
-    if sum(not p.fine for p in effect.parameters) >= config.single_start_parameters:
+    if sum(not p.secondary for p in effect.parameters) >= config.single_start_parameters:
         best_few = [f for f in fits if np.isfinite(f.cost)][: config.compared_starts]
         starts = sorted(best_few, key=lambda s: cost_or_inf(comparison, s.values))[:1]
     else:

@@ -23,7 +23,7 @@ def incoherent_field_count(context: SearchContext, values: Values) -> int:
         effect = context.effects[name]
         try:
             complete = effect.parameter_values(own)
-            system, moments = effect.bench(system, complete), moments * len(effect.exposure_samples(complete))
+            system, moments = effect.actual_system(system, complete), moments * len(effect.exposure_samples(complete))
         except UserError:
             return 1
     return len(system.wavelengths_m) // nominal_lines * len(system.source.directions_rad) * moments

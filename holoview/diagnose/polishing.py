@@ -18,7 +18,7 @@ def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_cos
     """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
-    has_fine = any(p.fine for e in effects for p in e.parameters)
+    has_fine = any(p.secondary for e in effects for p in e.parameters)
     if explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
         return result
     if not (is_costly_far or _is_affordable(context, best)):

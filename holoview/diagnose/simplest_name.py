@@ -48,7 +48,7 @@ def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, .
 
 def _simpler_names(context: SearchContext, cause: str) -> set[str]:
     """Effects of fewer numbers that are the same physics as a cause, or that the cause imitates."""
-    names = {*context.equivalents.get(cause, ()), *context.effects[cause].imitates} & context.effects.keys()
+    names = {*context.equivalents.get(cause, ()), *context.effects[cause].degenerate_limit} & context.effects.keys()
     return {name for name in names if number_count(context.effects[name]) < number_count(context.effects[cause])}
 
 
