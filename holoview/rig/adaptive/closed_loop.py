@@ -11,10 +11,10 @@ from typing import Any
 from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.search_end import SearchEnd, SearchEnded
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.adaptive.bench_time import BenchTime

@@ -14,9 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.effect_fit import CandidateFit, residual_function
-from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of, identity_values
+from holoview.diagnose.fit import (
+    CandidateFit,
+    FittedValues,
+    FreeParameters,
+    free_parameters_of,
+    identity_values,
+    residual_function,
+)
+from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
 from holoview.numerics.least_squares import jacobian
 from holoview.rig.adaptive.evidence import covariance_root, linear_gain, log_evidence, log_prior, probabilities

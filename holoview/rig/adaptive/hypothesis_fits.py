@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, refit
-from holoview.diagnose.forward_selection import select_causes
-from holoview.diagnose.free_parameters import FittedValues
-from holoview.diagnose.held_out_ranking import NOMINAL_FIT, first_per_cause_set
+from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf, refit
+from holoview.diagnose.judge import NOMINAL_FIT, explained_excess, first_per_cause_set, jitter_excess
+from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.screening import fit_over_range
+from holoview.diagnose.search import select_causes
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.verdict import explained_excess, jitter_excess
 from holoview.model.effects.effect import Effect
 from holoview.rig.adaptive.hypotheses import (
     Belief,

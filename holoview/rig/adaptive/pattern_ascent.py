@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.records.central_region import central_slices
-from holoview.diagnose.comparison import PredictorProtocol, Values
+from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.effects.parameter import Parameter

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import BORDER_PX
-from holoview.diagnose.comparison import PredictorProtocol, Values
+from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.rig.adaptive.hypotheses import Belief, Hypothesis
 from holoview.rig.adaptive.loop_context import searched_part
 from holoview.rig.adaptive.proposals import Proposal

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import random_levels
-from holoview.diagnose.displacement_starts import measure_displacement
+from holoview.diagnose.starts.picture import measure_displacement
 from holoview.rig.camera_loop.bench_camera import Picture
 from holoview.rig.camera_loop.camera_view import camera_view
 from holoview.rig.description import RigDescription

@@ -19,11 +19,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures
 from holoview.diagnose.config import ComparisonConfig
-from holoview.diagnose.significance import mean_is_significant
 from holoview.numerics.subpixel_shift import image_gradient, shift_images
 from holoview.util.errors import UserError
 
@@ -234,3 +234,14 @@ def _fit_gain(light: Images, weight: Images, signal: Images) -> GainFit:
     gain = np.einsum("kyx,kyx->k", light, model, dtype=np.float64) / power
     factor = gain.astype(np.float32)[:, None, None]
     return GainFit(light - factor * model, gain, factor * signal)
+
+
+def mean_is_significant(samples: NDArray[np.float64], p_value: float) -> NDArray[np.bool_]:
+    """Whether means over the first axis are larger than those of zero-mean jitter, but for a probability `p_value`.
+
+    Two-sided t-test (Student), since the scatter of a few captures is itself uncertain. A single sample is significant.
+    """
+    if len(samples) < 2:
+        return np.ones(samples.shape[1:], dtype=bool)
+    standard_error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples))
+    return np.abs(samples.mean(axis=0)) > student.isf(p_value / 2, len(samples) - 1) * standard_error

@@ -13,15 +13,19 @@ from functools import partial
 import numpy as np
 
 from holoview.diagnose.config import KnownConfig
-from holoview.diagnose.effect_fit import CandidateFit, residual_function
-from holoview.diagnose.field_count import without_costly_fits
+from holoview.diagnose.fit import (
+    CandidateFit,
+    FittedValues,
+    FreeParameters,
+    free_parameters_of,
+    has_list,
+    residual_function,
+)
 from holoview.diagnose.formatting import format_number
-from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of, has_list
-from holoview.diagnose.held_out_ranking import NOMINAL_FIT, first_per_cause_set, rank_on_held_out
+from holoview.diagnose.judge import NOMINAL_FIT, first_per_cause_set, rank_on_held_out
 from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.screening import screen_effects
-from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.search_end import SearchEnded
+from holoview.diagnose.screening import screen_effects, without_costly_fits
+from holoview.diagnose.search_context import SearchContext, SearchEnded
 from holoview.numerics.least_squares import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
 

@@ -13,27 +13,27 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, local_fit
-from holoview.diagnose.field_count import is_costly, is_costly_effect, without_costly_fits
-from holoview.diagnose.held_out_ranking import (
+from holoview.diagnose.fit import CandidateFit, cost_or_inf, local_fit
+from holoview.diagnose.judge import (
     HeldOutScore,
     SearchResult,
     first_per_cause_set,
+    jitter_excess,
     rank_on_held_out,
     score_on_held_out,
 )
-from holoview.diagnose.polishing import (
+from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.refine import (
+    RefinementQueue,
     explains_everything,
     free_fine_parameters,
     is_at_floor,
     is_settled,
+    refine_fit,
     refine_leaders_along_axes,
 )
-from holoview.diagnose.refine import RefinementQueue, refine_fit
-from holoview.diagnose.screening import screen_effects
+from holoview.diagnose.screening import is_costly, is_costly_effect, screen_effects, without_costly_fits
 from holoview.diagnose.search_context import Leads, SearchContext
-from holoview.diagnose.verdict import jitter_excess
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 

@@ -14,18 +14,13 @@ from functools import partial
 from holoview.diagnose.bad_captures import BadCapture, bad_share
 from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
 from holoview.diagnose.capture_reasons import explain_suspects
-from holoview.diagnose.forward_selection import select_causes
-from holoview.diagnose.free_parameters import FittedValues
-from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
-from holoview.diagnose.last_fit import fit_to_the_end
-from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.diagnose.fit import FittedValues
+from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
+from holoview.diagnose.nuisances import detect_nuisances, drop_sampling_artefacts, excuse_laser_drift
 from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.sampling_check import drop_sampling_artefacts
-from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.search_end import NEVER, SearchEnd, SearchEnded
-from holoview.diagnose.simplest_name import prefer_fewer_numbers
-from holoview.diagnose.verdict import Decision, Verdict, decide, limited_by_bad_captures
+from holoview.diagnose.refine import fit_to_the_end, prefer_fewer_numbers, refine_fit
+from holoview.diagnose.search import select_causes
+from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, SearchEnded
 from holoview.util.progress import ProgressCallback
 
 

@@ -25,8 +25,8 @@ from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures
 from holoview.captures.records.central_region import speckle_px
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.comparison import PredictorProtocol, Values
 from holoview.diagnose.config import OnePictureConfig, SearchConfig
+from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
 
 Flags = NDArray[np.bool_]

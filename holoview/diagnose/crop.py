@@ -24,14 +24,16 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_slices, speckle_px
+from holoview.captures.records.central_region import central_region, central_slices, speckle_px
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.displacement_starts import measure_displacement
-from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
-from holoview.diagnose.picture_middle import middle_of, saving
+from holoview.diagnose.config import RegionConfig
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.outlier_rejection import SearchOutcome, search_good_captures
+from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.starts.picture import measure_displacement
+from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
 _EXPLAINED = (Verdict.CONSISTENT, Verdict.EXPLAINED, Verdict.AMBIGUOUS)
@@ -138,3 +140,78 @@ def _where(region: SearchContext) -> str:
     captures = region.data.captures
     of, shape = ("camera", captures.shape) if captures.is_fourier else ("modulator", captures.levels.shape[2:])
     return f"Causes were searched in the middle of the pictures, {shape[1]} × {shape[0]} {of} pixels"
+
+
+def middle_of(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
+    """The middle of a session, whatever it saves.
+
+    In the near field some pixels of the modulators across, with a margin for light that walks off. On a Fourier bench
+    some speckles across, fewer the more captures there are, and `further_speckles` on either side.
+    """
+    if not captures.is_fourier:
+        return central_region(captures, config.side_px, config.further_px)
+    enough = math.ceil(math.sqrt(config.all_speckles / len(captures)))
+    side = min(config.side_px, max(config.min_side_speckles, enough))
+    return central_region(captures, side, further_speckles)
+
+
+def saving(whole: Captures, cut: Captures) -> float:
+    """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
+    parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
+    return parts[0].size / parts[1].size
+
+
+_STEP = 0.95  # between two sizes that are tried
+_COMPLEX64 = 8  # bytes
+
+
+def within_limits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> tuple[Captures, list[str]]:
+    """The session, or its middle if whole pictures are beyond the limits of `config`; with a note on what was cut.
+
+    Raises UserError, with the numbers, where even the smallest middle that a search works with is too large.
+    """
+    cut, side_px = captures, float(max(captures.levels.shape[2:]))
+    if captures.is_fourier:
+        side_px = max(n / px for n, px in zip(captures.shape, speckle_px(captures), strict=True))
+    while not _fits(cut, sampling, config):
+        side_px *= _STEP
+        if side_px < config.side_px:
+            raise _too_large(cut, sampling, config)
+        cut = central_region(captures, math.floor(side_px))
+    if cut is captures:
+        return captures, []
+    shapes = "{1} × {0} of {3} × {2} camera pixels".format(*cut.shape, *captures.shape)
+    gigabytes = grid_samples(captures, sampling) * _COMPLEX64 / 1e9
+    pixels = math.prod(captures.shape) / 1e6
+    note = (
+        f"Only the middle of the pictures was diagnosed, {shapes}: whole ones have {pixels:.3g} million pixels, and a "
+        f"light field takes {gigabytes:.2g} GB of memory; up to {config.max_picture_pixels / 1e6:.3g} million and "
+        f"{config.max_grid_samples * _COMPLEX64 / 1e9:.2g} GB are taken whole."
+    )
+    return replace(cut, images=cut.images.copy()), [note]
+
+
+def grid_samples(captures: Captures, sampling: SamplingConfig) -> int:
+    """Samples of the largest grid on which light fields are computed."""
+    rows, columns = captures.levels.shape[2:]
+    if captures.is_fourier:
+        seen_rows, seen_columns = captures.shape
+        return max(columns * (rows + seen_rows), seen_rows * (columns + seen_columns))
+    return rows * columns * (captures.upsample * sampling.finer * sampling.padding) ** 2
+
+
+def _fits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> bool:
+    is_small = math.prod(captures.shape) <= config.max_picture_pixels
+    return is_small and grid_samples(captures, sampling) <= config.max_grid_samples
+
+
+def _too_large(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> UserError:
+    rows, columns = captures.levels.shape[2:]
+    needed, most = (n * _COMPLEX64 / 1e9 for n in (grid_samples(captures, sampling), config.max_grid_samples))
+    return UserError(
+        "captures",
+        f"a light field takes {needed:.2g} GB of memory, even with {columns} x {rows} pixels of each modulator, of "
+        "which light walks off to the camera's middle",
+        expected=f"at most {most:.2g} GB",
+        remedy="bin the camera's pixels, or take planes nearer to the modulators",
+    )
