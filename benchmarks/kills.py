@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+from holoview.model.effects.learned_maps import read_calibration
 from PIL import Image
 from safetensors import safe_open
 
@@ -35,7 +36,6 @@ from benchmarks.kill_commands import COMMANDS, Command, make_inputs, restored_se
 from holoview.calibrate.checkpoint import load_checkpoint as load_calibration_checkpoint
 from holoview.captures import read_captures
 from holoview.cli import main as holoview
-from holoview.effects.calibration.calibration_file import read_calibration
 from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
 from holoview.io.hologram import load_hologram
 from holoview.model import preset

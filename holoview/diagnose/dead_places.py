@@ -11,13 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 
-_LISTS = {
-    *("columns", "column_levels", "rows", "row_levels", "pixel_rows", "pixel_columns", "pixel_levels"),
-    *("part_first_rows", "part_last_rows", "part_first_columns", "part_last_columns", "part_levels"),
-    *("kept_columns", "kept_rows", "late_columns", "late_rows"),
-}
 Key = tuple[int | None, int | None]
 
 
@@ -80,8 +75,8 @@ class DeadPlace:
 
 
 def is_stuck_effect(effect: Effect) -> bool:
-    """Whether an effect is one of dead places; it is known by its parameters, not by its name."""
-    return {p.name for p in effect.parameters} == _LISTS
+    """Whether an effect is one of dead places."""
+    return StartKind.STUCK_PIXELS in effect.start_kinds
 
 
 def modulator_of(effect: Effect) -> int:

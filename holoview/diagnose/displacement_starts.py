@@ -1,8 +1,7 @@
 """Starting values where the image as a whole has moved: tilts, shifts and decentres of any kind.
 
 The displacement of the captures from their prediction is measured by cross-correlation, the displacement that each
-parameter causes is predicted, and least squares gives the parameters that cause the measured one. No effect is known by
-name here.
+parameter causes is predicted, and least squares gives the parameters that cause the measured one.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from holoview.captures.prepared_captures import Images
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import StartConfig
 from holoview.diagnose.free_parameters import FittedValues
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.util.errors import UserError
 
 StartingValues = list[dict[str, float]]
@@ -34,7 +33,10 @@ class DisplacementStarts:
         self._displacement = measure_displacement(light, self._predicted)
 
     def __call__(self, effect: Effect) -> StartingValues:
-        if np.hypot(*self._displacement) < self._config.min_displacement_px:
+        if (
+            StartKind.DISPLACEMENT not in effect.start_kinds
+            or np.hypot(*self._displacement) < self._config.min_displacement_px
+        ):
             return []
         movers, responses = [], []
         for p in effect.parameters:

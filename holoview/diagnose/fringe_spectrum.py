@@ -14,14 +14,8 @@ from numpy.typing import NDArray
 from holoview.diagnose.config import StartConfig
 from holoview.model.effects.effect import Effect
 
-_PARAMETERS = {"path_y", "path_x", "cos1", "sin1"}
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-
-def is_fringe_effect(effect: Effect) -> bool:
-    """Whether an effect is one of plane fringes, by its parameters: a path, a cosine and a sine for each laser."""
-    return {p.name for p in effect.parameters} >= _PARAMETERS
 
 
 def within_bounds(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """Starting values where plane fringes lie over the picture: peaks of the spectrum of what multiplies the prediction.
 
-Fringes are known by their parameters, not by their name: an effect that acts on the camera, with a path (y, x) and
-with a cosine and a sine for each laser. Those of a modulator are found otherwise (`modulator_fringe_starts`).
+Those of a modulator are found otherwise (`modulator_fringe_starts`).
 """
 
 from __future__ import annotations
@@ -15,13 +14,12 @@ from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import StartConfig
 from holoview.diagnose.displacement_starts import StartingValues
 from holoview.diagnose.fringe_spectrum import (
-    is_fringe_effect,
     resolved_paths,
     spectrum,
     strongest_paths,
     within_bounds,
 )
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +48,7 @@ class FringeStarts:
         self._starts = [_fringes(modulations, path, wider) for path in _strongest_paths(modulations, config)]
 
     def __call__(self, effect: Effect) -> StartingValues:
-        if not is_fringe_effect(effect) or "camera" not in effect.acts_on:
+        if StartKind.CAMERA_FRINGES not in effect.start_kinds:
             return []
         return [within_bounds(effect, start) for start in self._starts]
 

@@ -1,7 +1,4 @@
-"""Starting values where a shifted copy lies over the image: peaks of the residual's correlation with the prediction.
-
-A ghost is known by its parameters, not by its name: an effect with a strength and a shift (y, x) in pixels.
-"""
+"""Starting values where a shifted copy lies over the image: peaks of the residual's correlation with the prediction."""
 
 from __future__ import annotations
 
@@ -11,9 +8,7 @@ from numpy.typing import NDArray
 from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import StartConfig
 from holoview.diagnose.displacement_starts import StartingValues
-from holoview.model.effects.effect import Effect
-
-_PARAMETERS = {"strength", "shift_y", "shift_x"}
+from holoview.model.effects.effect import Effect, StartKind
 
 
 class GhostStarts:
@@ -24,8 +19,7 @@ class GhostStarts:
         self._peaks = _correlation_peaks(comparison.residual_counts(fitted), model, config)
 
     def __call__(self, effect: Effect) -> StartingValues:
-        units = {p.name: p.unit for p in effect.parameters}
-        if set(units) != _PARAMETERS or units["shift_y"] != "px":
+        if StartKind.GHOST not in effect.start_kinds:
             return []
         return [{"strength": s, "shift_y": float(y), "shift_x": float(x)} for s, y, x in self._peaks]
 

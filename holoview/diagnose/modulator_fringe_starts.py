@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.dead_places import modulator_of
 from holoview.diagnose.displacement_starts import StartingValues
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.fringe_spectrum import (
-    is_fringe_effect,
     resolved_paths,
     spectrum,
     strongest_paths,
@@ -25,7 +25,7 @@ from holoview.diagnose.fringe_spectrum import (
 )
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.transmission_slopes import transmission_slopes
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.hook_contexts import ModulatorContext
 
 Complex = NDArray[np.complex128]
@@ -42,10 +42,9 @@ class ModulatorFringeStarts:
         self._wavelengths_m = {int(n): float(w) for n, w in zip(lasers, wavelengths, strict=True)}
 
     def __call__(self, effect: Effect) -> StartingValues:
-        modulators = [int(place[-1]) - 1 for place in effect.acts_on if place.startswith("modulator")]
-        if not is_fringe_effect(effect) or not modulators or effect.id in self._base:
+        if StartKind.MODULATOR_FRINGES not in effect.start_kinds or effect.id in self._base:
             return []
-        of, slopes = self._slopes[modulators[0]]
+        of, slopes = self._slopes[modulator_of(effect)]
         shortest = min(self._wavelengths_m.values())
         y, x = (resolved_paths(n, shortest, self._context.config.starts) for n in of.shape)
         power = np.zeros((len(y), len(x)))

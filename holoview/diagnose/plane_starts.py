@@ -2,8 +2,7 @@
 
 The smoothest captures of each plane are predicted at distances around the one that was set, for all planes at once:
 each has its own minimum of χ². Only where these differ by more than noise from one error that all planes share, and
-from one that grows with the distance, which other effects state by one number, is there a start. Errors of planes are
-known by their parameters, not by their name: an effect with a list of distances and a list of errors.
+from one that grows with the distance, which other effects state by one number, is there a start.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ from holoview.captures.patterns import pattern_roughness
 from holoview.diagnose.displacement_starts import StartingValues
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 
-_LISTS = {"distances", "errors"}
 Floats = NDArray[np.float64]
 
 
@@ -31,7 +29,7 @@ class PlaneStarts:
         self._found: dict[str, StartingValues] = {}
 
     def __call__(self, effect: Effect) -> StartingValues:
-        if {p.name for p in effect.parameters} != _LISTS or self._is_known(effect):
+        if StartKind.PLANES not in effect.start_kinds or self._is_known(effect):
             return []
         if effect.id not in self._found:
             search = _Search(self._context, self._base, effect)

@@ -1,8 +1,7 @@
 """Starting values where the picture is smeared along a line: the residual's part that second derivatives explain.
 
 To first order, a line of length (y, x) adds (y²·m_yy + 2·y·x·m_yx + x²·m_xx)/24 to the prediction m. Least squares give
-the three coefficients; their symmetric matrix has the line along its principal axis. A smear is known by its
-parameters, not by its name: an effect with a length (y, x) in pixels alone.
+the three coefficients; their symmetric matrix has the line along its principal axis.
 """
 
 from __future__ import annotations
@@ -13,9 +12,7 @@ from scipy.ndimage import correlate1d
 
 from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.displacement_starts import StartingValues
-from holoview.model.effects.effect import Effect
-
-_PARAMETERS = {"length_y", "length_x"}
+from holoview.model.effects.effect import Effect, StartKind
 
 
 class SmearStarts:
@@ -25,7 +22,7 @@ class SmearStarts:
         self._line = _principal_line(_second_moments(fitted, comparison))
 
     def __call__(self, effect: Effect) -> StartingValues:
-        if self._line is None or {p.name for p in effect.parameters} != _PARAMETERS:
+        if self._line is None or StartKind.SMEAR not in effect.start_kinds:
             return []
         return [dict(zip(("length_y", "length_x"), self._line, strict=True))]
 

@@ -3,8 +3,7 @@
 The places are found in rounds. What χ² would gain if a line or a pixel kept to a level (`replacement_gains`) is
 compared with that of all other lines, or pixels, by median and median absolute deviation. Those that stand out far
 are taken, the levels of all that were taken are fitted by L-BFGS with the derivatives of an adjoint pass, and the next
-round looks at what is left. Stuck pixels are known by their parameters, not by their name: an effect with lists of
-columns, rows and pixels.
+round looks at what is left.
 """
 
 from __future__ import annotations

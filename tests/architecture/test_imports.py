@@ -62,7 +62,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.targets.scene_layers", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
-    ("holoview.effects.calibrated", "holoview.effects.calibration.calibration_file"): SLOW,
+    ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.html_report"): SLOW,

@@ -56,7 +56,7 @@ def test_a_narrow_valley_is_followed_to_its_end(make_context: MakeContext) -> No
     early = rank_on_held_out(context, [local_fit([crosstalk], start, comparison, context.config.fits, fixed=held)])
     last = fit_to_the_end(context, early)
     assert last.best.excess < chance_excess(last.pixel_count, context.config.verdict) < early.best.excess
-    assert last.best.fit.values["crosstalk"] == pytest.approx(TRUE, rel=0.005)
+    assert last.best.fit.values["crosstalk"] == pytest.approx(TRUE, rel=0.02)
 
 
 def test_what_is_at_the_floor_or_far_from_it_is_left_alone(make_context: MakeContext) -> None:

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from holoview.model.effects.parameter import Parameter, Values
@@ -43,6 +44,26 @@ ExposureSample = tuple[float, float]
 BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
 CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
+
+
+class StartKind(StrEnum):
+    """Kinds of starting values that a diagnosis reads off the pictures, with the parameters that an effect needs.
+
+    DISPLACEMENT: by how much the picture has moved; any parameters that move it. GHOST: a faint copy; `strength`,
+    `shift_y` and `shift_x` in camera pixels. SMEAR: a line along which the picture is smeared; `length_y` and
+    `length_x` in camera pixels. CAMERA_FRINGES, MODULATOR_FRINGES: plane fringes over the picture, or over the
+    modulator that the effect acts on; `path_y`, `path_x`, and `cos1`, `sin1`, `cos2` … for each laser. STUCK_PIXELS:
+    lists of stuck columns, rows and pixels of the modulator that it acts on, as `slm1_stuck` has. PLANES: lists
+    `distances` and `errors` of planes.
+    """
+
+    DISPLACEMENT = "displacement"
+    GHOST = "ghost"
+    SMEAR = "smear"
+    CAMERA_FRINGES = "camera fringes"
+    MODULATOR_FRINGES = "modulator fringes"
+    STUCK_PIXELS = "stuck pixels"
+    PLANES = "planes"
 
 
 @dataclass(frozen=True)
@@ -104,6 +125,7 @@ class Effect:
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
+    start_kinds: which starting values, beside `starting_points`, a diagnosis reads off the pictures for it.
     has_rival_parameters: whether one parameter nearly does what another does, so that a fit from the identity may
     divide between them what is one's alone; a diagnosis searches the range of each then.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
@@ -121,6 +143,7 @@ class Effect:
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     varies_over_field: ClassVar[bool] = False
+    start_kinds: ClassVar[tuple[StartKind, ...]] = (StartKind.DISPLACEMENT,)
     has_rival_parameters: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 

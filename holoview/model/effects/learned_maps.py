@@ -12,7 +12,8 @@ The hyperspectral model of HoloChrome, with the fringing of its modulators, at a
                    the centre of its stops.
                    What is fixed in the optics shrinks in frequency as λ₀/λ.
 
-All tensors are zero for the nominal display.
+All tensors are zero for the nominal display. Their file is one of safetensors, in SI units, with the metadata format,
+version, layout (JSON) and summary (JSON: the captures they were learned from, and how well they predict others).
 """
 
 from __future__ import annotations
@@ -20,8 +21,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Hashable, Mapping
+import os
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import torch
 from torch.nn.functional import interpolate
@@ -31,6 +35,10 @@ from holoview.numerics.knots import knot_interval
 from holoview.numerics.resample import centred_indices, interpolate_at
 from holoview.numerics.thin_plate_spline import thin_plate_spline_matrix
 from holoview.numerics.zernike import zernike
+from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
+from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import parse_json_table, read_record
 
 Tensor = torch.Tensor
 RowsColumns = tuple[int, int]
@@ -277,3 +285,109 @@ def _frequencies_key(context: RelayContext) -> tuple[Hashable, ...]:
 def _bicubic(nodes: Tensor, shape: RowsColumns) -> Tensor:
     """A map of `shape`, bicubic between nodes (y, x), of which the outermost lie on the edges."""
     return interpolate(nodes[None, None], size=shape, mode="bicubic", align_corners=True)[0, 0]
+
+
+# --- the file of a calibration --------------------------------------------------------------------------------------
+
+# The bounds are far outside those of any bench, and narrow enough for every result to be finite.
+_F32 = ("float32",)
+_LOG_AMPLITUDE = (-20.0, 20.0)
+_PATH_M = (-1e-4, 1e-4)
+_SOURCE = ("anchor", "source rows", "source columns")
+
+MAP_SCHEMAS = (
+    ArraySchema("lut_steps", _F32, ("modulator", "step"), -20.0, 20.0),
+    ArraySchema("fringing_px2", _F32, ("fringed modulator",), -400.0, 400.0),
+    ArraySchema("source_log_amplitude", _F32, _SOURCE, *_LOG_AMPLITUDE),
+    ArraySchema("source_opd_m", _F32, _SOURCE, *_PATH_M),
+    ArraySchema("warp_m", _F32, (2, "warp rows", "warp columns"), -1e-2, 1e-2),
+    ArraySchema("zernike1_m", _F32, ("term of relay 1", "power"), *_PATH_M),
+    ArraySchema("zernike2_m", _F32, ("term of relay 2", "power"), *_PATH_M),
+    ArraySchema("pupil1_log_amplitude", _F32, ("pupil 1 rows", "pupil 1 columns"), *_LOG_AMPLITUDE),
+    ArraySchema("pupil2_log_amplitude", _F32, ("pupil 2 rows", "pupil 2 columns"), *_LOG_AMPLITUDE),
+)
+"""Of each tensor of `TENSORS`, in that order."""
+
+_EXPECTED = "the layout of a calibration"
+_MOST = {"knots": 4096, "degree": 8, "anchors_m": 256, "noll1": 231, "noll2": 231}
+_MOST_NODES = {"source_nodes": 4096, "warp_nodes": 32, "pupil_nodes": 1024}
+_WAVELENGTHS_M = (100e-9, 10e-6)
+
+
+def read_layout(text: str, where: str) -> MapLayout:
+    """The layout of a JSON text. Raises UserError, with the place `where`, when it isn't one."""
+    layout = read_record(MapLayout, text, where, _EXPECTED)
+    for name, expected in _faults(layout):
+        raise UserError(f"{where}: {name}", str(getattr(layout, name)), expected=expected)
+    return layout
+
+
+def map_sizes(layout: MapLayout) -> dict[str, int]:
+    """The sizes that the tensors of a layout have, by the names of their axes."""
+    shapes = layout.shapes()
+    return {
+        axis: size
+        for schema in MAP_SCHEMAS
+        for axis, size in zip(schema.axes or (), shapes[schema.name], strict=True)
+        if isinstance(axis, str)
+    }
+
+
+def _faults(layout: MapLayout) -> Iterator[tuple[str, str]]:
+    """Each field of a layout that is out of range, with what is expected."""
+    if layout.modulators not in (1, 2):
+        yield "modulators", "1 or 2"
+    low, high = _WAVELENGTHS_M
+    if not low <= layout.reference_m <= high:
+        yield "reference_m", f"a wavelength from {low:g} to {high:g} m"
+    anchors = layout.anchors_m
+    rising = all(a < b for a, b in pairwise(anchors))
+    if not (0 < len(anchors) <= _MOST["anchors_m"] and rising and low <= anchors[0] and anchors[-1] <= high):
+        yield "anchors_m", f"rising wavelengths from {low:g} to {high:g} m"
+    if not 2 <= layout.knots <= _MOST["knots"]:
+        yield "knots", f"2 to {_MOST['knots']}"
+    if not 0 <= layout.degree <= _MOST["degree"]:
+        yield "degree", f"0 to {_MOST['degree']}"
+    for name, most in _MOST_NODES.items():
+        nodes = getattr(layout, name)
+        if not (nodes == (0, 0) and name != "source_nodes") and not all(2 <= n <= most for n in nodes):
+            yield name, f"2 to {most} rows and columns"
+    for name in ("noll1", "noll2"):
+        if not all(1 <= index <= _MOST[name] for index in getattr(layout, name)):
+            yield name, f"indices from 1 to {_MOST[name]}"
+    for name in ("sine1", "sine2"):
+        if not 1e-6 <= getattr(layout, name) <= 1:
+            yield name, "a direction sine above 0, at most 1"
+
+
+_FORMAT = TensorFormat(
+    name="holoview-calibration",
+    version="1",
+    what="the maps of a calibration that `holoview calibrate` wrote",
+    tensors=MAP_SCHEMAS,
+    metadata_keys=("layout", "summary"),
+)
+
+
+@dataclass(frozen=True)
+class CalibrationFile:
+    """Learned maps and the summary of their calibration."""
+
+    maps: LearnedMaps
+    summary: dict[str, Any]
+
+
+def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summary: Mapping[str, Any]) -> None:
+    """Writes the file atomically. Raises UserError when it can't be written."""
+    tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
+    _FORMAT.write(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
+
+
+def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
+    """Reads the file. Raises UserError when it is missing, damaged, of another format, or not as `MAP_SCHEMAS` says."""
+    with _FORMAT.open(path) as file:
+        layout = read_layout(file.texts["layout"], f"{path}: layout")
+        summary = parse_json_table(file.texts["summary"], f"{path}: summary", "the scores of a calibration")
+        arrays = file.tensors(map_sizes(layout))
+    maps = LearnedMaps(layout, {name: torch.from_numpy(array) for name, array in arrays.items()})
+    return CalibrationFile(maps, summary)

@@ -1,4 +1,4 @@
-"""Base class of the stops of both relays, round or square: a wrong size and a decentred aperture."""
+"""The stops of both relays, round or square, have another size than their nominal one, or aren't centred."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from holoview.effects.starting_grids import square_grid
 from holoview.model.bench_parts import Relay
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.stops import SquareStop
 from holoview.model.system import System
@@ -74,3 +74,25 @@ def _measure(square: SquareStop | None) -> str:
         return "an aperture"
     is_ideal = square.half_side_na is None and square.wavelength_m is None
     return "half a side, at 550 nm," if is_ideal else "half a side"
+
+
+class Iris1(Iris):
+    """The iris or square stop in the Fourier plane of relay 1."""
+
+    id = "iris1"
+    cause = "The iris or square stop between the modulators is wider, narrower or off its centre."
+    finding = "The {stop} of relay 1 {faults}."
+    relay = "relay1"
+    acts_on = ("relay 1",)
+    needs = Needs(modulators=2, irises=(1,), fourier=False)
+
+
+class Iris2(Iris):
+    """The iris or square stop in the Fourier plane of relay 2."""
+
+    id = "iris2"
+    cause = "The iris or square stop behind the last modulator is wider, narrower or off its centre."
+    finding = "The {stop} of relay 2 {faults}."
+    relay = "relay2"
+    acts_on = ("relay 2",)
+    needs = Needs(irises=(2,), fourier=False)

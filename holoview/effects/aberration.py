@@ -1,18 +1,19 @@
-"""Base class of the aberrations of both relays: Zernike terms that may depend on the wavelength."""
+"""The relays have aberrations: Zernike terms that may depend on the wavelength."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:  # torch takes seconds to import
+if TYPE_CHECKING:
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import RelayContext
+
 
 _TERMS = range(
     4, 12
@@ -46,3 +47,25 @@ class Aberration(Effect):
         largest = max(_TERMS, key=lambda noll: abs(v[f"z{noll}"]))
         term = f"Z{largest} = {format_rounded(v[f'z{largest}'], 'nm', 3)}"
         return {"rms": format_rounded(size, "nm", 3), "largest": term}
+
+
+class Aberration1(Aberration):
+    """Zernike terms in the Fourier plane of relay 1. Its defocus alone is equivalent to a wrong gap."""
+
+    id = "aberration1"
+    cause = "The optics between the modulators have aberrations."
+    finding = "Relay 1 has aberrations of {rms} r.m.s., {largest} above all."
+    acts_on = ("relay 1",)
+    degenerate_with: ClassVar = ("gap",)
+    needs = Needs(modulators=2, irises=(1,), fourier=False)
+
+
+class Aberration2(Aberration):
+    """Zernike terms in the Fourier plane of relay 2. Its defocus alone is equivalent to a wrong distance."""
+
+    id = "aberration2"
+    cause = "The optics behind the last modulator have aberrations."
+    finding = "Relay 2 has aberrations of {rms} r.m.s., {largest} above all."
+    acts_on = ("relay 2",)
+    degenerate_with: ClassVar = ("distance",)
+    needs = Needs(irises=(2,), fourier=False)
