@@ -28,7 +28,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
-from holoview.model.effects.learned_maps import read_calibration
 from PIL import Image
 from safetensors import safe_open
 
@@ -39,6 +38,7 @@ from holoview.cli import main as holoview
 from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
+from holoview.model.effects.learned_maps import read_calibration
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.rig import read_rig
 from holoview.util.safetensors_file import format_of, metadata_of

@@ -18,8 +18,8 @@ from holoview.experiment.live import rig_connection
 from holoview.experiment.live.rig_bench import rig_system
 from holoview.experiment.live.rig_session import RigSession
 from holoview.rig.open_rig import KINDS, Opener
-from tests.gui.conftest import Gui
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
