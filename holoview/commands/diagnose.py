@@ -16,6 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from holoview.experiment.next_capture.closed_loop import LoopResult
+
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
@@ -38,7 +40,6 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
-from holoview.rig.adaptive.closed_loop import LoopResult
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
