@@ -16,8 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.experiment.next_capture.closed_loop import LoopResult
-
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
@@ -35,6 +33,7 @@ from holoview.diagnose.formatting import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.experiment.next_capture.closed_loop import LoopResult
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects

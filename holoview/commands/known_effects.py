@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from holoview.experiment.placement_doubt import refinement_note, within_alignment
-
 from holoview.commands.arguments import parse_effects
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.likelihood import Values
+from holoview.experiment.placement_doubt import refinement_note, within_alignment
 from holoview.rig.placement import Placement, read_placement
 
 

@@ -1,6 +1,6 @@
 """Joint fits of several causes, and the best candidates polished near the noise floor.
 
-refine_fit          all causes of a candidate, first with weights that tolerate errors of the model, then with the noise's
+refine_fit          all causes of a candidate, with weights that tolerate errors of the model, then with the noise's
 free_fine_parameters, refine_leaders_along_axes
                     the best candidates polished, where they are near the floor
 fit_to_the_end      the best ones fitted until nothing is gained. A search stops once a candidate is near enough to the

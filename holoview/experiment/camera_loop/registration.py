@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from holoview.experiment.camera_loop.bench_camera import Picture
-from holoview.experiment.camera_loop.camera_view import camera_view
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import random_levels
 from holoview.diagnose.starts.picture import measure_displacement
+from holoview.experiment.camera_loop.bench_camera import Picture
+from holoview.experiment.camera_loop.camera_view import camera_view
 from holoview.rig.description import RigDescription
 from holoview.util import units
 from holoview.util.errors import UserError

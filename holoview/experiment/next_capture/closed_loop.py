@@ -8,6 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from holoview.captures.dataset import Captures, join_captures
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.next_capture.bench_time import BenchTime
 from holoview.experiment.next_capture.capture_choice import Choice
 from holoview.experiment.next_capture.hypotheses import Belief
@@ -16,14 +23,6 @@ from holoview.experiment.next_capture.loop_context import loop_context
 from holoview.experiment.next_capture.planners import LoopState, Planner
 from holoview.experiment.next_capture.proposals import START_COUNT
 from holoview.experiment.placement_doubt import diagnosis_options
-
-from holoview.captures.dataset import Captures, join_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription

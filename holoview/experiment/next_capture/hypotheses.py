@@ -12,13 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from holoview.experiment.next_capture.evidence import (
-    covariance_root,
-    linear_gain,
-    log_evidence,
-    log_prior,
-    probabilities,
-)
 from numpy.typing import NDArray
 
 from holoview.diagnose.fit import (
@@ -31,6 +24,13 @@ from holoview.diagnose.fit import (
 )
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
+from holoview.experiment.next_capture.evidence import (
+    covariance_root,
+    linear_gain,
+    log_evidence,
+    log_prior,
+    probabilities,
+)
 from holoview.numerics.least_squares import jacobian
 from holoview.util.errors import UserError
 

@@ -5,14 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from holoview.experiment.next_capture.hypotheses import (
-    Belief,
-    Hypothesis,
-    fitted_hypothesis,
-    open_hypotheses,
-    with_probabilities,
-)
-
 from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf, refit
 from holoview.diagnose.judge import NOMINAL_FIT, explained_excess, first_per_cause_set, jitter_excess
 from holoview.diagnose.likelihood import Comparison
@@ -22,6 +14,13 @@ from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search import select_causes
 from holoview.diagnose.search_context import SearchContext
+from holoview.experiment.next_capture.hypotheses import (
+    Belief,
+    Hypothesis,
+    fitted_hypothesis,
+    open_hypotheses,
+    with_probabilities,
+)
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import no_progress
 

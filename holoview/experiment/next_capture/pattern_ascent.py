@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis
-from holoview.experiment.next_capture.proposal_prediction import ProposalPrediction, without_border
-from holoview.experiment.next_capture.proposals import Proposal
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.records.central_region import central_slices
 from holoview.diagnose.likelihood import PredictorProtocol, Values
+from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis
+from holoview.experiment.next_capture.proposal_prediction import ProposalPrediction, without_border
+from holoview.experiment.next_capture.proposals import Proposal
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.effects.parameter import Parameter

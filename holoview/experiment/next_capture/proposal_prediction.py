@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis
-from holoview.experiment.next_capture.loop_context import searched_part
-from holoview.experiment.next_capture.proposals import Proposal
-from holoview.experiment.next_capture.separation import Response
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import BORDER_PX
 from holoview.diagnose.likelihood import PredictorProtocol, Values
+from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis
+from holoview.experiment.next_capture.loop_context import searched_part
+from holoview.experiment.next_capture.proposals import Proposal
+from holoview.experiment.next_capture.separation import Response
 from holoview.rig.limits import SafetyLimits
 from holoview.rig.measure.exposure_search import BRIGHT_QUANTILE
 from holoview.util.errors import UserError

@@ -7,6 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from holoview.captures.dataset import join_captures
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.search_context import NEVER
 from holoview.experiment.next_capture.bench_time import BenchTime
 from holoview.experiment.next_capture.capture_choice import CaptureChooser
 from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
@@ -18,13 +23,8 @@ from holoview.experiment.next_capture.planners import FixedPlanner, InformedPlan
 from holoview.experiment.next_capture.proposal_prediction import ProposalPrediction
 from holoview.experiment.next_capture.proposals import START_COUNT, draw_proposals
 from holoview.experiment.next_capture.separation import expected_delta_chi2
-from tests.experiment.next_capture.benches import BenchInProcess, make_bench
-
-from holoview.captures.dataset import join_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.search_context import NEVER
 from holoview.model.effects.registry import get_effect
+from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
 GAP_ERROR_M = 6e-5
 CANDIDATES = ("gap", "distance", "ambient")
