@@ -8,11 +8,11 @@ rates over all effects and sizes.
 from __future__ import annotations
 
 import pytest
+from holoview.diagnose.judge import Verdict
 
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.sealed import TURN, Sealed, Truth, taken
