@@ -17,6 +17,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
+
+from holoview.diagnose.capture_split import spread_over_wavelengths
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
@@ -32,13 +35,10 @@ from holoview.diagnose.fit import (
     scan_effect,
 )
 from holoview.diagnose.likelihood import Comparison, Values
+from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
 from holoview.diagnose.starts.picture import DisplacementStarts, GhostStarts, PlaneStarts, SmearStarts, StartProvider
 from holoview.diagnose.starts.stuck import StuckStarts, is_stuck_effect
-from numpy.typing import NDArray
-
-from holoview.diagnose.capture_split import spread_over_wavelengths
-from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress

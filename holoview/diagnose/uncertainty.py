@@ -17,12 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
-from holoview.diagnose.likelihood import Comparison
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from holoview.diagnose.config import SearchConfig, StepConfig
+from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
+from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
 from holoview.numerics.least_squares import Minimum, jacobian, profile_half_width
 

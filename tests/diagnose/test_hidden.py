@@ -8,10 +8,10 @@ rates over all effects and sizes.
 from __future__ import annotations
 
 import pytest
-from holoview.diagnose.judge import Verdict
 
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
 
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import (
     LocalInformation,
     LocalJacobian,
