@@ -22,7 +22,7 @@ from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, load_ch
 from holoview.report.figure import png_figure
 from holoview.session.archive import SessionArchive, SessionData, read_session
 from holoview.session.editing_session import EditingSession
-from holoview.study.store import ResultStore
+from holoview.study.runner import ResultStore
 from holoview.study.study import JobResult, StudyJob
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 import holoview
 from holoview.colour import to_srgb8
-from holoview.commands.arguments import add_backend, check_adapter_applies
+from holoview.commands.arguments import add_backend, check_adapter_applies, whole
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.number_options import whole
 from holoview.commands.optimise import optimise_hologram
 from holoview.commands.output_files import add_output_folder, check_files
 from holoview.engine.backend import open_executor

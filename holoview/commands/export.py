@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.commands.number_options import whole
+from holoview.commands.arguments import whole
 from holoview.commands.output_files import add_input, add_output_folder
 from holoview.io.hologram import load_hologram
 from holoview.io.plm import CELL_MAPS, memory_cells
