@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
-from holoview.gpu.rounding import ceil_div
 from holoview.gpu.shader import link
+from holoview.numerics.sampling import ceil_div
 
 _COPY_BYTES, _CPU_COPY_BYTES = 2**28, 2**25
 """Size of the copied buffer: more than a card's cache holds; less on CPU adapters, which take long."""

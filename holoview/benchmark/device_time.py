@@ -11,7 +11,7 @@ from holoview.benchmark.frame_jobs import full_frame, open_renderer
 from holoview.benchmark.timing import TimedJob
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import StrategyOption
 from holoview.model.system import System
 

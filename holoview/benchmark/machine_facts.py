@@ -13,8 +13,8 @@ import torch
 
 from holoview.gpu.adapter import AdapterInfo, native_adapters
 from holoview.gpu.device import Device
-from holoview.util.cpu_count import process_cpu_count
-from holoview.util.version import __version__
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 
 _PACKAGES = ("numpy", "torch", "wgpu")
 

@@ -19,7 +19,7 @@ import torch
 
 from holoview.benchmark.torch_baseline import check_simple_bench
 from holoview.model.plan import Plan
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.propagate import transfer_function_at
 from holoview.optics.slm import pixel_spectrum

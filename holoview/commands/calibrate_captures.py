@@ -28,10 +28,10 @@ from holoview.model import preset
 from holoview.model.effects.learned_maps import MapLayout
 from holoview.model.system import System
 from holoview.optimise.parallel import limit_torch_threads
-from holoview.report.figure import require_matplotlib
+from holoview.report.images import require_matplotlib
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import Interruption
+from holoview.util.processes import Interruption
 
 # destinations in argparse's namespace of the options that only this form of the command has
 OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")

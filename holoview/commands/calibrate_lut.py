@@ -12,7 +12,7 @@ from holoview.calibrate.lut_plot import plot_lut
 from holoview.commands.console import print_json
 from holoview.commands.output_files import add_output
 from holoview.model import preset
-from holoview.report.figure import require_matplotlib
+from holoview.report.images import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 

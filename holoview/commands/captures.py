@@ -16,7 +16,7 @@ from holoview.commands.arguments import add_effects, add_system, parse_effects, 
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.util import units
 
 

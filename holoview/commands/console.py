@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from holoview.commands.streams import raw_stderr
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interrupted, Interruption, handled_signals
 from holoview.util.text import printable
 
 LINE_INTERVAL_S = 10.0

@@ -17,11 +17,10 @@ from holoview.commands.contrast_by_pupil import contrast_by_pupil, format_rows
 from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
-from holoview.metrics.retinal_speckle import pupils_of
-from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
 from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
-from holoview.report.figure import figure_bytes, require_matplotlib
+from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from holoview.commands.console import progress_bar
 from holoview.io.hologram import Hologram
-from holoview.metrics.laser_patterns import independent_contrast
-from holoview.metrics.retinal_speckle import RetinalContrast, pupils_of, retinal_contrast
-from holoview.numerics.image_region import Region
+from holoview.metrics.speckle import RetinalContrast, independent_contrast, pupils_of, retinal_contrast
+from holoview.numerics.tensors import Region
 from holoview.study.plots import line_plot
 from holoview.view import simulate
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from holoview.io.hologram import system_name_of
-from holoview.io.png import png_texts
+from holoview.io.pictures import png_texts
 from holoview.util.errors import UserError
 from holoview.util.text import plain_name, printable
 

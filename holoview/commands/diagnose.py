@@ -38,10 +38,10 @@ from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
-from holoview.report.figure import require_matplotlib
-from holoview.util.cpu_count import process_cpu_count
+from holoview.report.images import require_matplotlib
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
+from holoview.util.processors import process_cpu_count
 from holoview.util.progress import ProgressCallback
 
 _SHORT_S = 10.0  # of a search that says nothing before its end

@@ -21,7 +21,7 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects
 from holoview.rig import open_rig, read_rig
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 
 _SETTINGS = LoopSettings()
 _OPTIONS = ("save", "certainty", "most_captures", "bench_time")

@@ -10,4 +10,4 @@ EXIT_DEVICE_LOST = 3
 """The graphics device was lost, or the viewer crashed again and again. Work in the viewer is saved."""
 
 # A program that SIGINT (Ctrl-C), SIGTERM or SIGHUP ends returns 128 + the signal's number, as shells report it: 130,
-# 143 or 129, see `holoview.util.signals`.
+# 143 or 129, see `holoview.util.processes`.

@@ -2,7 +2,7 @@
 
 A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to the stroke; with
 `--levels` the number of its level, in rising order of optical path, which drivers call the state index; with
-`--cells p67` the memory cells of a device, black for 0 and white for 1, in the order of `holoview.io.plm`.
+`--cells p67` the memory cells of a device, black for 0 and white for 1, in the order of `holoview.io.pictures`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from holoview.commands.number_options import whole
 from holoview.commands.output_files import add_input, add_output_folder
 from holoview.io.hologram import load_hologram
-from holoview.io.plm import CELL_MAPS, memory_cells
-from holoview.io.png import write_pattern, write_png
+from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.model.bench_parts import Modulator
 from holoview.optics.slm import level_numbers
 from holoview.util.errors import UserError

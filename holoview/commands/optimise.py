@@ -32,7 +32,7 @@ from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import exceeded_limits
+from holoview.model.validity import exceeded_limits
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import OptimisedEyes, StacksAt, target_at_places
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
@@ -40,8 +40,8 @@ from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_gr
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

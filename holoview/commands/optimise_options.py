@@ -14,7 +14,7 @@ from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.optimise.eyes import CHROMATIC, PupilPlaces
 from holoview.optimise.parallel import device_for_rank, resolve_torch_device

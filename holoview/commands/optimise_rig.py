@@ -33,8 +33,8 @@ from holoview.optimise.memory import require_optimisation_memory, with_compact_g
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 _STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 

@@ -29,7 +29,7 @@ from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.commands.render_path import check_exposure, render_path
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.png import path_with_suffix, read_pattern, write_png
+from holoview.io.pictures import path_with_suffix, read_pattern, write_png
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset

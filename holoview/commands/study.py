@@ -12,8 +12,8 @@ from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.model.field_types import Shape
-from holoview.report.figure import require_matplotlib
+from holoview.model.fields import Shape
+from holoview.report.images import require_matplotlib
 from holoview.study.registry import find_study, studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs
@@ -22,7 +22,7 @@ from holoview.study.store import ResultStore
 from holoview.study.study import Study
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import exit_code_of
+from holoview.util.processes import exit_code_of
 
 _MAX_WORKERS = 1024
 

@@ -16,7 +16,7 @@ from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.threads import is_left, last_work_s, wait_for_threads
+from holoview.util.processes import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)

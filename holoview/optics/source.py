@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.phasor import phasor_of_turns
+from holoview.numerics.fourier import phasor_of_turns
 from holoview.numerics.resample import centred_indices
 
 

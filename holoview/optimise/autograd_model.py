@@ -13,7 +13,7 @@ from __future__ import annotations
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedTransform
+from holoview.numerics.fourier import PrunedTransform
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave

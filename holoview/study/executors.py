@@ -17,18 +17,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, Protocol
 
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import (
-    WORKER_BYTES,
-    allowed_bytes,
-    format_size,
-    worker_share,
-    workers_within_memory,
-)
-from holoview.util.optional_library import import_optional
-from holoview.util.signals import leave_signals_to_parent, signals_blocked
-from holoview.util.version import __version__
+from holoview.util.memory import WORKER_BYTES, allowed_bytes, format_size, worker_share, workers_within_memory
+from holoview.util.packages import __version__, import_optional
+from holoview.util.processes import leave_signals_to_parent, signals_blocked
+from holoview.util.processors import process_cpu_count
 
 CONNECT_TIMEOUT_S = 10.0
 """Time within which a Dask scheduler has to answer."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
 from holoview.study.scale import StudyScale
 from holoview.study.study import Results

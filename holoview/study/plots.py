@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.report.figure import figure_bytes, new_figure
+from holoview.report.images import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
 
 if TYPE_CHECKING:

@@ -25,9 +25,9 @@ from holoview.study.executors import (
 from holoview.study.store import ResultStore
 from holoview.study.study import JobResult, StatusCallback, Study, StudyJob
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import memory_setting
+from holoview.util.memory import memory_setting
+from holoview.util.packages import __version__
 from holoview.util.progress import ProgressCallback
-from holoview.util.version import __version__
 
 RETRIES = 2
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.metrics.speckle import independent_patterns
-from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
-from holoview.numerics.image_region import Region, region_slices
+from holoview.metrics.speckle import independent_patterns, speckle_density, speckle_histogram
+from holoview.numerics.tensors import Region, region_slices
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.study.study import JobResult, StudyJob
 from holoview.targets.image_reader import read_raster
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_json_table
 
 _FORMAT, _WHAT = "holoview-result", "the result of a study's job"

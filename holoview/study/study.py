@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.study.scale import StudyScale
-from holoview.util.version import __version__
+from holoview.util.packages import __version__
 
 if TYPE_CHECKING:  # importing matplotlib takes long, and studies are listed without drawing
     from matplotlib.figure import Figure

@@ -25,7 +25,7 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.line_fft import supported_strategies
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import TuningResult
 from holoview.model import preset
 from holoview.model.plan import make_plan

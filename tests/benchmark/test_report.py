@@ -23,7 +23,7 @@ from holoview.cli import main
 from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
-from holoview.util.signals import Interruption
+from holoview.util.processes import Interruption
 
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")

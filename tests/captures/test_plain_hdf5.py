@@ -11,7 +11,7 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import VARIABLE
+from holoview.util.memory import VARIABLE
 from tests.fuzz.valid_files import CAPTURES, valid, write
 
 Edit = Callable[[h5py.File], object]

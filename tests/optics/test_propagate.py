@@ -11,7 +11,7 @@ import torch
 from holoview.model.bench_parts import Modulator, Sampling
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
+from holoview.numerics.sampling import positions
 from holoview.optics.propagate import phase_wavelength_derivative, transfer_function
 
 CPU = torch.device("cpu")

@@ -15,8 +15,8 @@ from holoview.study import executors
 from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.store import ResultStore
 from holoview.study.study import StudyJob
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")

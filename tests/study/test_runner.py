@@ -20,10 +20,10 @@ from holoview.study.runner import ExecutionTarget, run_in_worker, run_jobs
 from holoview.study.scale import SCALES
 from holoview.study.store import ResultStore
 from holoview.study.study import StudyJob
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
-from holoview.util.version import __version__
+from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 from tests.child_process import child_process
 from tests.study.probe import STUDY
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.records.settings import RecordSettings
-from holoview.numerics.taper import taper
+from holoview.numerics.sampling import taper
 
 Floats = NDArray[np.float64]
 _MAX_CORRELATION = 0.9999  # atanh of 1 is infinite

@@ -18,8 +18,8 @@ from holoview.captures.records.correction import Hypothesis, apply_corrections
 from holoview.captures.records.orientation import CameraOrientation
 from holoview.captures.records.settings import RecordSettings
 from holoview.captures.records.speckle import Contrast, Floats, Match, SpeckleComparison
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
 
 Values = Mapping[str, Mapping[str, float]]
 _CACHE_MB = 64  # of each thread's predictor

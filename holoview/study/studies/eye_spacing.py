@@ -9,7 +9,7 @@ import numpy as np
 
 from holoview.colour import to_srgb8
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.model.human_eye import chromatic_refraction
+from holoview.model.eye import chromatic_refraction
 from holoview.model.system import System
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_number, optimise_job, table_row

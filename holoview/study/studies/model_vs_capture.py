@@ -12,7 +12,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
 from holoview.model import preset
-from holoview.report.contact_sheet import greyscale_pixels
+from holoview.report.images import greyscale_pixels
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import mean_number, table_row
 from holoview.study.plots import bar_chart

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.metrics.retinal_speckle import CONE_ARCMIN, seen_by_cones
-from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.metrics.speckle import CONE_ARCMIN, independent_patterns, seen_by_cones, speckle_contrast
 from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
 from holoview.study.hologram_jobs import job_system, mean_number, table_row
 from holoview.study.plots import line_plot
