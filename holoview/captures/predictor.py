@@ -19,12 +19,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
 from holoview.captures.camera_sampling import PixelGrid
 from holoview.captures.dataset import Captures
 from holoview.captures.fourier_model import FourierBenchModel
-from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.tensor_cache import InvariantCache, TensorCache
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.effect_table import EffectTable
