@@ -7,7 +7,8 @@ const linearRgb = (matrix, x, y, z) => matrix.map(row => row[0] * x + row[1] * y
 const srgbDecode = code => (code <= 0.04045 ? code / 12.92 : ((code + 0.055) / 1.055) ** 2.4)
 const DECODED = Float64Array.from({ length: 256 }, (_, code) => srgbDecode(code / 255))
 
-// Mean, standard deviation and contrast σ/μ of the luminance in a region, with a histogram of Y/mean in 32 bins to 4.
+// Mean, standard deviation and contrast σ/μ of the luminance in a region, with a histogram of
+// Y/mean in 32 bins of 1/8, the last of which takes all that is brighter.
 function speckle(xyz, width, region) {
     const values = new Float64Array(region.width * region.height)
     let at = 0
@@ -21,8 +22,7 @@ function speckle(xyz, width, region) {
     const histogram = new Array(32).fill(0)
     for (const value of values) {
         squares += (value - mean) * (value - mean)
-        const bin = Math.floor((value / mean) * 8)
-        if (bin >= 0 && bin < 32) histogram[bin] += 1
+        histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
     }
     const std = Math.sqrt(squares / values.length)
     return { mean, std, contrast: std / mean, samples: values.length, histogram }
