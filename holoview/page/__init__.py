@@ -2,6 +2,7 @@
 
 page        writes the file, and reads it again as data
 document    what the page knows of a hologram: its bench in numbers, its patterns
+link        the state of a page as the end of its address, applied to a hologram
 recording   a frame as buffers, pipelines and dispatches, for a program without Python to replay
 
 replay.js     replays a recording on a browser's device

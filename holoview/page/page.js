@@ -620,11 +620,10 @@ async function copy(text) {
     }
 }
 
-// The command that opens this hologram in the viewer with the state.
+// The command that opens this hologram in the viewer with the state (holoview/page/link.py reads it).
 function commandOf(state, bench) {
     const file = decodeURIComponent(location.pathname.split("/").pop())
-    const quoted = /^[\w.-]+$/.test(file) ? file : `'${file.replaceAll("'", "'\\''")}'`
-    return `holoview view ${quoted}${toHash(state, bench).replaceAll("&", "\\&").replace("#", "\\#")}`
+    return `holoview view '${(file + toHash(state, bench)).replaceAll("'", "'\\''")}'`
 }
 
 // --- drawings -----------------------------------------------------------------------------------------------------------

@@ -16,8 +16,7 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +51,9 @@ _STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 1024, 82
 _ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
 
 
-@dataclass(frozen=True)
-class PageHologram:
-    """A hologram and what the page calls it."""
-
-    hologram: Hologram
-    name: str
-
-
 def export_html(
     path: str | os.PathLike[str],
-    holograms: Sequence[PageHologram],
+    holograms: Hologram | Mapping[str, Hologram],
     *,
     target: Target | None = None,
     title: str = "",
@@ -72,10 +63,11 @@ def export_html(
     backend: str = "auto",
     progress: StepCallback | None = None,
 ) -> Path:
-    """Writes a page that shows one hologram live, or compares several, and returns its path.
+    """Writes a page that shows one hologram live in a browser, or compares several; returns its path.
 
     path: of the HTML file, which is replaced if it exists.
-    holograms: all with images of the same shape. target: what they should show, for wiping and for the PSNR.
+    holograms: one, or several by the names that the page gives them, all with images of the same shape.
+    target: what they should show, as `target_for` makes it; the page then wipes to it and states the PSNR.
     title, note: text above the image; the names of the holograms when empty.
     plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
@@ -84,9 +76,19 @@ def export_html(
     Raises UserError for holograms with images of different shapes, a target of another shape, a plane that the bench
     doesn't reach, a region outside the image, a bench beyond WebGPU's default limits, and when the file can't be
     written.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[24, 32])
+    >>> speckle = hv.Hologram(hv.random_drive(system), system)
+    >>> hv.export_html("speckle.html", speckle, backend="torch").name
+    'speckle.html'
     """
-    first = holograms[0].hologram
-    views = [_stored_view(each.hologram, backend, progress) for each in holograms]
+    if isinstance(holograms, Hologram):
+        holograms = {holograms.system.name or "hologram": holograms}
+    if not holograms:
+        raise UserError("holograms", "none", expected="at least one")
+    first = next(iter(holograms.values()))
+    views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     shapes = [view.xyz.shape[1:3] for view in views]
     _check(shapes, target, region)
     middle = float(np.sort(views[0].focus_m)[len(views[0].focus_m) // 2])
@@ -94,7 +96,7 @@ def export_html(
     low, high = plane_range(first.system)
     if not low <= plane_m <= high:
         raise UserError("plane", f"{plane_m * 1e3:g} mm", expected=f"{low * 1e3:g} to {high * 1e3:g} mm")
-    documents = [page_document(each.hologram, each.name, high) for each in holograms]
+    documents = [page_document(hologram, name, high) for name, hologram in holograms.items()]
     page = {
         "format": FORMAT,
         "version": VERSION,
@@ -112,10 +114,9 @@ def export_html(
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }
-    names = " and ".join(each.name for each in holograms)
     frames = [_packed(json.dumps(heads, separators=(",", ":")).encode()) for _, heads, _ in documents]
     data = [_packed(binary) for _, _, binary in documents]
-    write_file(path, _html(page, frames, data, title or names, note))
+    write_file(path, _html(page, frames, data, title or " and ".join(holograms), note))
     return Path(path)
 
 
@@ -256,8 +257,8 @@ def is_page(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in (".html", ".htm")
 
 
-def read_page(path: str | os.PathLike[str]) -> list[PageHologram]:
-    """The holograms of a page that `export_html` wrote. It is read as data: nothing in the file is run.
+def read_page(path: str | os.PathLike[str]) -> dict[str, Hologram]:
+    """The holograms of a page that `export_html` wrote, by name. It is read as data: nothing in the file is run.
 
     Raises UserError for a file that is missing, too large, no such page, of a later version, or damaged.
     """
@@ -276,10 +277,10 @@ def read_page(path: str | os.PathLike[str]) -> list[PageHologram]:
         page = json.loads(parts["holoview-page"])
         if (page["format"], page["version"]) != (FORMAT, VERSION):
             raise UserError(str(path), f"{page['format']} {page['version']}", expected=f"{FORMAT} {VERSION}")
-        return [
-            PageHologram(read_document(document, _inflate(parts[f"holoview-data-{i}"])), str(document["name"]))
+        return {
+            str(document["name"]): read_document(document, _inflate(parts[f"holoview-data-{i}"]))
             for i, document in enumerate(page["holograms"])
-        ]
+        }
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, zlib.error) as error:
         raise UserError(str(path), f"is damaged: {error}", expected=expected) from error
 

@@ -19,7 +19,7 @@ from holoview.colour import srgb_decode
 from holoview.gpu.device import Device
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
-from holoview.page.page import PageHologram, export_html, read_page
+from holoview.page.page import export_html, read_page
 from holoview.targets.focal_stack import Target
 from tests.chromium import Browser, needs_chromium, pixels
 from tests.page.pages import open_page, page_pixels, set_state, webgpu_browser
@@ -60,9 +60,9 @@ def written(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Written
     planes = tuple(system.planes_m.tolist())
     target = Target((rng.random((len(planes), 96, 128, 3)) ** 2).astype(np.float32), planes, "noise")
     pages = Written(folder, first, second, eye, target)
-    both = [PageHologram(first, "one </script><b>"), PageHologram(second, "two")]
+    both = {"one </script><b>": first, "two": second}
     export_html(pages.page, both, target=target, title="Two & more", note="<i>plain</i>", region=REGION)
-    export_html(pages.eye_page, [PageHologram(eye, "eye")])
+    export_html(pages.eye_page, {"eye": eye})
     return pages
 
 
@@ -239,10 +239,10 @@ def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, writ
 
 def test_the_page_is_read_as_data(written: Written) -> None:
     read = read_page(written.page)
-    assert [each.name for each in read] == ["one </script><b>", "two"]
-    for each, hologram in zip(read, (written.first, written.second), strict=True):
-        assert each.hologram.system == hologram.system
-        assert np.array_equal(each.hologram.drive, hologram.drive)
+    assert list(read) == ["one </script><b>", "two"]
+    for found, hologram in zip(read.values(), (written.first, written.second), strict=True):
+        assert found.system == hologram.system
+        assert np.array_equal(found.drive, hologram.drive)
 
 
 def test_text_of_strangers_is_text(written: Written) -> None:
@@ -296,10 +296,9 @@ def test_another_file_gets_a_sentence(tmp_path: Path, content: bytes) -> None:
 def test_a_page_that_cannot_be_written_leaves_the_old_one(written: Written, tmp_path: Path) -> None:
     file = tmp_path / "page.html"
     file.write_text("old", encoding="utf-8")
-    one = PageHologram(written.first, "one")
-    small = written.first.system.with_(shape=[24, 32])
-    other = PageHologram(hv.Hologram(hv.random_drive(small), small), "small")
-    for holograms, options in (([one, other], {}), ([one], {"region": (0, 0, 500, 5)}), ([one], {"plane_m": 1.0})):
+    one, small = {"one": written.first}, written.first.system.with_(shape=[24, 32])
+    two = one | {"small": hv.Hologram(hv.random_drive(small), small)}
+    for holograms, options in ((two, {}), (one, {"region": (0, 0, 500, 5)}), (one, {"plane_m": 1.0}), ({}, {})):
         with pytest.raises(hv.UserError):
             export_html(file, holograms, backend="torch", **options)
     assert file.read_text(encoding="utf-8") == "old"
