@@ -21,8 +21,8 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import open_device
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.optimise.iteration_state import IterationState
-from holoview.optimise.optimised_eyes import OptimisedEyes, target_at_places
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.session.target_spec import example_target

@@ -12,7 +12,7 @@ import holoview as hv
 from benchmarks.baselines import Work
 from benchmarks.common import markdown_table
 from holoview.benchmark.timing import time_interleaved
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
 from holoview.util.files import data_dir
 
 Seconds = dict[str, list[float]]

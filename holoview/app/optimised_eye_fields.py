@@ -8,8 +8,8 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
-from holoview.optimise.optimised_eyes import CHROMATIC
-from holoview.optimise.pupil_places import (
+from holoview.optimise.eyes import (
+    CHROMATIC,
     MOST_ALONG_AXIS,
     MOST_DRAWN,
     PupilChoice,

@@ -11,11 +11,11 @@ import torch
 
 from holoview.benchmark.timing import time_interleaved
 from holoview.model.system import System
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.torch_device import resolve_torch_device
 from holoview.util.errors import UserError
 
 _ENDLESS = 1_000_000

@@ -23,7 +23,7 @@ from holoview.calibrate.data_split import DataSplit, Indices
 from holoview.calibrate.laser_response import LaserResponse, fit_laser_response
 from holoview.calibrate.training_data import TrainingData, WeightedImage
 from holoview.captures.dataset import Captures
-from holoview.captures.fit_quality import FitQuality
+from holoview.captures.prepared_captures import FitQuality
 from holoview.util.progress import ProgressCallback
 
 Tensor = torch.Tensor

@@ -9,9 +9,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Camera, Captures
-from holoview.captures.noise_model import add_model_error, neighbour_variance
 from holoview.captures.predictor import Predictor
-from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
+from holoview.captures.prepared_captures import PreparedCaptures, add_model_error, neighbour_variance, prepare_captures
 from holoview.model.effects.active_effects import EffectValues
 from holoview.util.errors import UserError
 

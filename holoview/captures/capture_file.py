@@ -1,13 +1,18 @@
 """Reads and writes the capture file, version 1: HDF5 with patterns, camera images, settings and nominal geometry.
 
-`docs/captures.md` lists every dataset and attribute.
+`docs/captures.md` lists every dataset and attribute; ranges of lengths are those of `validation`, which tells a wrong
+unit. HDF5 can store data in other files (external storage, virtual datasets) and lead to other files and places
+(external and soft links): a file from a stranger could make a reader read any file of its user. Such files are refused
+(`open_plain_hdf5`, `DatasetReader`), and data are read within the memory that is allowed.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +20,50 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.capture_schema import (
-    CAMERA_NUMBERS,
-    GEOMETRY_NUMBERS,
-    IMAGES,
-    LEVELS,
-    PER_CAPTURE,
-    SLM_NUMBERS,
-    VERSION,
+from holoview.captures.dataset import Captures
+from holoview.captures.nominal_bench import (
+    STOP_KEYS,
+    camera_from_attributes,
+    slm_from_attributes,
+    stop_attributes,
+    stops_from_attributes,
 )
-from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.nominal_stops import STOP_KEYS, stop_attributes, stops_from_attributes
-from holoview.captures.plain_hdf5 import DatasetReader, open_plain_hdf5, plain_child, read_attribute
 from holoview.captures.validation import check_captures
 from holoview.util.errors import UserError
-from holoview.util.file_schema import NumberSchema
+from holoview.util.file_schema import ArraySchema, NumberSchema
 from holoview.util.file_writer import write_file
-from holoview.util.memory_limit import require_memory
+from holoview.util.input_file import require_file
+from holoview.util.memory_limit import format_size, require_memory
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
+_COUNTS = ("uint8", "uint16")
+_REAL = ("float64", "float32", "float16", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
+
+LEVELS = tuple(ArraySchema(f"slm{n}/levels", _COUNTS, ("capture", "row", "column")) for n in (1, 2))
+"""Of each modulator; a file of a single one has the first only."""
+
+IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera column"))
+
+PER_CAPTURE = tuple(ArraySchema(name, _REAL, ("capture",)) for name in ("wavelength", "distance", "power", "exposure"))
+
+SLM_NUMBERS = (
+    NumberSchema("pitch"),
+    NumberSchema("num_levels", 2, 65536, whole=True),
+    NumberSchema("opd_range"),
+)
+CAMERA_NUMBERS = (
+    NumberSchema("pitch"),
+    NumberSchema("bit_depth", 1, 16, whole=True),
+    NumberSchema("electrons_per_count", 1e-9, 1e9),
+    NumberSchema("read_noise", 0, 1e9),
+    NumberSchema("black_level", 0, 65535),
+)
+GEOMETRY_NUMBERS = (NumberSchema("gap", optional=True), NumberSchema("focal_length", optional=True))
+"""Attributes of slm1, slm2, camera and geometry."""
+
+VERSION = NumberSchema("version", whole=True)
+
 _PEAK_SHARE = 1.6  # of the data: while they are checked, a mask of the pictures is held beside them
-_PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
 _GEOMETRY = "geometry attribute "  # before its name, in errors
 
 
@@ -45,7 +73,7 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
     check: raises UserError for sessions that aren't wanted; `records.plausible_units` lets those through whose units it
     can correct.
     Raises UserError that names the file and the dataset when the file is missing, cut short, not HDF5 or of another
-    format, when a dataset is missing or isn't as `capture_schema` says, when data are elsewhere or need too much
+    format, when a dataset is missing or isn't as its schema says, when data are elsewhere or need too much
     memory, and when `check` refuses the session.
     """
     remedy = "`holoview captures import` converts a folder of pictures"
@@ -82,8 +110,8 @@ def write_captures(
         camera.attrs.update(pitch=c.pitch_m, bit_depth=c.bit_depth, electrons_per_count=c.electrons_per_count)
         camera.attrs.update(read_noise=c.read_noise, black_level=c.black_level)
         columns = (captures.wavelength_m, captures.distance_m, captures.power, captures.exposure_s)
-        for name, values in zip(_PER_CAPTURE, columns, strict=True):
-            h5.create_dataset(name, data=values.astype(np.float64))
+        for schema, values in zip(PER_CAPTURE, columns, strict=True):
+            h5.create_dataset(schema.name, data=values.astype(np.float64))
         geometry = h5.create_group("geometry")
         for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
             if value is not None:
@@ -91,22 +119,6 @@ def write_captures(
         geometry.attrs.update(stop_attributes(captures.relay1, 1) | stop_attributes(captures.relay2, 2))
         extend(h5)
     write_file(path, buffer.getbuffer())
-
-
-def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:
-    """A modulator from the numbers of `capture_schema.SLM_NUMBERS`, in SI units."""
-    return SlmSpec(attributes["pitch"], int(attributes["num_levels"]), attributes["opd_range"])
-
-
-def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
-    """A camera from the numbers of `capture_schema.CAMERA_NUMBERS`, in SI units, electrons and counts."""
-    return Camera(
-        pitch_m=attributes["pitch"],
-        bit_depth=int(attributes["bit_depth"]),
-        electrons_per_count=attributes["electrons_per_count"],
-        read_noise=attributes["read_noise"],
-        black_level=attributes["black_level"],
-    )
 
 
 def _read(h5: h5py.File) -> Captures:
@@ -189,3 +201,113 @@ def _corrections(h5: h5py.File) -> tuple[str, ...]:
 
 def _decode_attribute(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value or "")
+
+
+# --- HDF5 files that hold all of their data themselves ---------------------------------------------------------------
+
+_COPY = "copy them into the file"
+_MOST_ATTRIBUTE_BYTES = 1 << 16
+_MOST_RATIO, _FREE_BYTES = 2000, 64 << 20
+"""Size of data over that of their file, beyond the free bytes: deflate's limit is 1032 for each filter in a chain."""
+
+
+@contextmanager
+def open_plain_hdf5(path: Path, expected: str, remedy: str) -> Iterator[h5py.File]:
+    """A file that is open to be read; use `plain_child`, `read_attribute` and `DatasetReader` on it.
+
+    expected, remedy: for the error. Raises UserError for what isn't a regular file, isn't HDF5, or is cut short; in the
+    block, HDF5's errors become a UserError that says that the file is damaged.
+    """
+    require_file(path, expected)
+    try:
+        h5 = h5py.File(path, "r")
+    except (OSError, RuntimeError, ValueError) as error:
+        truncated = "truncated" in str(error)
+        found = "is cut short: it ends before its data do" if truncated else "isn't an HDF5 file"
+        raise UserError(str(path), found, expected=expected, remedy="copy it again" if truncated else remedy) from error
+    with h5:
+        try:
+            yield h5
+        except UserError as error:
+            raise error.inside(f"{path}: ") from error
+        except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+            reason = " ".join(str(error).split())
+            raise UserError(str(path), f"is damaged: {reason}", remedy="copy or write the file again") from error
+
+
+def plain_child(h5: h5py.File, name: str) -> h5py.Group | h5py.Dataset | None:
+    """The group or dataset of a path such as "slm1/levels", None where there is none.
+
+    Raises UserError where a link on the way isn't a hard one.
+    """
+    found: Any = h5
+    for part in name.split("/"):
+        link = found.get(part, getlink=True) if isinstance(found, h5py.Group) else None
+        if link is None:
+            return None
+        if not isinstance(link, h5py.HardLink):
+            kind = "an external" if isinstance(link, h5py.ExternalLink) else "a soft"
+            raise UserError(name, f"is {kind} link", expected="the data themselves", remedy=_COPY)
+        found = found.get(part)
+    return found
+
+
+def read_attribute(holder: h5py.Group | h5py.Dataset, name: str) -> Any:
+    """The value of an attribute, None where there is none. Raises UserError for a large one."""
+    if name not in holder.attrs:
+        return None
+    if holder.attrs.get_id(name).get_storage_size() > _MOST_ATTRIBUTE_BYTES:
+        expected = f"at most {_MOST_ATTRIBUTE_BYTES >> 10} KiB"
+        raise UserError(f"attribute {name}", "is larger than any that is known", expected=expected)
+    return holder.attrs[name]
+
+
+class DatasetReader:
+    """A dataset that is checked against its schema before it is read.
+
+    Raises UserError when it is missing, isn't what the schema says, or has its data elsewhere.
+
+    sizes: what is known of the sizes that the schemas name; those that this one tells are added.
+    """
+
+    def __init__(self, h5: h5py.File, schema: ArraySchema, sizes: dict[str, int]) -> None:
+        self.name, self._schema = schema.name, schema
+        dataset = plain_child(h5, schema.name)
+        if not isinstance(dataset, h5py.Dataset):
+            raise UserError(schema.name, "is missing", expected="a dataset of this name")
+        if dataset.is_virtual or dataset.external:
+            raise UserError(schema.name, "has its data in other files", expected="the data themselves", remedy=_COPY)
+        self._dataset = dataset
+        self.dtype: np.dtype[Any] = dataset.dtype
+        self.shape: tuple[int, ...] = dataset.shape or ()
+        schema.check_header(dataset.dtype.newbyteorder("=").name, self.shape, sizes)
+        if 0 in self.shape:
+            raise UserError(schema.name, f"an array of shape {self.shape}", expected="at least one number")
+        self._check_ratio(Path(h5.filename).stat().st_size)
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory that all of its numbers take."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Memory that HDF5 takes to decompress a part."""
+        return math.prod(self._dataset.chunks or (0,)) * self.dtype.itemsize
+
+    def read(self) -> NDArray[Any]:
+        """All numbers. Raises UserError for numbers that the schema doesn't allow."""
+        values = np.asarray(self._dataset[()])
+        self._schema.check_values(values)
+        return values
+
+    def read_into(self, array: NDArray[Any]) -> None:
+        """Reads into an array of the same shape, some chunks of the file at a time."""
+        count = (self._dataset.chunks or (1,))[0]
+        for first in range(0, self.shape[0], count):
+            array[first : first + count] = self._dataset[first : first + count]
+
+    def _check_ratio(self, file_bytes: int) -> None:
+        if max(self.size_bytes, self.chunk_bytes) > _FREE_BYTES + _MOST_RATIO * file_bytes:
+            found = f"{format_size(self.size_bytes)} of data in a file of {format_size(file_bytes)}"
+            raise UserError(self.name, found, expected="what was measured", remedy="write the file again")

@@ -13,8 +13,7 @@ from collections.abc import Hashable
 
 import torch
 
-from holoview.captures.camera_sampling import PixelGrid, sample_intensity
-from holoview.captures.frequency_band import FrequencyBand
+from holoview.captures.camera_sampling import FrequencyBand, PixelGrid, sample_intensity
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
 from holoview.model.bench_parts import Relay
@@ -22,8 +21,7 @@ from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import RelayContext
 from holoview.model.plan import Plan
 from holoview.model.transfer import Transfer
-from holoview.optics.propagate import transfer_function_at
-from holoview.optics.pupil import nominal_pupil
+from holoview.optics.propagate import nominal_pupil, transfer_function_at
 from holoview.optics.slm import pixel_spectrum
 from holoview.optics.torch_effects import TorchEffects
 

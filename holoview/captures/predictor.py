@@ -3,13 +3,17 @@
 The physics is that of `engine`: plan, transfer functions, modulators and effects are the same code. Time is saved by
 computing only the frequencies that an iris passes, and by caching: a call that changes only parameters of a camera
 effect recomputes only the camera.
+
+A search takes a parameter value at which a hook raises UserError for an impossible bench and goes on, so that a mistake
+in an effect's file would stay unnoticed. `check_known_effects` and `check_user_effects` report it before a search.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,12 +25,15 @@ from holoview.captures.fourier_model import FourierBenchModel
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.near_field_model import NearFieldModel
 from holoview.captures.tensor_cache import InvariantCache, TensorCache
-from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
+from holoview.model.effects.effect_table import EffectTable
 from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.registry import get_effect
 from holoview.model.plan import Plan, make_plan
 from holoview.model.validity.checks import check_plan
 from holoview.optics.torch_effects import TorchEffects
+from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 
 Tensor = torch.Tensor
@@ -37,7 +44,7 @@ _IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields
 _DRIVE_CACHE_MB = 64  # of patterns
 _CACHE_MB = 256
 _LIGHT_HOOKS = (
-    "bench",
+    "actual_system",
     *MODULATOR_HOOKS,
     "pupil",
     "exposure_samples",
@@ -45,6 +52,8 @@ _LIGHT_HOOKS = (
     "camera_pose",
     "camera_pose_at",
 )
+_REMEDY = "mend the file that defines it"
+_PROBE_STEP = 0.5  # of the prior of each parameter
 
 
 @dataclass(frozen=True)
@@ -190,14 +199,14 @@ class Predictor:
 
     def _plan(self, k: int, active: TorchEffects) -> Plan:
         wavelength, distance = float(self.captures.wavelength_m[k]), self._distance(k, active)
-        key = (wavelength, distance, active.cache_key("bench"))
+        key = (wavelength, distance, active.cache_key("actual_system"))
         if key not in self._plans:
             nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
             if self.finer > 1 or self.padding > 2:
                 nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            plan = make_plan(active.bench(nominal))
+            plan = make_plan(active.actual_system(nominal))
             self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
         return self._plans[key]
 
@@ -223,3 +232,61 @@ class Predictor:
         """What was sent before a capture, and for the first capture of all."""
         before, first = (torch.from_numpy(a) for a in (self.captures.drive_before(k), self.captures.first_drive))
         return before.to(self.real_dtype), first.to(self.real_dtype)
+
+
+# --- effects that are checked before a search ------------------------------------------------------------------------
+
+
+def check_known_effects(captures: Captures, known: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raises UserError for known effects {id: {parameter: value}} that the bench can't have, or values out of range."""
+    EffectTable().parse(known, "effects")
+    for name in known:
+        if missing := unmet_by_bench(get_effect(name), captures.data_properties()):
+            raise UserError(f"effects.{name}", missing, expected="known effects of the bench that took these captures")
+
+
+def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:
+    """Raises UserError that names the effect whose hooks fail on the first capture, or whose finding can't be written.
+
+    Effects that need other data than these captures are skipped.
+    """
+    predictor, system = Predictor(captures, cache_mb=1), captures.nominal_system()
+    for effect in effects:
+        if effect.needs.unmet_by(captures.data_properties()):
+            continue
+        _check_prediction(predictor, effect, captures.shape)
+        try:
+            list(effect.starting_points(system))
+            effect.format_finding(system, _probe_values(effect, _PROBE_STEP))
+        except Exception as error:
+            found = f"its starting points or finding failed: {type(error).__name__}: {error}"
+            raise UserError(f"effects.{effect.id}", found, remedy=_REMEDY) from error
+
+
+def _check_prediction(predictor: Predictor, effect: Effect, shape: tuple[int, int]) -> None:
+    """Predicts the first capture with all parameters raised, and with all lowered.
+
+    UserError if an image has the wrong shape or isn't finite, or if both predictions fail: one may, where it
+    describes an impossible bench.
+    """
+    probes = [_probe_values(effect, step) for step in (_PROBE_STEP, -_PROBE_STEP)]
+    probes = [values for values in probes if not effect.parameter_values(values).is_identity]
+    errors = []
+    for values in probes:
+        try:
+            signal = predictor([0], {effect.id: values}).signal[0]
+        except UserError as error:
+            errors.append(error)
+            continue
+        if tuple(signal.shape) != shape:
+            found = f"leaves a picture of {tuple(signal.shape)} pixels"
+            raise UserError(f"effects.{effect.id}", found, expected=f"{shape}", remedy=_REMEDY)
+        if not bool(torch.isfinite(signal).all()):
+            raise UserError(f"effects.{effect.id}", "leaves a picture that isn't finite", remedy=_REMEDY)
+    if errors and len(errors) == len(probes):
+        raise errors[0]
+
+
+def _probe_values(effect: Effect, step: float) -> dict[str, float]:
+    """Every parameter at its identity plus `step` priors, within its bounds."""
+    return {p.name: p.nudged(step) for p in effect.parameters}

@@ -1,4 +1,9 @@
-"""Camera images prepared for comparison with a model: black level subtracted, unusable pixels masked."""
+"""Captures as a comparison with a model needs them: images without black level, usable pixels, variances, fit quality.
+
+If each candidate model were weighted with the variance of its own prediction, candidates that predict more light would
+win. All candidates of a comparison therefore share the same weights: from the images themselves (`neighbour_variance`)
+while no good model is known, later from the prediction of the best model (`Camera.noise_variance`).
+"""
 
 from __future__ import annotations
 
@@ -6,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter
 
 from holoview.captures.dataset import Camera, Captures
+from holoview.numerics.taper import taper
 
 Images = NDArray[np.float32]
 Masks = NDArray[np.bool_]
@@ -17,6 +23,12 @@ BORDER_PX = 10
 """Pixels at each edge of an image that are masked: light that left the modulator's area isn't modelled well there."""
 _MAX_STUCK_VARIANCE = 0.02  # over the captures, relative to the median of the neighbours, of a dead or hot pixel
 _MIN_CAPTURES_FOR_STUCK = 4
+_PRNU_SIGNIFICANCE = 5.0  # standard deviations of the covariance of two unrelated maps
+_MIN_PRNU_PIXELS = 100
+_MIN_RELATIVE_LIGHT = 0.1  # of the median Σ expected² of a pixel; darker pixels don't determine a gain
+_PEAK = 15.0  # times the mean power of noise, which one of a million frequencies reaches by chance
+_TAPERED = 0.125  # of the picture on each side, over which the window of a spectrum falls to zero
+_WINDOW = 3  # pixels, side of the mean that is subtracted as the smooth part of a gain map
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,18 @@ class PreparedCaptures:
     def camera(self) -> Camera:
         """The camera's data sheet values."""
         return self.captures.camera
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """Quality of a prediction of one or several captures.
+
+    chi2_per_pixel: Σ (residual / σ)² over the number of pixels; 1 where only noise is left. psnr_db: mean PSNR against
+    the brightest pixels of each capture.
+    """
+
+    chi2_per_pixel: float
+    psnr_db: float
 
 
 def prepare_captures(captures: Captures) -> PreparedCaptures:
@@ -68,3 +92,81 @@ def _border_mask(shape: tuple[int, int]) -> Masks:
     y, x = (min(BORDER_PX, n // 4) for n in shape)
     inner[y : shape[0] - y, x : shape[1] - x] = True
     return inner
+
+
+def neighbour_variance(data: PreparedCaptures, indices: NDArray[np.intp]) -> Images:
+    """Variance (counts²) without a model, (capture, y, x): the signal is taken as the mean of the eight neighbours.
+
+    The pixel itself is left out. If its own noise determined its weight, readings that are too low would get more
+    weight than readings that are too high, which biases the fit like a wrong black level.
+    """
+    light = data.light[indices]
+    neighbours = (uniform_filter(light, size=(0, 3, 3), mode="nearest") * np.float32(9.0) - light) / np.float32(8.0)
+    return data.camera.noise_variance(neighbours)
+
+
+def add_model_error(variance: Images, light: Images, relative_model_error: float) -> Images:
+    """Adds the variance of a model that is still wrong by a fraction of each image's mean light, (capture, y, x).
+
+    σ² + (relative_model_error · ⟨light⟩)². Early fits use it, so that their weights don't pretend that the model is
+    exact to the noise.
+    """
+    mean = light.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
+    return variance + np.square(relative_model_error * mean).astype(np.float32)
+
+
+def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[NDArray[np.bool_]]) -> float:
+    """Photo-response non-uniformity: relative standard deviation of the pixels' sensitivity; 0 where insignificant.
+
+    residuals, expected, usable: for each of two disjoint sets of captures, (capture, y, x), in counts.
+
+    In each set the residuals of every pixel are regressed on its expected signal, and the smooth part of the slopes is
+    removed. The covariance of the two maps is the variance of the fixed pattern: errors of the model differ from
+    capture to capture and don't correlate. The result is 0 unless the covariance exceeds 5 σ of unrelated maps.
+    Frequencies that stand out are left out: sensitivities that differ from pixel to pixel have no preferred one, but
+    interference fringes do, which are no noise.
+    """
+    maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
+    known = np.isfinite(maps[0]) & np.isfinite(maps[1])
+    if known.sum() < _MIN_PRNU_PIXELS:
+        return 0.0
+    window = known * np.outer(*(taper(n, _TAPERED) for n in known.shape))
+    first, second = (_spectrum(m, window) for m in maps)
+    common = (first * second.conj()).real
+    ordinary = _without_peaks(common)
+    covariance = float(common[ordinary].mean())
+    variances = [float(np.square(np.abs(s[ordinary])).mean()) for s in (first, second)]
+    count = np.square(np.square(window).sum()) / np.square(np.square(window)).sum()  # of independent pixels
+    threshold = _PRNU_SIGNIFICANCE * float(np.sqrt(variances[0] * variances[1] / count))
+    if covariance <= threshold:
+        return 0.0
+    passed = 1 - 1 / _WINDOW**2  # of the variance of independent pixels, by subtracting the mean of a window
+    return float(np.sqrt(covariance / passed))
+
+
+def _spectrum(values: NDArray[np.float64], window: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """The spectrum of a map seen through a window; its mean square is the map's variance."""
+    known = window > 0
+    centred = np.where(known, values - values[known].mean(), 0.0)
+    return np.asarray(np.fft.fft2(window * centred) / np.sqrt(np.square(window).sum()))
+
+
+def _without_peaks(power: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which values of a spectrum of noise don't stand out: peaks would be beyond `_PEAK` means of the others."""
+    ordinary = np.ones(power.shape, dtype=bool)
+    while (peaks := ordinary & (np.abs(power) > _PEAK * np.abs(power[ordinary]).mean())).any():
+        ordinary &= ~peaks
+    return ordinary
+
+
+def _high_pass_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Relative gain (y, x) of each pixel minus the mean of its neighbourhood; NaN where it got too little light."""
+    e = np.where(usable, expected, 0.0).astype(np.float64)
+    power = np.square(e).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gain = (np.where(usable, residual, 0.0) * e).sum(axis=0) / power
+    lit = power > _MIN_RELATIVE_LIGHT * np.median(power[power > 0]) if (power > 0).any() else power > 0
+    gain = np.where(lit, gain, 0.0)
+    lit_fraction = uniform_filter(lit.astype(np.float64), _WINDOW)
+    high_pass = gain - uniform_filter(gain, _WINDOW) / np.maximum(lit_fraction, 1e-9)
+    return np.where(lit, high_pass, np.nan)

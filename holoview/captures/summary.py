@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.nominal_stops import describe_stops
+from holoview.captures.nominal_bench import describe_stops
 from holoview.model.effects.registry import listed_effects
 from holoview.report.contact_sheet import CaptionedTile, contact_sheet, greyscale_pixels
 

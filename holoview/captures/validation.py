@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.nominal_stops import has_only_stops, stop_attributes
+from holoview.captures.nominal_bench import has_only_stops, stop_attributes
 from holoview.util.errors import UserError
 
 _LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {

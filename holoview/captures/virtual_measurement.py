@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.nominal_stops import has_only_stops
+from holoview.captures.nominal_bench import has_only_stops
 from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.captures.predictor import Predictor
 from holoview.captures.validation import check_captures

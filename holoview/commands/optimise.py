@@ -33,11 +33,10 @@ from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity.checks import exceeded_limits
-from holoview.optimise.drawn_pupils import StacksAt
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.eyes import OptimisedEyes, StacksAt, target_at_places
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
-from holoview.optimise.optimised_eyes import OptimisedEyes, target_at_places
-from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError

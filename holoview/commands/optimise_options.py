@@ -16,12 +16,9 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
-from holoview.optimise.loss_spaces import LOSS_SPACES
-from holoview.optimise.optimised_eyes import CHROMATIC
-from holoview.optimise.process_group import device_for_rank
-from holoview.optimise.pupil_places import PupilPlaces
-from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Settings
-from holoview.optimise.torch_device import resolve_torch_device
+from holoview.optimise.eyes import CHROMATIC, PupilPlaces
+from holoview.optimise.parallel import device_for_rank, resolve_torch_device
+from holoview.optimise.settings import INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
 from holoview.targets.picture import COLOUR_SPACES
 from holoview.util.errors import UserError
 

@@ -13,7 +13,7 @@ from holoview.metrics.image_quality import plane_midpoints
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.focus import focused_planes, with_pupil_at
 from holoview.numerics.image_region import Region, region_slices
-from holoview.optimise.pupil_places import PupilPlaces
+from holoview.optimise.eyes import PupilPlaces
 from holoview.view import simulate
 
 _HEADINGS = {

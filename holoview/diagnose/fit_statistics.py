@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.fit_quality import FitQuality
-from holoview.diagnose.comparison import Comparison, GainFit
+from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.config import ReportConfig
 from holoview.diagnose.diagnosis import HeldOutGroup, SampleCapture
+from holoview.diagnose.likelihood import Comparison, GainFit
 
 
 def fit_quality(

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan
-from holoview.optics.eye_pupil import eye_pupil
 from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
-from holoview.optics.pupil import nominal_pupil
-from holoview.optics.sampled_effects import SampledTransmissions, effects_pupil
+from holoview.optics.propagate import eye_pupil, nominal_pupil
 from holoview.optics.slm import optical_path
+from holoview.optics.torch_effects import SampledTransmissions, effects_pupil
 from holoview.util.errors import UserError
 
 

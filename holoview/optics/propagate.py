@@ -1,4 +1,4 @@
-"""Angular-spectrum transfer functions of free space with the stops of a relay, evaluated in float64.
+"""What a relay does to a spectrum: free space with the relay's stops, and pupils, evaluated in float64.
 
     H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]),  A = |λu|²
 
@@ -12,10 +12,12 @@ import math
 
 import torch
 
-from holoview.model.plan import Grid
+from holoview.model.eye import Eye
+from holoview.model.plan import Grid, Plan
 from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import frequency_indices
 from holoview.numerics.phasor import phasor_of_turns
+from holoview.numerics.zernike import zernike_sum
 
 
 def direction_sines(
@@ -101,3 +103,85 @@ def support_mask(transfer: Transfer, kx: torch.Tensor, chosen: torch.Tensor | sl
     """
     smallest, lowest, highest = torch.from_numpy(transfer.support).to(kx.device)[chosen].T[..., None]
     return (kx.abs() >= smallest) & (kx >= lowest) & (kx <= highest)
+
+
+# --- pupils ----------------------------------------------------------------------------------------------------------
+
+_STILES_CRAWFORD = 0.05e6  # 1/m²
+
+
+def nominal_pupil(
+    plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device
+) -> torch.Tensor | None:
+    """The pupil (P_y, P_x) of a relay without effects, in `fftfreq` order; None without aberration and apodisation.
+
+    pupil = exp(−(s/na)²)·exp(2πi·opd/λ) with opd = Σ_j c_j·Z_j over the pupil, the direction sine s = |λu|, the
+    aperture `na` of the apodisation, and Zernike terms Z_j with unit r.m.s. over the pupil in Noll's order (J. Opt.
+    Soc. Am. 66, 207 (1976)). Stops are in the plan's support.
+
+    It is fixed in direction sines: in frequency its radius shrinks with the wavelength. Its optical path, in metres,
+    doesn't depend on the wavelength.
+    """
+    description = plan.relays[relay]
+    if not description.aberration_m and description.apodisation_na is None:
+        return None
+    λ = float(plan.system.wavelengths_m[wavelength])
+    sine_y, sine_x = direction_sines(plan.grid, λ, device)
+    sine = torch.hypot(sine_y, sine_x)
+    amplitude = torch.ones_like(sine)
+    if description.apodisation_na is not None:
+        amplitude = torch.exp(-((sine / description.apodisation_na) ** 2))
+    radius = description.pupil_radius_sine(λ, plan.system.modulators[0].pitch_m)
+    sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), description.centre_na, strict=True))
+    opd = zernike_sum(description.aberration_m, torch.hypot(sine_y, sine_x) / radius, torch.atan2(sine_y, sine_x))
+    return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0)).to(dtype)
+
+
+# What the pupil of an eye does beyond stopping light: its cylinder, its Zernike terms, the Stiles–Crawford effect.
+#
+# pupil = 10^(−ρ·r²/2)·exp(2πi·opd/λ),  r = f·|s − s₀|
+#
+# with the focal length f of the eyepiece, the direction sine s and that of the pupil's centre s₀. The effect weights
+# intensity by 10^(−ρ·r²), ρ = 0.05/mm² (Applegate & Lakshminarayanan, J. Opt. Soc. Am. A 10, 1611 (1993)), so that the
+# amplitude has half the exponent. For coherent light the integrated effect is disputed (Vohnsen & Rativa 2011;
+# Westheimer 2013).
+
+
+def eye_pupil(plan: Plan, wavelength: int, eye: Eye | None) -> torch.Tensor | None:
+    """The pupil function (P_y, P_x) complex128 of an eye, on the grid of a plan, in `fftfreq` order.
+
+    Without the stop itself, which is in the plan's support; None where it only stops light. Beside its cylinder and its
+    Zernike terms it has the Stiles–Crawford effect,
+
+        pupil = 10^(−ρ·r²/2)·exp(2πi·opd/λ),  r = f·|s − s₀|
+
+    with the focal length f of the eyepiece, the direction sine s and that of the pupil's centre s₀. The effect weights
+    intensity by 10^(−ρ·r²), ρ = 0.05/mm² (Applegate & Lakshminarayanan, J. Opt. Soc. Am. A 10, 1611 (1993)), so that
+    the amplitude has half the exponent. For coherent light the integrated effect is disputed (Vohnsen & Rativa 2011;
+    Westheimer 2013).
+    """
+    if eye is None or not eye.has_pupil_function:
+        return None
+    λ = float(plan.system.wavelengths_m[wavelength])
+    sine_y, sine_x = (
+        sines - centre for sines, centre in zip(direction_sines(plan.grid, λ), eye.pupil_centre_na, strict=True)
+    )
+    sine, angle = torch.hypot(sine_y, sine_x), torch.atan2(sine_y, sine_x)
+    amplitude = torch.ones_like(sine)
+    if eye.stiles_crawford:
+        amplitude = 10.0 ** (-0.5 * _STILES_CRAWFORD * (eye.eyepiece_m * sine) ** 2)
+    terms = eye.prescription.aberration_m
+    opd = _cylinder_path(eye, sine, angle) + zernike_sum(terms, sine / eye.pupil_na(plan.nominal.field_m), angle)
+    return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0))
+
+
+def _cylinder_path(eye: Eye, sine: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
+    """Optical path of a cylinder without its mean sphere, which is in the distance, m.
+
+    The eye is focused by C·(sin²(θ − α) − ½) dioptres further away in the meridian θ, that is −f²·C·(…) of z nearer to
+    the modulator, so that the path of free space, −z·s²/2, lacks ½·f²·C·(…)·s². The angle θ runs from x to y, which
+    points downwards: clockwise in the picture.
+    """
+    p = eye.prescription
+    turned = torch.cos(2 * (angle - math.radians(p.axis_deg)))
+    return -0.25 * p.cylinder_dpt * (eye.eyepiece_m * sine) ** 2 * turned

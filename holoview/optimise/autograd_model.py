@@ -15,9 +15,9 @@ import torch
 from holoview.model.plan import Plan
 from holoview.numerics.pruned_fft import PrunedTransform
 from holoview.numerics.resample import upsample_nearest
-from holoview.optics.sampled_effects import SampledTransmissions
 from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave
+from holoview.optics.torch_effects import SampledTransmissions
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.level_gradients import LevelSteps
 

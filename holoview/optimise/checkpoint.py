@@ -1,4 +1,6 @@
-"""Saves and restores an optimisation in a safetensors file, from which it continues bit for bit on the same machine.
+"""An optimisation between two iterations: what the loop yields, and a file to continue from.
+
+The file is one of safetensors; an optimisation continues from it bit for bit on the same machine.
 
 drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
 best_drive                       float32: the best hologram so far
@@ -18,19 +20,59 @@ import json
 import math
 import os
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.io.hologram import drive_schema, drive_sizes
+from holoview.io.hologram import Hologram, drive_schema, drive_sizes
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, read_record
+from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import read_record
+
+
+@dataclass(frozen=True)
+class IterationState:
+    """The state of an optimisation after an iteration.
+
+    iteration, iterations: number of this iteration, from 0, and of the last one. loss: with the eyebox's penalty.
+    psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised).
+    best_psnr_db, best: PSNR and hologram of the smallest loss so far; the latest where pupils are drawn.
+    eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
+    seconds: time spent, including that before a checkpoint.
+    picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to
+    continue. Both must be called before the next state is requested.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float
+    psnr_db: float
+    best_psnr_db: float
+    eyebox: float
+    seconds: float
+    best: Hologram
+    picture: Callable[[], NDArray[np.floating]] = field(repr=False, compare=False)
+    checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
+
+
+# Saves and restores an optimisation in a safetensors file, from which it continues bit for bit on the same machine.
+#
+# drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
+# best_drive                       float32: the best hologram so far
+# amplitudes best_amplitudes       float64 (frame, wavelength)
+# wavelengths best_wavelengths     float64 (wavelength,), m
+# amplitude_moments                float64 (2, frame, wavelength), of Adam
+# wavelength_moments               float64 (2, wavelength)
+# steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
+# metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
+
 
 _F64 = ("float64",)
 _WAVELENGTHS_M = (100e-9, 10e-6)  # least and greatest

@@ -1,4 +1,10 @@
-"""The loss of a focal stack in a colour space, inside a region, weighted by plane: by squared errors or structure."""
+"""The loss of a focal stack, its derivative, and the laser amplitudes that make it smallest.
+
+`Objective`               the loss in a colour space, inside a region, weighted by plane: squared errors, or structure
+`torch_srgb_encode`       the curve of encoded sRGB, and its derivative
+`RowEvaluation`           rows of a focal plane: image, loss and the gradients of the fields, in one pass
+`AmplitudeLeastSquares`   laser amplitudes by non-negative least squares
+"""
 
 from __future__ import annotations
 
@@ -9,16 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from holoview.model.plan import Plan
 from holoview.numerics.image_region import Region, region_slices, zero_outside
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
-from holoview.optimise.loss_spaces import LossSpace, find_loss_space
-from holoview.optimise.settings import Settings
-from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_derivative
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
+from holoview.optimise.settings import LossSpace, Settings, find_loss_space
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
+Floats = NDArray[np.float64]
 Cut = tuple[slice, slice, slice]
 
 
@@ -238,3 +245,194 @@ def _checked_region(settings: Settings, shape: tuple[int, int], loss: LossSpace)
         expected = f"at least {WINDOW} rows and columns for this loss, {WINDOW * 16} for all of its scales"
         raise UserError("loss", f"images of {width} x {height} samples", expected=expected)
     return settings.region
+
+
+# Rows of a focal plane: from the fields of all beams to the image, its loss, and back to the fields' gradients.
+#
+# Everything that an evaluation does with the samples of a plane happens here, in one pass over a block of rows: the
+# squares of the fields, the mixture of lasers to colours, the loss and its slope, and the mixture back to lasers. Real
+# and imaginary parts stay interleaved, so that each step is one over consecutive numbers.
+
+
+# --- the curve of encoded sRGB ---------------------------------------------------------------------------------------
+
+_SRGB_KNEE, _SRGB_SLOPE = 0.0031308, 12.92  # IEC 61966-2-1
+
+
+def torch_srgb_encode(light: Tensor) -> Tensor:
+    """sRGB's curve (IEC 61966-2-1) of linear light of any shape, continued to negative values as an odd function."""
+    magnitude = light.abs()
+    curve = 1.055 * magnitude.clamp_min(_SRGB_KNEE) ** (1 / 2.4) - 0.055
+    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE * light, torch.copysign(curve, light))
+
+
+def torch_srgb_encode_derivative(light: Tensor) -> Tensor:
+    """Derivative of `torch_srgb_encode`: at most 12.92."""
+    magnitude = light.abs().clamp_min(_SRGB_KNEE)
+    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE, (1.055 / 2.4) * magnitude ** (1 / 2.4 - 1))
+
+
+# --- rows of a plane -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RowResult:
+    """What a block of rows adds to an evaluation; None where it wasn't requested.
+
+    image_products: Σ ∂L/∂image·intensity (channel, own laser), float64.
+    """
+
+    sums: ResidualSums
+    normal_equations: NormalEquations | None
+    image_products: Tensor | None
+
+
+@dataclass(frozen=True)
+class RowEvaluation:
+    """Evaluates blocks of rows of planes: fields of all beams, image, loss, and the gradients of the fields.
+
+    All operations on the samples of a plane happen here, in one pass over a block of rows: the squares of the fields,
+    the mixture of lasers to colours, the loss and its slope, and the mixture back to lasers. Real and imaginary parts
+    stay interleaved, so that each step is one over consecutive numbers. To be called by
+    `ForwardModel.process_planes`; threads may share it.
+
+    weights (own laser, channel): what a laser's unit intensity adds to the image. least_squares: None if amplitudes
+    aren't solved for. picture: where to write the image (channel, y, x) of the plane `pictured_plane`.
+    """
+
+    objective: Objective
+    group: ProcessGroup
+    weights: Tensor
+    least_squares: AmplitudeLeastSquares | None
+    needs_gradient: bool
+    needs_image_products: bool
+    picture: Tensor
+    pictured_plane: int
+
+    def __call__(self, plane: int, rows: slice, fields: Tensor) -> RowResult:
+        """The result of rows of a plane. fields (laser, source, row, x): E, replaced by c_E if a gradient is needed."""
+        parts = torch.view_as_real(fields)
+        squares = parts.new_empty(parts.shape)
+        torch.mul(parts, parts, out=squares)
+        beam_weights = beam_weights_of(self.weights, fields.shape[1])
+        image = _pair_sums((beam_weights.T @ squares.flatten(0, 1).flatten(1)).view(-1, *parts.shape[2:]))
+        self.group.all_reduce_sum(image)
+        if plane == self.pictured_plane:
+            self.picture[:, rows] = image
+        intensity = None
+        if self.least_squares is not None or self.needs_image_products:
+            intensity = _pair_sums(squares.mean(dim=1) if fields.shape[1] > 1 else squares[:, 0])
+        normal_equations = None
+        if self.least_squares is not None and intensity is not None:
+            normal_equations = self._normal_equations(plane, rows, intensity, self.least_squares)
+        sums = self.objective.evaluate_rows(plane, rows, image)  # image is now ∂L/∂image
+        products = None
+        if self.needs_image_products and intensity is not None:
+            products = (image.flatten(1) @ intensity.flatten(1).T).double().cpu()
+        if self.needs_gradient:
+            replace_by_adjoint(fields, beam_weights, image, squares)
+        return RowResult(sums, normal_equations, products)
+
+    def _normal_equations(
+        self, plane: int, rows: slice, intensity: Tensor, least_squares: AmplitudeLeastSquares
+    ) -> NormalEquations | None:
+        cut = self.objective.cut_region(rows)
+        if cut is None:
+            return None
+        inside, inside_target = cut
+        return least_squares.normal_equations(intensity[inside], self.objective.target[plane][inside_target])
+
+
+def beam_weights_of(weights: Tensor, sources: int) -> Tensor:
+    """The share of each beam in the channels, (beam, channel). weights (own laser, channel): of unit intensities."""
+    return weights.repeat_interleave(sources, dim=0) / sources
+
+
+def replace_by_adjoint(fields: Tensor, beam_weights: Tensor, slopes: Tensor, scratch: Tensor) -> None:
+    """Replaces fields E (laser, source, row, x) by c_E = 2·g·conj(E), with g the slopes weighted for each beam.
+
+    slopes (channel, row, x): ∂L/∂image. scratch: of the shape of the fields' real and imaginary parts, overwritten.
+    """
+    # g·(1 − i): pairs (g, −g) for the real and the imaginary part of conj(E)
+    pairs = torch.view_as_real(slopes.to(fields.dtype).mul_(1 - 1j)).flatten(1)
+    torch.mm(2 * beam_weights, pairs, out=scratch.view(len(beam_weights), -1))
+    torch.view_as_real(fields).mul_(scratch)
+
+
+def _pair_sums(values: Tensor) -> Tensor:
+    """Sums of the pairs in the last axis."""
+    return values[..., 0] + values[..., 1]
+
+
+# --- laser amplitudes in closed form ---------------------------------------------------------------------------------
+
+# Intensities of neighbouring wavelengths are nearly parallel, and rounding makes their float32 Gram matrix indefinite:
+# eigenvalues below this fraction of the largest are raised to it.
+_EIGENVALUE_FLOOR = 1e-6
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """The rows of own lasers, for some samples: gram (own laser, laser) and right_hand_side (own laser,)."""
+
+    gram: Floats
+    right_hand_side: Floats
+
+
+class AmplitudeLeastSquares:
+    """Laser amplitudes by non-negative least squares, since the image is linear in them.
+
+        minimise Σ_{plane, channel, pixel} (Σ_j a_j·M_jc·I_j − T_c)²   over a ≥ 0
+
+    with the intensity I_j of laser j at unit amplitude, its colour M_jc and the target T_c. Only the Gram matrix
+    G_ij = (I_i·I_j)(M_i·M_j) and the right-hand side b_i = Σ_c M_ic (I_i·T_c) are needed; both are accumulated part by
+    part. In a process group, each process fills the rows of its own lasers.
+
+    laser_channels (laser, channel): what each laser of the whole process group adds to the image at unit amplitude and
+    intensity.
+    """
+
+    def __init__(self, laser_channels: Floats, group: ProcessGroup = SINGLE_PROCESS) -> None:
+        count = len(laser_channels)
+        self._laser_channels, self._group = laser_channels, group
+        self._own_rows = group.shard(count)
+        self._gram, self._right_hand_side = np.zeros((count, count)), np.zeros(count)
+
+    def normal_equations(self, intensity: Tensor, target: Tensor) -> NormalEquations:
+        """What samples add: intensity (own laser, …) at unit amplitude, target (channel, …) of equal trailing shape."""
+        own_images, target_channels = intensity.flatten(1), target.flatten(1)
+        gram = np.zeros((len(own_images), len(self._laser_channels)))
+        for columns, images in self._group.broadcast_shards(own_images, len(self._laser_channels)):
+            gram[:, columns] = (own_images @ images.T).cpu().double().numpy()
+        products = (own_images @ target_channels.T).cpu().double().numpy()
+        return NormalEquations(gram, np.einsum("lc,lc->l", self._laser_channels[self._own_rows], products))
+
+    def add(self, part: NormalEquations, weight: float = 1.0) -> None:
+        """Adds a part of the samples."""
+        self._gram[self._own_rows] += weight * part.gram
+        self._right_hand_side[self._own_rows] += weight * part.right_hand_side
+
+    def all_reduce(self) -> None:
+        """Gives every process all rows; to be called after the last part."""
+        self._group.all_reduce_sum(torch.from_numpy(self._gram), torch.from_numpy(self._right_hand_side))
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether no laser gives any light in any plane."""
+        return not np.any(self._gram)
+
+    def solve(self) -> Floats:
+        """The amplitudes (laser,) ≥ 0 for which the sum of the lasers' images is nearest to the target."""
+        return _solve_nnls(self._gram * (self._laser_channels @ self._laser_channels.T), self._right_hand_side)
+
+
+def _solve_nnls(gram: Floats, right_hand_side: Floats) -> Floats:
+    """argmin over a ≥ 0 of aᵀGa − 2bᵀa by NNLS on a square root of G, scaled so that its diagonal is 1; 0 for G = 0."""
+    if not np.any(gram):
+        return np.zeros_like(right_hand_side)
+    scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(gram / scale[:, None] / scale[None, :])
+    values = np.maximum(values, _EIGENVALUE_FLOOR * values[-1])
+    root = np.sqrt(values)[:, None] * vectors.T
+    amplitudes, _ = nnls(root, (vectors.T @ (right_hand_side / scale)) / np.sqrt(values))
+    return np.asarray(amplitudes) / scale

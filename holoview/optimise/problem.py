@@ -14,19 +14,23 @@ from numpy.typing import NDArray
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.model.validity.checks import check_plan
-from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
-from holoview.optimise.drawn_pupils import Places
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.optimise.eyes import Places
 from holoview.optimise.forward_model import ProcessRows
 from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, require_optimisation_memory
-from holoview.optimise.objective import Objective, channels_of_wavelengths, make_objective
-from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers
-from holoview.optimise.row_evaluation import RowEvaluation, RowResult
+from holoview.optimise.objective import (
+    AmplitudeLeastSquares,
+    Objective,
+    RowEvaluation,
+    RowResult,
+    channels_of_wavelengths,
+    make_objective,
+)
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, limit_torch_threads, shard_lasers
 from holoview.optimise.settings import Settings
-from holoview.optimise.threads import limit_torch_threads
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
 from holoview.util.errors import UserError
 

@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optics.frame_inputs import check_drive
-from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, target_digest
-from holoview.optimise.drawn_pupils import DrawnPupils, StacksAt
-from holoview.optimise.iteration_state import IterationState
-from holoview.optimise.patterns import initial_drive
+from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
+from holoview.optimise.eyes import DrawnPupils, StacksAt
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
-from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import Settings
-from holoview.optimise.variables import OptimisationVariables
+from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.util.errors import UserError
 
 _DEFAULT = Settings()

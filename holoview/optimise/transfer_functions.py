@@ -20,8 +20,7 @@ from holoview.optics.propagate import (
 )
 from holoview.optics.slm import pixel_spectrum
 from holoview.optics.source import wave_axes
-from holoview.optimise.beam_blocks import slices
-from holoview.optimise.spectral_axes import SpectralAxis, samples_a_pixel
+from holoview.optimise.beams import SpectralAxis, samples_a_pixel, slices
 
 Tensor = torch.Tensor
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from holoview.util.tables import parse_toml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
@@ -31,7 +32,6 @@ from holoview.session.target_spec import TargetSpec
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
 from holoview.util.files import expand_home
 from holoview.util.input_file import read_text

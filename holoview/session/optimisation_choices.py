@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from holoview.model.system import System
-from holoview.optimise.loss_spaces import LOSS_SPACES
-from holoview.optimise.optimised_eyes import CHROMATIC, OptimisedEyes
+from holoview.optimise.eyes import CHROMATIC, OptimisedEyes
+from holoview.optimise.settings import LOSS_SPACES
 from holoview.util.errors import UserError
 
 SCHEMES = (

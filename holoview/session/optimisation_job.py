@@ -12,9 +12,9 @@ import numpy as np
 
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.optimise.memory import with_compact_grid
-from holoview.optimise.optimised_eyes import OptimisedEyes, target_at_places
 from holoview.optimise.settings import Settings
 from holoview.session.document import Document, Drive
 from holoview.session.editing_session import EditingSession
@@ -103,8 +103,8 @@ class OptimisationJob(BackgroundJob):
 
     def run(self, control: JobControl) -> Document:
         """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
+        from holoview.optimise.parallel import resolve_torch_device
         from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
-        from holoview.optimise.torch_device import resolve_torch_device
 
         request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
         assert target_spec is not None

@@ -106,8 +106,8 @@ def _document_of_scheme(start: Document, system: System, iterations: int, contro
     """The document of a scheme, with random patterns or those of an optimisation. number: 0 or 1, for the progress."""
     if not iterations:
         return replace(start, system=system, drive=random_drive(system), origin="random patterns", path=None)
+    from holoview.optimise.parallel import resolve_torch_device
     from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
-    from holoview.optimise.torch_device import resolve_torch_device
 
     assert start.target_spec is not None
     state, settings = None, Settings(iterations=iterations)

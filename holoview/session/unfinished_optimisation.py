@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from holoview.optimise.optimised_eyes import CHROMATIC, OptimisedEyes
+from holoview.optimise.eyes import CHROMATIC, OptimisedEyes
 from holoview.optimise.settings import Settings
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
@@ -19,7 +19,7 @@ from holoview.session.optimisation_job import (
     run_optimisation,
     running_optimisation,
 )
-from holoview.util.file_schema import read_record
+from holoview.util.tables import read_record
 
 _WHAT = "the rest of an optimisation"
 

@@ -31,10 +31,10 @@ from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.torch_device import resolve_torch_device
 from holoview.study.study import JobResult, Results, StatusCallback, StudyJob
 from holoview.targets.target import Placement, target_for
 from holoview.util.files import data_dir

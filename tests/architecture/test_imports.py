@@ -55,14 +55,14 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.session.live_score", "holoview.metrics.perceptual_quality"): SLOW,
     ("holoview.session.measure", "scipy"): SLOW,
     ("holoview.session.optimisation_job", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.optimisation_job", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.session.optimisation_job", "holoview.optimise.parallel"): SLOW,
     ("holoview.session.scheme_comparison", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.scheme_comparison", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.session.scheme_comparison", "holoview.optimise.parallel"): SLOW,
     ("holoview.metrics.retinal_speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.targets.scene_layers", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
-    ("holoview.effects.calibrated", "holoview.effects.calibration.calibration_file"): SLOW,
+    ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.html_report"): SLOW,
@@ -74,11 +74,11 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.view", "holoview.gpu.device"): OPTIONAL,
     ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
     ("holoview.app.launch", "holoview.app.run"): SLOW,
-    ("holoview.app.context", "holoview.session.rig.rig_session"): SLOW,
+    ("holoview.app.context", "holoview.experiment.live.rig_session"): SLOW,
     ("holoview.app.panels.rig", "holoview.app.rig.controls"): SLOW,
     ("holoview.app.panels.camera", "holoview.app.rig.camera_view"): SLOW,
     ("holoview.app.panels.rig_diagnosis", "holoview.app.rig.diagnosis_view"): SLOW,
-    ("holoview.commands.view", "holoview.session.rig.rig_bench"): SLOW,
+    ("holoview.commands.view", "holoview.experiment.live.rig_bench"): SLOW,
     ("holoview.app.run", "glfw"): CHOICE,
     ("holoview.app.run", "rendercanvas.glfw"): CHOICE,
     ("holoview.app.run", "holoview.app.served_canvas"): CHOICE,
@@ -166,7 +166,7 @@ def _under(name: str, package: str) -> bool:
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
     assert {"torch", "holoview.model.plan", "holoview.util.errors"} <= _imported("holoview.optics.frame_inputs")
-    assert "holoview.optics.pupil" in _reached("holoview.engine.torch_executor")
+    assert "holoview.optics.propagate" in _reached("holoview.engine.torch_executor")
     assert "torch" in _reached("holoview.engine.torch_executor")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)
     assert "holoview.gpu.device" not in _imported("holoview.engine.backend")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.captures.effect_check import check_known_effects
+from holoview.captures.predictor import check_known_effects
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.frequency_band import FrequencyBand
+from holoview.captures.camera_sampling import FrequencyBand
 from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 SHAPE, PADDED = (12, 15), (24, 30)

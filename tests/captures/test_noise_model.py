@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Camera, Captures
-from holoview.captures.noise_model import add_model_error, estimate_prnu, neighbour_variance
-from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.prepared_captures import add_model_error, estimate_prnu, neighbour_variance, prepare_captures
 
 Make = Callable[..., Captures]
 CAMERA = Camera(4e-6, 12, 4.0, 3.0, 64.0)

@@ -11,7 +11,7 @@ import holoview as hv
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.effects.registry import get_effect
 from holoview.model.plan import make_plan
-from holoview.optics.sampled_effects import SampledTransmissions
+from holoview.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError
 
 SHAPE = (30, 40)

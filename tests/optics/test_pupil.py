@@ -11,8 +11,7 @@ import torch
 from holoview.model.bench_parts import Modulator, Relay, Sampling
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.optics.propagate import support_mask, transfer_function
-from holoview.optics.pupil import nominal_pupil
+from holoview.optics.propagate import nominal_pupil, support_mask, transfer_function
 
 CPU = torch.device("cpu")
 IRIS = 0.05

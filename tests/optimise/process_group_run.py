@@ -17,8 +17,8 @@ import torch
 
 from holoview.model.plan import make_plan
 from holoview.optimise import solve
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.problem import Problem
-from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from tests.optimise.conftest import small_bench

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.optimise.beam_blocks import BeamGroup, ZeroTails, block_bytes, group_beams, slices
+from holoview.optimise.beams import BeamGroup, ZeroTails, block_bytes, group_beams, slices
 
 COLOURS = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 2)]  # (frame, wavelength)
 SEQUENTIAL = [(0, 0), (1, 1), (2, 2)]

@@ -13,8 +13,7 @@ import pytest
 
 import holoview as hv
 from holoview.model.system import System
-from holoview.optimise.checkpoint import Checkpoint, load_checkpoint, target_digest
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import Checkpoint, IterationState, load_checkpoint, target_digest
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError

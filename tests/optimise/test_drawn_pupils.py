@@ -14,7 +14,7 @@ import torch
 import holoview as hv
 from holoview.model.plan import make_plan
 from holoview.optimise.checkpoint import load_checkpoint
-from holoview.optimise.drawn_pupils import Places, drawn_places, held_out_places
+from holoview.optimise.eyes import Places, drawn_places, held_out_places
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate

@@ -17,8 +17,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import frequency_indices
 from holoview.optics.frame_inputs import make_frame_inputs
-from holoview.optics.propagate import relay_transfer_function
-from holoview.optics.pupil import nominal_pupil
+from holoview.optics.propagate import nominal_pupil, relay_transfer_function
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import EvaluationRequest, Problem

@@ -21,9 +21,9 @@ from holoview.optimise.level_gradients import (
     secant_gradient,
     steps_to_neighbour_level,
 )
-from holoview.optimise.patterns import PatternVariables
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
+from holoview.optimise.variables import PatternVariables
 from tests.optimise.conftest import carry_back, intensity_at
 
 Bench = Callable[..., System]

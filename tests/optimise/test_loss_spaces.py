@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, cone_fundamentals, observer_weights, srgb_encode
-from holoview.optimise.loss_spaces import LOSS_SPACES, find_loss_space
-from holoview.optimise.settings import Settings
-from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_derivative
+from holoview.optimise.objective import torch_srgb_encode, torch_srgb_encode_derivative
+from holoview.optimise.settings import LOSS_SPACES, Settings, find_loss_space
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
 from holoview.util.errors import UserError
 

@@ -13,9 +13,8 @@ from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB
 from holoview.metrics.psnr import psnr_linear_srgb, psnr_luminance
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.objective import Objective, PlaneLoss, make_objective
-from holoview.optimise.settings import Settings
+from holoview.optimise.settings import LOSS_SPACES, Settings
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

@@ -12,8 +12,8 @@ import torch
 
 from holoview.model.bench_parts import Modulator
 from holoview.model.system import System
-from holoview.optimise.patterns import PatternVariables, initial_drive
 from holoview.optimise.settings import Settings
+from holoview.optimise.variables import PatternVariables, initial_drive
 
 Bench = Callable[..., System]
 

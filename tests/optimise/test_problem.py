@@ -15,10 +15,9 @@ from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.structural_similarity import multi_scale_similarity
-from holoview.optimise.loss_spaces import LOSS_SPACES
+from holoview.optimise.objective import torch_srgb_encode
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.srgb_curve import torch_srgb_encode
+from holoview.optimise.settings import LOSS_SPACES, Settings
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

@@ -17,13 +17,7 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.lasers import with_only_lasers
-from holoview.optimise.process_group import (
-    SINGLE_PROCESS,
-    ProcessGroup,
-    device_for_rank,
-    shard_lasers,
-    torchrun_group,
-)
+from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, device_for_rank, shard_lasers, torchrun_group
 from holoview.util.errors import UserError
 
 SCRIPT = Path(__file__).with_name("process_group_run.py")

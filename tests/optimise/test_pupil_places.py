@@ -7,8 +7,7 @@ import pytest
 
 import holoview as hv
 from holoview.model.system import System
-from holoview.optimise.optimised_eyes import OptimisedEyes
-from holoview.optimise.pupil_places import PupilPlaces, parse_pupils, places_between
+from holoview.optimise.eyes import OptimisedEyes, PupilPlaces, parse_pupils, places_between
 
 SYSTEM = hv.load("holochrome-8").with_(eye={"pupil_x": "1 mm"})
 

@@ -16,9 +16,8 @@ from holoview.io.hologram import load_hologram
 from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
-from holoview.optimise.iteration_state import IterationState
-from holoview.optimise.loss_spaces import LOSS_SPACES
-from holoview.optimise.settings import Settings
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.settings import LOSS_SPACES, Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 

@@ -11,8 +11,8 @@ import torch
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import frequency_indices
+from holoview.optimise.beams import samples_a_pixel, spectral_axes
 from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.spectral_axes import samples_a_pixel, spectral_axes
 
 Bench = Callable[..., System]
 

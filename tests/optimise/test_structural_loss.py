@@ -14,9 +14,8 @@ from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.ms_ssim import ms_ssim
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.objective import Objective, PlaneLoss, make_objective
-from holoview.optimise.settings import Settings
+from holoview.optimise.settings import LOSS_SPACES, Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 

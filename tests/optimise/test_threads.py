@@ -9,7 +9,7 @@ from threading import Barrier, get_ident
 import pytest
 import torch
 
-from holoview.optimise.threads import MIN_SAMPLES_FOR_THREADS, ThreadTeam, limit_torch_threads
+from holoview.optimise.parallel import MIN_SAMPLES_FOR_THREADS, ThreadTeam, limit_torch_threads
 
 CPU = torch.device("cpu")
 SMALL, LARGE = MIN_SAMPLES_FOR_THREADS - 1, MIN_SAMPLES_FOR_THREADS

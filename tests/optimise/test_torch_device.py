@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.optimise.torch_device import resolve_torch_device
+from holoview.optimise.parallel import resolve_torch_device
 from holoview.util.errors import UserError
 
 

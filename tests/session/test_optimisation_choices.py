@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.optimise.optimised_eyes import OptimisedEyes
+from holoview.optimise.eyes import OptimisedEyes
 from holoview.session.archive import SessionArchive, SessionData, read_session
 from holoview.session.editing_session import EditingSession
 from holoview.session.eye_edits import toggle_eye

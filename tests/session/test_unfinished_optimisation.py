@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.optimise.optimised_eyes import OptimisedEyes
+from holoview.optimise.eyes import OptimisedEyes
 from holoview.session.archive import SESSION_FILE
 from holoview.session.optimisation_job import running_optimisation
 from holoview.session.session_store import SessionStore

@@ -14,7 +14,7 @@ from holoview.app.context import AppContext
 from holoview.app.optimised_eye_fields import draw_eye_fields
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.optimise.loss_spaces import LOSS_SPACES
+from holoview.optimise.settings import LOSS_SPACES
 from holoview.session.editing_session import EditingSession
 from holoview.session.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
 from holoview.session.optimisation_job import (

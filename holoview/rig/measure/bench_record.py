@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from holoview.captures.plain_hdf5 import DatasetReader, open_plain_hdf5, plain_child, read_attribute
+from holoview.captures.capture_file import DatasetReader, open_plain_hdf5, plain_child, read_attribute
 from holoview.rig.measure.dark_frames import DarkFrame
 from holoview.rig.measure.settling import Settling
 from holoview.util.file_schema import ArraySchema

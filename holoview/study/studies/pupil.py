@@ -13,7 +13,7 @@ from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
-from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.checkpoint import IterationState
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_curve, optimise_job
 from holoview.study.hologram_study import aimed_jobs
