@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from holoview.util.tables import parse_toml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
@@ -36,6 +35,7 @@ from holoview.util.errors import UserError
 from holoview.util.files import expand_home
 from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import format_of
+from holoview.util.tables import parse_toml
 from holoview.view import random_drive
 
 CONTENT_KINDS = ("hologram", "page", "preset", "patterns", "picture", "stack", "pupil path")
