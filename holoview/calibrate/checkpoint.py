@@ -1,7 +1,7 @@
 """Saves and restores the full state of a calibration between two epochs, in one safetensors file.
 
 A calibration that is resumed on the same machine gives the same numbers, bit for bit, as one that was never stopped.
-The file holds, for each tensor NAME of `holoview.effects.calibration.learned_maps.TENSORS` that isn't empty:
+The file holds, for each tensor NAME of `holoview.model.effects.learned_maps.TENSORS` that isn't empty:
 
 NAME                      its present value
 NAME.best                 its value in the epoch with the lowest χ² on the validation captures
@@ -31,9 +31,8 @@ from numpy.typing import NDArray
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import stated_keys
-from holoview.effects.calibration.learned_maps import MapLayout
-from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
 from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes, read_layout
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema

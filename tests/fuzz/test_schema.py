@@ -16,9 +16,8 @@ from safetensors.numpy import save_file
 
 from holoview.calibrate.checkpoint import _format
 from holoview.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
-from holoview.effects.calibration.learned_maps import TENSORS, MapLayout
-from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes
 from holoview.io.hologram import _FILE
+from holoview.model.effects.learned_maps import MAP_SCHEMAS, TENSORS, MapLayout, map_sizes
 from holoview.optimise import checkpoint
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
