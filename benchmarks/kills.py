@@ -35,14 +35,14 @@ from benchmarks.kill_commands import COMMANDS, Command, make_inputs, restored_se
 from holoview.calibrate.checkpoint import load_checkpoint as load_calibration_checkpoint
 from holoview.captures import read_captures
 from holoview.cli import main as holoview
-from holoview.effects.calibration.calibration_file import read_calibration
+from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
+from holoview.model.effects.learned_maps import read_calibration
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.rig import read_rig
-from holoview.rig.camera_loop.loop_checkpoint import load_loop_checkpoint
-from holoview.util.data_text import parse_toml
 from holoview.util.safetensors_file import format_of, metadata_of
+from holoview.util.tables import parse_toml
 from tests.fuzz.trial import preload
 
 _FINISHED = ("of a finished", "is there already")

@@ -28,12 +28,12 @@ import torch
 
 from benchmarks.diagnosis import bench
 from holoview.diagnose.config import SearchConfig
+from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopSettings
+from holoview.experiment.next_capture.planners import FixedPlanner, InformedPlanner, Planner, RandomPlanner
 from holoview.model.effects.registry import get_effect
-from holoview.rig.adaptive.closed_loop import ClosedLoop, LoopSettings
-from holoview.rig.adaptive.planners import FixedPlanner, InformedPlanner, Planner, RandomPlanner
 from holoview.rig.description import RigDescription, read_rig
 from tests.diagnose.effect_sampling import sample_effect
-from tests.rig.adaptive.benches import BenchInProcess
+from tests.experiment.next_capture.benches import BenchInProcess
 
 CANDIDATES = (
     "ambient",

@@ -34,16 +34,16 @@ from holoview import cli
 from holoview.captures import write_captures
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.extended_model import extended_system
+from holoview.experiment.camera_loop.bench_camera import BenchCamera
+from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
+from holoview.experiment.camera_loop.loop import CameraLoop
+from holoview.experiment.camera_loop.model_update import ModelUpdates
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.camera_loop.bench_camera import BenchCamera
-from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
-from holoview.rig.camera_loop.loop import CameraLoop
-from holoview.rig.camera_loop.model_update import ModelUpdates
 from holoview.rig.measure.capture_plan import default_plan
 from holoview.rig.measure.session import MeasurementSession
 from holoview.targets.picture import read_picture

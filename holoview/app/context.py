@@ -32,7 +32,7 @@ from holoview.session.retinal_curve import RetinalCurves
 from holoview.session.session_store import SessionStore
 
 if TYPE_CHECKING:
-    from holoview.session.rig.rig_session import RigSession
+    from holoview.experiment.live.rig_session import RigSession
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in logical pixels of the window."""
@@ -109,7 +109,7 @@ class AppContext:
     def rig(self) -> RigSession:
         """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
         if self._rig is None:
-            from holoview.session.rig.rig_session import RigSession  # slow start: most sessions open no rig
+            from holoview.experiment.live.rig_session import RigSession  # slow start: most sessions open no rig
 
             self._rig = RigSession(self.session)
         return self._rig

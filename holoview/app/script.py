@@ -26,8 +26,8 @@ import numpy as np
 
 from holoview.app.input_driver import InputDriver
 from holoview.io.png import write_png
-from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.tables import parse_toml_value
 
 _TIMEOUT_S = 600.0
 _POLL_S = 0.02

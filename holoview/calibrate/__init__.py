@@ -6,7 +6,7 @@ efficiency_sweep  reads the sweep from a CSV file
 lut               fits a monotone phase look-up table to it, with the stroke's 95 % interval
 lut_file          writes the table as TOML, puts it into a bench, formats it for people
 
-From captures of a whole bench (the maps themselves are `holoview.effects.calibration.learned_maps`):
+From captures of a whole bench (the maps themselves are `holoview.model.effects.learned_maps`):
 
 exposure          plans laser power and exposure time of the captures
 data_split        splits captures into training, validation, and unseen planes and wavelengths

@@ -1,7 +1,7 @@
 """Saves and restores the full state of a calibration between two epochs, in one safetensors file.
 
 A calibration that is resumed on the same machine gives the same numbers, bit for bit, as one that was never stopped.
-The file holds, for each tensor NAME of `holoview.effects.calibration.learned_maps.TENSORS` that isn't empty:
+The file holds, for each tensor NAME of `holoview.model.effects.learned_maps.TENSORS` that isn't empty:
 
 NAME                      its present value
 NAME.best                 its value in the epoch with the lowest χ² on the validation captures
@@ -29,16 +29,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import stated_keys
-from holoview.effects.calibration.learned_maps import MapLayout
-from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
-from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes, read_layout
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, read_record
+from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import read_record
 
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
@@ -156,38 +155,15 @@ def captures_digest(captures: Captures) -> str:
     digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
     for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
         digest.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
-    relays = (captures.relay1, captures.relay2)
-    geometry = (captures.gap_m, relays[0].iris_na, relays[1].iris_na, captures.focal_length_m)
-    for text in (_slms_text(captures.slms), _camera_text(captures.camera), *(repr(value) for value in geometry)):
-        digest.update(text.encode())
-    for number, relay in enumerate(relays, start=1):
-        digest.update(_relay_text(relay, number).encode())
+    bench = {
+        "slms": [dataclasses.asdict(slm) for slm in captures.slms],
+        "camera": dataclasses.asdict(captures.camera),
+        "gap": captures.gap_m,
+        "focal_length": captures.focal_length_m,
+        "relays": [stated_keys(relay) for relay in (captures.relay1, captures.relay2)],
+    }
+    digest.update(json.dumps(bench, sort_keys=True).encode())
     return digest.hexdigest()
-
-
-# The texts that are hashed belong to the file format, whatever the classes and their fields are called.
-
-
-def _slms_text(slms: tuple[SlmSpec, ...]) -> str:
-    texts = [
-        f"Panel(pitch_m={slm.pitch_m!r}, num_levels={slm.num_levels!r}, opd_range_m={slm.opd_range_m!r})"
-        for slm in slms
-    ]
-    return f"({texts[0]},)" if len(texts) == 1 else f"({', '.join(texts)})"
-
-
-def _camera_text(camera: Camera) -> str:
-    return (
-        f"Camera(pitch_m={camera.pitch_m!r}, bit_depth={camera.bit_depth!r}, "
-        f"electrons_per_count={camera.electrons_per_count!r}, read_noise={camera.read_noise!r}, "
-        f"black_level={camera.black_level!r})"
-    )
-
-
-def _relay_text(relay: Relay, number: int) -> str:
-    """What a relay has besides an iris; empty where it has nothing else, as in the first version of the format."""
-    others = {key: value for key, value in stated_keys(relay).items() if key != "iris_na"}
-    return f"relay{number}={json.dumps(others, sort_keys=True)}" if others else ""
 
 
 def _effects_json(known: EffectValues) -> str:

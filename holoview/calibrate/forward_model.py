@@ -10,8 +10,8 @@ import torch
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
 from holoview.effects.calibrated import Calibrated
-from holoview.effects.calibration.learned_maps import LearnedMaps, MapCache, MapLayout
 from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.learned_maps import LearnedMaps, MapCache, MapLayout
 from holoview.model.effects.parameter import Values
 
 Tensor = torch.Tensor

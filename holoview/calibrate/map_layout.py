@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.effects.calibration.learned_maps import MapLayout, RowsColumns
 from holoview.model.bench_parts import Relay
+from holoview.model.effects.learned_maps import MapLayout, RowsColumns
 
 _SOURCE_PIXELS_PER_NODE = 8
 _MAX_ANCHORS = 4

@@ -14,8 +14,8 @@ from holoview.calibrate.data_split import DataSplit
 from holoview.calibrate.prediction_score import PredictSignals
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
-from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
+from holoview.model.effects.learned_maps import LearnedMaps
 from holoview.report.figure import png_figure
 from holoview.util.units import format_rounded
 

@@ -14,9 +14,8 @@ import numpy as np
 from holoview.calibrate.checkpoint import captures_digest
 from holoview.calibrate.prediction_score import PredictionScore, ScoreRow
 from holoview.captures.dataset import Captures
-from holoview.effects.calibration.calibration_file import write_calibration
-from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model import preset
+from holoview.model.effects.learned_maps import LearnedMaps, write_calibration
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -33,8 +33,8 @@ from holoview.calibrate.settings import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, 
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
-from holoview.effects.calibration.learned_maps import LearnedMaps, MapLayout
 from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.learned_maps import LearnedMaps, MapLayout
 from holoview.optimise.adam import Adam, cosine_decay
 from holoview.util.errors import UserError
 

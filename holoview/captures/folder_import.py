@@ -43,10 +43,10 @@ from holoview.captures.validation import check_captures
 from holoview.model.field_types import Number
 from holoview.targets.raster import require_picture_memory
 from holoview.targets.tiff import naming_missing_codecs, require_page_memory
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
 from holoview.util.input_file import read_text, require_file
 from holoview.util.progress import StepCallback
+from holoview.util.tables import parse_toml
 
 TABLE_FILE, BENCH_FILE = "captures.csv", "bench.toml"
 

@@ -17,8 +17,8 @@ from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
 from holoview.util import units
-from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError
+from holoview.util.tables import parse_toml_value
 
 _MAX_SEED = 2**63 - 1
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}

@@ -24,8 +24,8 @@ from holoview.commands.arguments import parse_seed
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
-from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
+from holoview.model.effects.learned_maps import MapLayout
 from holoview.model.system import System
 from holoview.optimise.parallel import limit_torch_threads
 from holoview.report.figure import require_matplotlib

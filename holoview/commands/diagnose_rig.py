@@ -14,12 +14,12 @@ from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_input, add_output
+from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
+from holoview.experiment.next_capture.kept_captures import KeptCaptures
+from holoview.experiment.next_capture.planners import InformedPlanner
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects
 from holoview.rig import open_rig, read_rig
-from holoview.rig.adaptive.closed_loop import ClosedLoop, LoopResult, LoopSettings
-from holoview.rig.adaptive.kept_captures import KeptCaptures
-from holoview.rig.adaptive.planners import InformedPlanner
 from holoview.util.errors import UserError
 from holoview.util.input_file import read_text
 

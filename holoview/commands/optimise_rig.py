@@ -20,18 +20,18 @@ from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import RunOptions, run_options_from_args, settings_from_args
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
+from holoview.experiment.camera_loop.bench_camera import BenchCamera
+from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
+from holoview.experiment.camera_loop.camera_problem import require_camera_settings
+from holoview.experiment.camera_loop.loop import CameraLoop, LoopState
+from holoview.experiment.camera_loop.loop_checkpoint import LoopCheckpoint, load_loop_checkpoint
+from holoview.experiment.camera_loop.model_update import ModelUpdates
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.eyes import PupilPlaces
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.camera_loop.bench_camera import BenchCamera
-from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
-from holoview.rig.camera_loop.camera_problem import require_camera_settings
-from holoview.rig.camera_loop.loop import CameraLoop, LoopState
-from holoview.rig.camera_loop.loop_checkpoint import LoopCheckpoint, load_loop_checkpoint
-from holoview.rig.camera_loop.model_update import ModelUpdates
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 from holoview.util.signals import Interruption

@@ -15,6 +15,7 @@ from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.page.link import split_link
 from holoview.util.errors import UserError
 from holoview.util.threads import is_left, last_work_s, wait_for_threads
 
@@ -153,7 +154,7 @@ def _system(args: argparse.Namespace) -> System:
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
     if args.rig is not None and not args.names:
-        from holoview.session.rig.rig_bench import read_rig_system  # slow start: only a rig needs it
+        from holoview.experiment.live.rig_bench import read_rig_system  # slow start: only a rig needs it
 
         system = read_rig_system(args.rig)
     else:
@@ -166,7 +167,7 @@ def _is_preset(name: str) -> bool:
         return True
     if Path(name).suffix == ".toml":
         return True
-    if not Path(name).exists():
+    if not split_link(name)[0].exists():
         preset.load(name)  # raises: neither a file nor a preset, with near matches
     return False
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from holoview.captures.prepared_captures import FitQuality
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
 from holoview.diagnose.diagnosis import Cause
-from holoview.diagnose.field_count import is_very_costly
+from holoview.diagnose.fit import free_parameters_of
 from holoview.diagnose.fit_statistics import fit_quality
-from holoview.diagnose.free_parameters import free_parameters_of
-from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.judge import Decision, SearchResult
+from holoview.diagnose.likelihood import Values
 from holoview.diagnose.power_law import PowerLawFit
+from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import confidence_intervals, local_information, local_jacobian
-from holoview.diagnose.verdict import Decision
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.list_parameter import ListParameter
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.extended_model import add_effect_values, extended_system
+from holoview.diagnose.likelihood import Values
 from holoview.metrics.psnr import psnr
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System

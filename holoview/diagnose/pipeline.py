@@ -17,33 +17,42 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
+from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
+from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
+from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.crop import search_region_first, with_region, within_limits
 from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
-from holoview.diagnose.extended_model import add_effect_values
+from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
-from holoview.diagnose.held_out_ranking import SearchResult
-from holoview.diagnose.judged_search import SearchOutcome
-from holoview.diagnose.known_refinement import Uncertainties, correction_notes, known_corrections
-from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.diagnose.picture_limit import within_limits
+from holoview.diagnose.judge import Decision, SearchResult, Verdict, with_further_cause
+from holoview.diagnose.likelihood import Values
+from holoview.diagnose.outlier_rejection import SearchOutcome
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import CheckedRecords, check_records
-from holoview.diagnose.region_search import search_region_first, with_region
+from holoview.diagnose.refine import wider_names
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
-from holoview.diagnose.search_preparation import prepare_search
-from holoview.diagnose.simplest_name import wider_names
-from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
+from holoview.diagnose.search_context import (
+    BestSoFar,
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    SearchEnd,
+    describe_so_far,
+    equivalent_effects,
+    field_samples,
+)
+from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
+from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
@@ -316,3 +325,47 @@ def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) 
         context = context.region
         held_out = context.model_weighted_comparison(context.split.held_out, values)
     return likely_fits(fit_free_maps(context, base, held_out), context.config.free_maps)
+
+
+def prepare_search(
+    captures: Captures,
+    useless: Sequence[BadCapture],
+    effects: Sequence[Effect],
+    known: Values,
+    sampling: SamplingConfig,
+    config: SearchConfig,
+    pool: WorkerPool,
+) -> tuple[SearchContext, list[str]]:
+    """What a search works with, and notes on what these captures can't show.
+
+    useless: captures that are left out. effects: the candidates. known: effects that the nominal model has. Raises
+    UserError when no capture is left.
+    """
+    left_out = tuple(bad.index for bad in useless)
+    kept = [k for k in range(len(captures)) if k not in left_out]
+    if not kept:
+        raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
+    properties = (captures.subset(kept) if left_out else captures).data_properties()
+    unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
+    visible = {e.id: e for e in effects if not unmet[e.id]}
+    notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
+    if properties.wavelengths == 1:
+        notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
+    if properties.planes == 1 and not properties.is_fourier:
+        notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
+    options = {"captures": captures, "known_values": known, **dataclasses.asdict(sampling)}
+    data = prepare_captures(captures)
+    context = SearchContext(
+        data=data,
+        system=ActiveEffects(known).actual_system(captures.nominal_system()),
+        effects=visible,
+        split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
+        workers=pool,
+        variances=NeighbourVariances(data),
+        config=config,
+        sampling=sampling,
+        equivalents=equivalent_effects(visible, properties),
+        left_out=left_out,
+    )
+    return context, notes

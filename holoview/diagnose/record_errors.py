@@ -16,13 +16,13 @@ from holoview.captures.records.correction import Hypothesis, apply_corrections
 from holoview.captures.records.power_order import PowerOrder
 from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.config.decision import VerdictConfig
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import fit_quality
-from holoview.diagnose.verdict import with_further_cause
+from holoview.diagnose.judge import with_further_cause
+from holoview.diagnose.likelihood import Comparison, Values
 from holoview.util.errors import UserError
 
 DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")

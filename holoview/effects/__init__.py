@@ -1,4 +1,6 @@
-"""Imperfections of real displays, which the plain model doesn't have: one physical cause in each file, named as its id.
+"""Imperfections of real displays, which the plain model doesn't have: one physical cause in each file.
+
+A file is named as the id of its effect. Where one cause acts at two places, its file holds an effect for each place.
 
 Each effect states its cause and its parameters, and overrides the hooks of what it changes; the framework is
 `holoview.model.effects`, whose registry finds every file of this package by itself.
@@ -26,14 +28,14 @@ undiffracted      light that isn't modulated
 polarisation      light that isn't modulated and adds in intensity
 flicker           ripple of the phase within an exposure
 slm_flatness      static wavefront of a modulator
-slm1_fringes, slm2_fringes  fringes of a modulator's cover glass; slm_fringes_base: their base class
-slm1_stuck, slm2_stuck  columns, rows and pixels that are stuck; slm_stuck_base: their base class
-slm_alignment     position of the second modulator; alignment_base: its base class
+slm_stuck         columns, rows and pixels of a modulator that are stuck (slm1_stuck, slm2_stuck)
+fringes           fringes of the cover glass of a modulator or the camera (slm1_fringes, slm2_fringes, camera_fringes)
+alignment         position of the second modulator and of the picture (slm_alignment, camera_alignment)
 
 relays
-iris1, iris2      size and position of the irises; iris_base: their base class
+iris              size and position of the irises (iris1, iris2)
 dc_block          a stop at the zero order of relay 2
-aberration1, aberration2  wavefronts of the relays; aberration_base: their base class
+aberration        wavefronts of the relays (aberration1, aberration2)
 
 camera
 camera_black      the black level
@@ -43,34 +45,17 @@ camera_blur       a blur of the picture
 motion_blur       a camera that moves during the exposure
 stage             the rail on which the camera moves between planes
 plane_errors      planes that the stage misses, each by its own error
-camera_alignment  position of the picture
 vignetting        fall-off towards the edges
 ghost             a weak shifted copy
-camera_fringes    interference fringes of the cover glass
 
 learned by a calibration
-calibrated        the effect that applies learned maps; calibration: the maps and their file
+calibrated        the effect that applies learned maps (`holoview.model.effects.learned_maps`)
 
 starting_grids    starting points that several effects share
-fringe_depths     depth and phase of fringes at each wavelength
-stuck_places      stuck columns, rows and pixels in words
-effect, parameter, places: deprecated names of modules of `holoview.model.effects`
 """
 
-from typing import Any
-
-from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.old_names import moved
 from holoview.model.effects.parameter import Parameter, Values
 
-__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "Values"]
-
-_old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataProperties"})
-
-
-def __getattr__(name: str) -> Any:
-    """`Facts`, the name of `DataProperties` before version 0.1.0."""
-    if name != "Facts":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _old(name)
+__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "StartKind", "Values"]

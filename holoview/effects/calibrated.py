@@ -14,12 +14,12 @@ from holoview.util.errors import UserError
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
-    from holoview.effects.calibration.learned_maps import LearnedMaps
     from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
+    from holoview.model.effects.learned_maps import LearnedMaps
 
 
 class Calibrated(Effect):
-    """Response tables, fringing, source, warp and pupils of a calibration (`effects.calibration.learned_maps`)."""
+    """Response tables, fringing, source, warp and pupils of a calibration (`model.effects.learned_maps`)."""
 
     id = "calibrated"
     cause = "The bench differs from its description in ways that a calibration has learned."
@@ -37,7 +37,7 @@ class Calibrated(Effect):
             raise UserError(f"effects.{self.id}: {file}", "no such file", expected=expected)
         return _read_cached(file, Path(file).stat().st_mtime_ns)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         learned = self.maps(v)
         count, known = len(system.modulators), learned.layout.modulators
         if count != known:
@@ -65,6 +65,6 @@ class Calibrated(Effect):
 @lru_cache(maxsize=4)
 def _read_cached(file: str, changed_ns: int) -> LearnedMaps:
     """The maps of a file; its time of change is an argument so that a changed file is read again."""
-    from holoview.effects.calibration.calibration_file import read_calibration  # here: torch takes seconds to import
+    from holoview.model.effects.learned_maps import read_calibration  # here: torch takes seconds to import
 
     return read_calibration(file).maps

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
@@ -28,6 +28,7 @@ class Ghost(Effect):
         Parameter("shift_y", "Shift of the copy in y (rows).", "px", low=-500.0, high=500.0, prior=10.0),
         Parameter("shift_x", "Shift of the copy in x (columns).", "px", low=-500.0, high=500.0, prior=10.0),
     )
+    start_kinds = (StartKind.GHOST,)
     acts_on = ("camera",)
     order = 1
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from holoview.effects.starting_grids import half_circle
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
@@ -39,6 +39,7 @@ class MotionBlur(Effect):
             prior=1.0,
         ),
     )
+    start_kinds = (StartKind.SMEAR,)
     acts_on = ("camera",)
     order = 2
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
-from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
 from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Values
 from holoview.model.system import System
@@ -45,6 +45,7 @@ class PlaneErrors(Effect):
             prior=0.2e-3,
         ),
     )
+    start_kinds = (StartKind.PLANES,)
     acts_on = ("camera",)
     needs = Needs(planes=2)
     degenerate_with: ClassVar = ("distance",)

@@ -19,5 +19,5 @@ sampled_distance  how much light of a distance the band limit of a grid leaves
 validity          when the model stops being true: each limit with its threshold
 effects           the framework of imperfections of real displays; the imperfections are in `holoview.effects`
 
-Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`).
+Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`, `effects.learned_maps`).
 """

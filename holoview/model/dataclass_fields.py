@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from holoview.model.field_types import FieldType, TableType
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
+from holoview.util.tables import check_keys, is_required
 
 
 class Description:
@@ -94,8 +95,7 @@ def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:
 def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
     """The field of a key. Raises UserError, which suggests similar keys, when there is none."""
     known = fields_by_key(description)
-    if key not in known:
-        raise UserError(key, "unknown key", remedy=suggest_matches(key, known))
+    check_keys([key], known)
     return known[key]
 
 
@@ -109,8 +109,7 @@ def from_mapping(description: type[Any], table: Mapping[str, Any]) -> Any:
     """Builds a description from a table. Raises UserError that names a key that is unknown, missing or wrong."""
     values = {field_for(description, key).name: value for key, value in table.items()}
     for key, field in fields_by_key(description).items():
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        if required and field.name not in values:
+        if is_required(field) and field.name not in values:
             raise UserError(key, "is missing", expected=field.metadata["doc"])
     return description(**values)
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.tables import ValueType
 
 
-class FieldType(Protocol):
+class FieldType(ValueType, Protocol):
     """What every type of a field offers."""
 
     def parse(self, value: Any, where: str) -> Any:

@@ -17,11 +17,11 @@ from holoview.model.effects.parameter import FileParameter
 from holoview.model.effects.registry import get_effect
 from holoview.model.shorthand import expand_table
 from holoview.model.system import System
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
 from holoview.util.files import data_dir
 from holoview.util.input_file import read_text, require_file
+from holoview.util.tables import parse_toml
 
 _FILE, _REMEDY = "a preset's TOML file", "`holoview presets` lists names"
 _MAX_BASES = 32

@@ -32,8 +32,9 @@ from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, read_record
+from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import read_record
 
 
 @dataclass(frozen=True)

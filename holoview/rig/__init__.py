@@ -1,4 +1,4 @@
-"""A bench of real devices, or a virtual one: it shows patterns, takes captures, and chooses the next ones.
+"""Hardware: the devices of a bench, real or virtual, their limits, where they are, and measuring with them.
 
 devices       what a modulator, a camera, lasers and a stage can do; `Devices`, which are closed safely
 description   reads rig.toml: devices, their facts, safety limits, nominal geometry
@@ -12,7 +12,6 @@ kinds         devices of slmsuite, Micro-Manager and serial lines, manual ones, 
 align         finds where they are, from patterns that it sends
 virtual       a virtual bench in a process of its own
 measure       a session of captures by a plan, each on the disk at once
-camera_loop   holograms optimised at what the camera sees
 """
 
 from holoview.rig.description import RigDescription, read_rig

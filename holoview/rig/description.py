@@ -49,9 +49,9 @@ from holoview.model.field_types import Array, FieldType, Number
 from holoview.rig.limits import SafetyLimits
 from holoview.rig.placement import Placement, placement_path, read_placement
 from holoview.util import units
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_toml
 
 _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need

@@ -30,10 +30,10 @@ import tomli_w
 from holoview.captures.turns import TURNS, turned_shape
 from holoview.model.field_types import Array, Number
 from holoview.util import units
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_toml
 
 _EXPECTED = "the placement of a rig's devices in TOML"
 _REMEDY = "run `holoview rig align` again, or remove the file"

@@ -39,12 +39,12 @@ from holoview.session.view_settings_table import (
 )
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
-from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import parse_json_table
 
 FORMAT, VERSION = "holoview-session", 1
 SESSION_FILE = "session.json"

@@ -19,7 +19,7 @@ from holoview.session.optimisation_job import (
     run_optimisation,
     running_optimisation,
 )
-from holoview.util.file_schema import read_record
+from holoview.util.tables import read_record
 
 _WHAT = "the rest of an optimisation"
 

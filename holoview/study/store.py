@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from holoview.io.png import write_png
 from holoview.study.study import JobResult, StudyJob
 from holoview.targets.image_reader import read_raster
-from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_json_table
 
 _FORMAT, _WHAT = "holoview-result", "the result of a study's job"
 _MOST_BYTES = 1 << 28  # of its numbers

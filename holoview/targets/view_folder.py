@@ -28,9 +28,9 @@ from holoview.model.system import System
 from holoview.targets.light_field import LightField
 from holoview.targets.rendered_stacks import image_files, merge_notes, read_resized_pictures
 from holoview.targets.saturation import check_saturation, scale_saturation
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_toml
 
 DESCRIPTION_FILE = "views.toml"
 

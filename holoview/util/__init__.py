@@ -3,8 +3,8 @@
 errors            `UserError`, the exception for a user's mistake, and suggestions of similar words
 units             text with units such as "8 um" to SI numbers and back, without losing a digit
 input_file        regular files as input, and text of a limited size
-data_text         TOML and JSON from unknown sources
-file_schema       what the arrays, numbers and records of a file may be
+tables            tables of TOML and JSON from unknown sources: their keys, and the types of their values
+file_schema       what the arrays and numbers of a file may be
 memory_limit      how much memory may be taken, and the refusal of more
 files             folders of shaders, presets and assets
 file_writer       files written whole or not at all; `WriteError` for whatever a disk refuses

@@ -1,4 +1,4 @@
-"""What the arrays, numbers and records of a file may be; readers check it, and tests make files from it.
+"""What the arrays and numbers of a file may be; readers check it, and tests make files from it.
 
 A reader compares the header of each array (type, sizes) before it allocates anything, and the values afterwards.
 """
@@ -7,19 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import types
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.util.data_text import parse_json_table
-from holoview.util.errors import UserError, suggest_matches
-
-Record = TypeVar("Record")
+from holoview.util.errors import UserError
+from holoview.util.tables import short_repr
 
 
 @dataclass(frozen=True)
@@ -108,7 +104,7 @@ class NumberSchema:
         """The number. Raises UserError, with the place `where`, for anything else and for numbers out of bounds."""
         array = np.asarray(value)
         if array.size != 1 or array.dtype.kind not in "fiu":
-            raise UserError(where, _short(value), expected=self._describe())
+            raise UserError(where, short_repr(value), expected=self._describe())
         number = float(array.reshape(())[()])
         if not (math.isfinite(number) and self.low <= number <= self.high and (not self.whole or number.is_integer())):
             raise UserError(where, f"{number:.10g}", expected=self._describe())
@@ -119,50 +115,3 @@ class NumberSchema:
         if math.isinf(self.high):
             return kind if math.isinf(self.low) else f"{kind} of at least {self.low:g}"
         return f"{kind} from {self.low:g} to {self.high:g}"
-
-
-def read_record(record: type[Record], text: str, where: str, expected: str) -> Record:
-    """An instance of a dataclass from the JSON table of its fields; tuples are lists in JSON.
-
-    Values must have the types of the fields' annotations: bool, int, float (whole numbers too), str, None, and tuples
-    of these. Raises UserError, with the place `where`, for other tables, and what the class raises, which is to check
-    ranges: numbers may be infinite or NaN.
-    """
-    table = parse_json_table(text, where, expected)
-    hints = typing.get_type_hints(record)
-    fields = {field.name: field for field in dataclasses.fields(typing.cast(Any, record))}
-    for name in table:
-        if name not in fields:
-            raise UserError(f"{where}: {_short(name)}", "unknown key", remedy=suggest_matches(name, fields))
-    for name, field in fields.items():
-        if name not in table and field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            raise UserError(f"{where}: {name}", "is missing", expected=expected)
-    values = {name: _typed(value, hints[name], f"{where}: {name}") for name, value in table.items()}
-    try:
-        return record(**values)
-    except UserError as error:
-        raise error.inside(f"{where}: ") from error
-
-
-def _typed(value: Any, hint: Any, where: str) -> Any:
-    """A value of JSON as its annotation says. Raises UserError where it is another."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        if value is None and type(None) in arguments:
-            return None
-        return _typed(value, next(argument for argument in arguments if argument is not type(None)), where)
-    if origin is tuple and isinstance(value, list):
-        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else list(arguments)
-        if len(kinds) == len(value):
-            return tuple(_typed(v, kind, f"{where}[{i}]") for i, (v, kind) in enumerate(zip(value, kinds, strict=True)))
-    elif hint is float and type(value) in (int, float):
-        return float(value)
-    elif hint in (bool, int, str) and type(value) is hint:
-        return value
-    raise UserError(where, _short(value), expected=getattr(hint, "__name__", str(hint)))
-
-
-def _short(value: Any) -> str:
-    """What is shown of a value in an error."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}…"

@@ -13,8 +13,8 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.effects.learned_maps import MapLayout
 from holoview.model.system import System
 
 SHAPE = (36, 48)

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from holoview.calibrate.map_layout import map_layout_for
-from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import RelayContext
+from holoview.model.effects.learned_maps import LearnedMaps
 from tests.captures.conftest import pictures
 
 LONGEST, PITCH = 600e-9, 8e-6  # of the pictures, which have samples of half a pixel

@@ -20,9 +20,8 @@ from holoview.calibrate.result import CalibrationResult, starting_bench
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.effects.calibration.calibration_file import read_calibration, write_calibration
-from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model import preset
+from holoview.model.effects.learned_maps import LearnedMaps, read_calibration, write_calibration
 from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.util.errors import UserError
 

@@ -19,8 +19,8 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
-from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.learned_maps import LearnedMaps
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from holoview.captures import read_captures
-from tests.rig.adaptive.benches import write_rig
+from tests.experiment.next_capture.benches import write_rig
 
 Run = Callable[..., Any]
 

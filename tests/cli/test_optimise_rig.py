@@ -15,7 +15,7 @@ from holoview.commands import optimise_rig
 from holoview.io.hologram import load_hologram
 from holoview.rig import RigDescription
 from holoview.rig.devices import Devices
-from tests.rig.camera_loop.conftest import PLANE_M, BenchHere, rig_text
+from tests.experiment.camera_loop.conftest import PLANE_M, BenchHere, rig_text
 
 Run = Callable[..., Any]
 PLANE = ("--set", f"planes=[{PLANE_M}]")

@@ -18,14 +18,19 @@ from holoview.captures.records.central_region import central_region, central_sli
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
+from holoview.diagnose.crop import with_region
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.held_out_ranking import rank_on_held_out
+from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.region_search import with_region
-from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext
-from holoview.diagnose.search_end import SearchEnd, SearchEnded
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search_context import (
+    Leads,
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    SearchEnd,
+    SearchEnded,
+)
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
@@ -133,7 +138,7 @@ def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypat
         rank_on_held_out(context, leads.fits)
         raise SearchEnded
 
-    monkeypatch.setattr("holoview.diagnose.forward_selection._follow_leads", end)
+    monkeypatch.setattr("holoview.diagnose.search._follow_leads", end)
     budget = replace(FAR_CONFIG.budget, worker_start_s=0.0)
     captures = _far_session("stroke", "stroke_error", 0.08)
     found = diagnose(captures, FAR_EFFECTS, free_maps=False, workers=2, config=replace(FAR_CONFIG, budget=budget))

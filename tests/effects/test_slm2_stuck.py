@@ -12,7 +12,7 @@ import torch
 import holoview as hv
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.effects.stuck_places import describe_levels
+from holoview.effects.slm_stuck import describe_levels
 from holoview.model.effects.registry import get_effect
 
 

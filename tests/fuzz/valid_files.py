@@ -17,10 +17,9 @@ from PIL import Image
 import holoview as hv
 from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.effects.calibration.calibration_file import write_calibration
-from holoview.effects.calibration.learned_maps import LearnedMaps, MapLayout
 from holoview.io.png import write_pattern
 from holoview.model import preset
+from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate

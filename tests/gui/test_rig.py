@@ -14,12 +14,12 @@ from imgui_bundle import imgui
 from holoview.app.panels.camera import CameraPanel
 from holoview.app.panels.rig import RigPanel, open_rig
 from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
+from holoview.experiment.live import rig_connection
+from holoview.experiment.live.rig_bench import rig_system
+from holoview.experiment.live.rig_session import RigSession
 from holoview.rig.open_rig import KINDS, Opener
-from holoview.session.rig import rig_connection
-from holoview.session.rig.rig_bench import rig_system
-from holoview.session.rig.rig_session import RigSession
+from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
 from tests.gui.conftest import Gui
-from tests.session.rig.fake_bench import TIMEOUT_S, FakeBench, write_rig
 
 pytestmark = pytest.mark.gpu
 

@@ -9,7 +9,7 @@ from holoview.app.context import AppContext
 from holoview.app.image_labels import draw_centred_text, draw_label
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.rig.camera_picture import MODES, CameraPicture
-from holoview.session.rig.rig_session import MODELS
+from holoview.experiment.live.rig_session import MODELS
 
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
 _TIPS = {

@@ -9,7 +9,7 @@ from holoview.app.context import AppContext
 from holoview.app.file_dialog import FileDialog
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.rig.sections import CaptureSection, DeviceSection, LaserSection, PatternSection
-from holoview.session.rig.rig_session import RigSession
+from holoview.experiment.live.rig_session import RigSession
 
 _OFF_HEIGHT = 2.2  # of the switch that turns the lasers off, in lines
 _RED = imgui.ImVec4(0.68, 0.10, 0.10, 1.0)

@@ -8,8 +8,8 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.session.rig.live_diagnosis import FIRST, MOST, cause_text
-from holoview.session.rig.rig_session import RigSession
+from holoview.experiment.live.live_diagnosis import FIRST, MOST, cause_text
+from holoview.experiment.live.rig_session import RigSession
 
 _TIMES_S = (5.0, 600.0)
 

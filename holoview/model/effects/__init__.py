@@ -7,5 +7,5 @@ registry        all effects by id: those of `holoview.effects` and those of user
 effect_table    the field of `System` that holds the active effects and their values
 active_effects  active effects applied to a `System`, to laser powers and exposures, without torch
 hook_contexts   what a hook is told about its modulator, relay or camera, and tools for its maps
-old_names       names that effect files used before version 0.1.0
+learned_maps    maps that a calibration learned, what they do to light, and their file
 """

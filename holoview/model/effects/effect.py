@@ -4,7 +4,7 @@ An effect states its cause and its parameters, and overrides the hooks of the qu
 called only when a parameter differs from its identity, so that an effect that is off changes no bit of a result. In the
 order in which light meets them:
 
-    bench               System → System: distances, angles, wavelengths, irises, laser powers
+    actual_system       System → System: distances, angles, wavelengths, irises, laser powers
     laser_power         relative laser power that was set → that is emitted
     exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
     stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
@@ -27,9 +27,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from holoview.model.effects.old_names import MEMBERS, adopt_old_members, old_attribute, old_method
 from holoview.model.effects.parameter import Parameter, Values
 
 if TYPE_CHECKING:  # torch takes seconds to import; a System holds the values of its effects
@@ -41,9 +41,29 @@ if TYPE_CHECKING:  # torch takes seconds to import; a System holds the values of
 ExposureSample = tuple[float, float]
 """(weight, factor of the optical paths) of a sample of an exposure."""
 
-BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
+BENCH_HOOKS = ("actual_system", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
 CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
+
+
+class StartKind(StrEnum):
+    """Kinds of starting values that a diagnosis reads off the pictures, with the parameters that an effect needs.
+
+    DISPLACEMENT: by how much the picture has moved; any parameters that move it. GHOST: a faint copy; `strength`,
+    `shift_y` and `shift_x` in camera pixels. SMEAR: a line along which the picture is smeared; `length_y` and
+    `length_x` in camera pixels. CAMERA_FRINGES, MODULATOR_FRINGES: plane fringes over the picture, or over the
+    modulator that the effect acts on; `path_y`, `path_x`, and `cos1`, `sin1`, `cos2` … for each laser. STUCK_PIXELS:
+    lists of stuck columns, rows and pixels of the modulator that it acts on, as `slm1_stuck` has. PLANES: lists
+    `distances` and `errors` of planes.
+    """
+
+    DISPLACEMENT = "displacement"
+    GHOST = "ghost"
+    SMEAR = "smear"
+    CAMERA_FRINGES = "camera fringes"
+    MODULATOR_FRINGES = "modulator fringes"
+    STUCK_PIXELS = "stuck pixels"
+    PLANES = "planes"
 
 
 @dataclass(frozen=True)
@@ -100,11 +120,12 @@ class Effect:
     parameters: what may vary, and by how much.
     acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
     degenerate_with: ids of effects that no data can tell from this one.
-    imitates: ids of effects of fewer numbers that this one comes near to where it is large; a diagnosis that names it
-    tries them in its place.
+    degenerate_limit: ids of effects with fewer parameters whose images this effect's images approach where it is large;
+    a diagnosis that names this effect tries those in its place.
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
+    start_kinds: which starting values, beside `starting_points`, a diagnosis reads off the pictures for it.
     has_rival_parameters: whether one parameter nearly does what another does, so that a fit from the identity may
     divide between them what is one's alone; a diagnosis searches the range of each then.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
@@ -118,19 +139,17 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     acts_on: ClassVar[tuple[str, ...]]
     degenerate_with: ClassVar[tuple[str, ...]] = ()
-    imitates: ClassVar[tuple[str, ...]] = ()
+    degenerate_limit: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     varies_over_field: ClassVar[bool] = False
+    start_kinds: ClassVar[tuple[StartKind, ...]] = (StartKind.DISPLACEMENT,)
     has_rival_parameters: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 
-    def __init_subclass__(cls) -> None:
-        adopt_old_members(cls)
-
     # --- hooks ------------------------------------------------------------------------------------------------------
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         """The system as it really is. May raise UserError when such a system can't be."""
         return system
 
@@ -235,8 +254,3 @@ class Effect:
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
         return getattr(type(self), hook) is not getattr(Effect, hook)
-
-
-for _old, _new in MEMBERS.items():  # effect files may call inherited members by their old names
-    _method = getattr(Effect, _new, None)
-    setattr(Effect, _old, old_method(_old, _new, _method) if callable(_method) else old_attribute(_old, _new))

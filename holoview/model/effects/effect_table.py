@@ -8,7 +8,8 @@ from typing import Any
 
 from holoview.model.effects.parameter import Parameter
 from holoview.model.effects.registry import get_effect
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
+from holoview.util.tables import read_table
 
 EffectPairs = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]
 
@@ -42,11 +43,8 @@ class EffectTable:
         values = dict(given) if isinstance(given, tuple) else given
         if not isinstance(values, Mapping):
             raise UserError(where, f"{given!r}", expected="a table of its parameters")
-        known = self._parameters(name)
-        for key in values:
-            if key not in known:
-                raise UserError(f"{where}.{key}", "unknown parameter", remedy=suggest_matches(key, known))
-        return tuple((key, known[key].parse(values[key], f"{where}.{key}")) for key in sorted(values))
+        read = read_table(values, self._parameters(name), f"{where}.", noun="parameter")
+        return tuple(sorted(read.items()))
 
     @staticmethod
     def _parameters(name: str) -> dict[str, Parameter]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.model.effects.old_names import old_attribute, old_method
 from holoview.numerics.resample import (
     AffineRows,
     affine_warp,
@@ -96,8 +95,6 @@ class ModulatorContext:
             for n, view in zip(values.shape, ((-1, 1), (1, -1)), strict=True)
         )
 
-    places = old_method("places", "positions", positions)
-
     def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
         """Σ c_j·Z_j over the circle around the modulator, at a map's entries; terms: {Noll index j: c_j}."""
         y, x = self.positions(values)
@@ -138,8 +135,6 @@ class RelayContext:
     sine_x: Tensor
     pupil_radius: float
     centre: tuple[float, float] = (0.0, 0.0)
-
-    iris_na = old_attribute("iris_na", "pupil_radius")
 
     @property
     def sines_from_centre(self) -> tuple[Tensor, Tensor]:
@@ -188,8 +183,6 @@ class CameraContext:
         sizes = zip(self.shape, self.frame or self.shape, strict=True)
         y, x = (centred_indices(n, image.dtype, image.device) / (whole / 2) for n, whole in sizes)
         return y[:, None], x[None, :]
-
-    places = old_method("places", "positions", positions)
 
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The image convolved with a Gaussian of `sigma_px` pixels; edges are continued."""

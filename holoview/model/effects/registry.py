@@ -15,7 +15,8 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 
 from holoview.model.effects.effect import Effect
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
+from holoview.util.tables import check_keys
 
 _LIBRARY = "holoview.effects"
 _USER_MODULES = "holoview_user_effects"
@@ -30,8 +31,7 @@ def listed_effects() -> Mapping[str, Effect]:
 def get_effect(name: str) -> Effect:
     """The effect of an id, listed or not. Raises UserError, which suggests similar ids, when there is none."""
     known = _all_effects()
-    if name not in known:
-        raise UserError(f"effects.{name}", "unknown effect", remedy=suggest_matches(name, known))
+    check_keys([name], known, "effects.", noun="effect")
     return known[name]
 
 

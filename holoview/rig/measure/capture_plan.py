@@ -28,9 +28,9 @@ from holoview.model.field_types import Array, FieldType, Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Levels
 from holoview.rig.measure.exposure_table import LaserSetting, read_exposure_table
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_toml
 
 _EXPECTED = "a plan of captures in TOML"
 _MARGIN = 0.1  # of the stage's range, left free by the default planes

@@ -16,10 +16,10 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.validation import check_settings
 from holoview.rig.measure.bench_record import BenchRecord, read_bench_record
 from holoview.rig.measure.capture_plan import CapturePlan
-from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_json_table
 
 _SESSION, _RECORD = "session.json", "bench.h5"
 _EXPECTED = "the state of a measurement session"

@@ -38,9 +38,9 @@ from holoview.model.field_types import FieldType, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.virtual.drift import DriftSettings
 from holoview.rig.virtual.faults import FaultSettings, FaultTable
-from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
+from holoview.util.tables import parse_toml
 
 _EXPECTED = "what a virtual bench really is, in TOML"
 _TURNED = ("slm1", "slm2", "camera")

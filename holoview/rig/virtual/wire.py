@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
+from holoview.util.tables import parse_json_table
 
 _MAX_LINE, _MAX_BYTES = 1 << 16, 1 << 28
 _TYPES = ("uint8", "uint16")

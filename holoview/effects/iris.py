@@ -1,0 +1,102 @@
+"""The stops of both relays, round or square, have another size than their nominal one, or aren't centred."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import ClassVar
+
+from holoview.effects.starting_grids import square_grid
+from holoview.model.bench_parts import Relay
+from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.stops import SquareStop
+from holoview.model.system import System
+from holoview.util.units import format_rounded
+
+PARAMETERS = (
+    Parameter(
+        "radius_error",
+        "Relative error of the radius, or of the side of a square stop.",
+        low=-0.9,
+        high=4.0,
+        prior=0.1,
+        scan=(-0.5, 0.5, 0.1),
+        non_smooth=True,
+    ),
+    Parameter(
+        "decentre_y", "Shift in y, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, non_smooth=True
+    ),
+    Parameter(
+        "decentre_x", "Shift in x, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, non_smooth=True
+    ),
+)
+
+
+class Iris(Effect):
+    """Aperture na → na·(1 + radius_error), with its centre moved by the direction sines na·(decentre_y, decentre_x).
+
+    na is the radius of an iris or half the side of a square stop, the smaller where there are both; of a stop at the
+    first order of every wavelength that at 550 nm.
+    """
+
+    relay: ClassVar[str]
+    parameters = PARAMETERS
+
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
+
+    def actual_system(self, system: System, v: Values) -> System:
+        relay: Relay = getattr(system, self.relay)
+        (_, na), factor = self._narrower_stop(system), 1 + v["radius_error"]
+        shift = na * v["decentre_y"], na * v["decentre_x"]
+        y, x = (max(-1.0, min(c + s, 1.0)) for c, s in zip(relay.centre_na, shift, strict=True))
+        iris_na = None if relay.iris_na is None else min(relay.iris_na * factor, 1.0)
+        square = None if relay.square is None else relay.square.scaled(factor)
+        return system.edit({self.relay: dataclasses.replace(relay, iris_na=iris_na, square=square, centre_na=(y, x))})
+
+    def _narrower_stop(self, system: System) -> tuple[SquareStop | None, float]:
+        """The square stop, or None where there is none or a narrower iris, and the nominal aperture `na`."""
+        relay: Relay = getattr(system, self.relay)
+        iris = 1.0 if relay.iris_na is None else relay.iris_na
+        half_side = 1.0 if relay.square is None else relay.square.nominal_na(system.modulators[0].pitch_m)
+        return (relay.square, half_side) if half_side < iris else (None, iris)
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        square, na = self._narrower_stop(system)
+        decentre = (v["decentre_y"], v["decentre_x"])
+        sizes = [f"{size:.4g}" for size in (na * (1 + v["radius_error"]), na)]
+        y, x = (format_rounded(na * shift, "mrad", 3) for shift in decentre)
+        faults = ["has {} of {}, not {}".format(_measure(square), *sizes)] * (sizes[0] != sizes[1])
+        faults += [f"is off its centre by {y} (y) and {x} (x)"] * any(decentre)
+        return {"stop": "iris" if square is None else "square stop", "faults": " and ".join(faults)}
+
+
+def _measure(square: SquareStop | None) -> str:
+    """What `na` is of a stop, in words."""
+    if square is None:
+        return "an aperture"
+    is_ideal = square.half_side_na is None and square.wavelength_m is None
+    return "half a side, at 550 nm," if is_ideal else "half a side"
+
+
+class Iris1(Iris):
+    """The iris or square stop in the Fourier plane of relay 1."""
+
+    id = "iris1"
+    cause = "The iris or square stop between the modulators is wider, narrower or off its centre."
+    finding = "The {stop} of relay 1 {faults}."
+    relay = "relay1"
+    acts_on = ("relay 1",)
+    needs = Needs(modulators=2, irises=(1,), fourier=False)
+
+
+class Iris2(Iris):
+    """The iris or square stop in the Fourier plane of relay 2."""
+
+    id = "iris2"
+    cause = "The iris or square stop behind the last modulator is wider, narrower or off its centre."
+    finding = "The {stop} of relay 2 {faults}."
+    relay = "relay2"
+    acts_on = ("relay 2",)
+    needs = Needs(irises=(2,), fourier=False)

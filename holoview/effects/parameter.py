@@ -1,5 +1,0 @@
-"""Deprecated place of `holoview.model.effects.parameter`: effect files import from `holoview.effects` now."""
-
-from holoview.model.effects.old_names import moved
-
-__getattr__ = moved(__name__, "holoview.model.effects.parameter")

@@ -1,0 +1,7 @@
+"""Experiments on a rig, real or virtual: they predict, diagnose or optimise between captures.
+
+next_capture     takes the captures that tell most about a cause, until it is certain
+camera_loop      holograms optimised at what the camera sees
+live             a rig beside a document: live pictures with their prediction, captures, a diagnosis that follows
+placement_doubt  causes that are as small as the rig's alignment is uncertain
+"""

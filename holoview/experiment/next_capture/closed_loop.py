@@ -1,0 +1,232 @@
+"""Takes captures until the cause is certain: each is chosen by what the captures before it left open."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from holoview.captures.dataset import Captures, join_captures
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.search_context import SearchEnd, SearchEnded
+from holoview.experiment.next_capture.bench_time import BenchTime
+from holoview.experiment.next_capture.capture_choice import Choice
+from holoview.experiment.next_capture.hypotheses import Belief
+from holoview.experiment.next_capture.hypothesis_fits import HypothesisFits
+from holoview.experiment.next_capture.loop_context import loop_context
+from holoview.experiment.next_capture.planners import LoopState, Planner
+from holoview.experiment.next_capture.proposals import START_COUNT
+from holoview.experiment.placement_doubt import diagnosis_options
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.registry import get_effect
+from holoview.rig.description import RigDescription
+from holoview.rig.devices import Devices
+from holoview.rig.measure.session import MeasurementSession
+from holoview.util.errors import UserError
+
+_SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
+# captures, and a share of them, from a diagnosis that didn't agree to the next one
+_BETWEEN_CHECKS, _CHECK_SHARE = 2, 3
+_EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
+_EVERY = 4
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """certainty: probability of the cause at which the loop ends, if the diagnosis agrees. max_captures, bench_time_s:
+    budgets, the latter of seconds on the bench's clock. config: of fits and diagnosis."""
+
+    certainty: float = 0.99
+    max_captures: int = 40
+    bench_time_s: float = math.inf
+    config: SearchConfig = field(default_factory=SearchConfig)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A capture of the loop. number: from 1. reason: why it was taken. seconds: on the bench. believed: the most
+    probable cause afterwards, in words, with its probability; None while there are too few captures."""
+
+    number: int
+    choice: Choice
+    seconds: float
+    believed: tuple[str, float] | None = None
+
+    @property
+    def sentence(self) -> str:
+        """Such as "capture 7: 638 nm at 9 mm, white pattern on …: separates gap from aberration1 (…)"."""
+        return f"capture {self.number}: {self.choice.proposal.place}: {self.choice.reason}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs; SI units."""
+        proposal = self.choice.proposal
+        return {
+            "number": self.number,
+            "wavelength": proposal.wavelength_m,
+            "distance": proposal.distance_m,
+            "power": proposal.power,
+            "pattern": proposal.words,
+            "reason": self.choice.reason,
+            "expected_information": round(self.choice.information, 6),
+            "expected_delta_chi2": float(f"{self.choice.delta_chi2:.6g}"),
+            "expected_seconds": float(f"{self.choice.seconds:.6g}"),
+            "seconds": float(f"{self.seconds:.6g}"),
+            "believed": None if self.believed is None else self.believed[0],
+            "probability": None if self.believed is None else round(self.believed[1], 6),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class LoopResult:
+    """What a loop took, why, the diagnosis of it, and why it ended. parts: the captures, each a session of one."""
+
+    parts: list[Captures]
+    steps: tuple[Step, ...]
+    diagnosis: Diagnosis
+    ended: str
+    is_certain: bool
+
+
+class ClosedLoop:
+    """A loop. devices: open ones, which the caller closes. effects: the candidates. options: of `diagnose`."""
+
+    def __init__(
+        self,
+        rig: RigDescription,
+        devices: Devices,
+        effects: Sequence[Effect],
+        planner: Planner,
+        settings: LoopSettings,
+        *,
+        keep: Callable[[int, Captures], None] = lambda number, capture: None,
+        tell: Callable[[str], None] = lambda sentence: None,
+        is_asked_to_end: Callable[[], bool] = lambda: False,
+        **options: Any,
+    ) -> None:
+        self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
+        self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
+        self._options = options | diagnosis_options(rig.placement)
+        self._session, self._time = MeasurementSession(rig, devices), BenchTime.of(devices)
+        self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
+        self._belief: Belief | None = None
+
+    def run(self, before: Sequence[Captures] = ()) -> LoopResult:
+        """Takes captures and diagnoses them. before: captures of a loop that this one goes on with.
+
+        Raises UserError where no capture shows anything.
+        """
+        parts, steps, began = list(before), list[Step](), self._devices.clock.now()
+        ended, diagnosis = "", None
+        while not ended:
+            ended = self._budget_end(len(parts), began)
+            if ended:
+                break
+            try:
+                choice = self._choose(parts)
+            except SearchEnded:
+                continue  # the next round says why
+            if choice is None:
+                ended = "the plan is at its end"
+                break
+            step, capture = self._take(len(parts) + 1, choice)
+            parts.append(capture)
+            self._keep(len(parts) - 1, capture)
+            self._tell(step.sentence)
+            diagnosis = self._judge(parts)
+            belief = self._belief
+            believed = None if belief is None else (belief.leader.name, belief.certainty)
+            steps.append(dataclasses.replace(step, believed=believed))
+            if diagnosis is not None:
+                ended = f"{believed[0] if believed else 'the cause'} is certain"
+        if diagnosis is None:
+            diagnosis = self._last_diagnosis(parts)
+            return LoopResult(parts, tuple(steps), diagnosis, ended, False)
+        return LoopResult(parts, tuple(steps), diagnosis, ended, True)
+
+    def _budget_end(self, count: int, began: float) -> str:
+        """Why no further capture is taken; empty while one may be."""
+        settings = self._settings
+        if self._is_asked():
+            return "it was interrupted"
+        if count >= settings.max_captures:
+            return f"{count} captures are taken, as many as allowed"
+        if self._devices.clock.now() - began >= settings.bench_time_s:
+            return "the time on the bench is spent"
+        return ""
+
+    def _choose(self, parts: Sequence[Captures]) -> Choice | None:
+        taken = join_captures(parts) if parts else None
+        return self._planner.next(LoopState(taken, len(parts), self._belief, self._here_m, self._time))
+
+    def _take(self, number: int, choice: Choice) -> tuple[Step, Captures]:
+        """One capture; the lasers are off afterwards, while the next one is thought about."""
+        clock, proposal = self._devices.clock, choice.proposal
+        start = clock.now()
+        try:
+            capture = self._session.take(proposal.request, proposal.levels)
+        finally:
+            self._devices.lasers.switch_off()
+        seconds = clock.now() - start
+        self._time.note(proposal.distance_m - self._here_m, float(capture.exposure_s[0]), seconds)
+        self._here_m = proposal.distance_m
+        return Step(number, choice, seconds), capture
+
+    def _judge(self, parts: Sequence[Captures]) -> Diagnosis | None:
+        """Updates the belief; the diagnosis, if it ends the loop."""
+        count = len(parts)
+        if count < START_COUNT or (count > _EVERY_FROM and count % _EVERY and count < self._settings.max_captures):
+            return None
+        end = SearchEnd(is_asked=self._is_asked)
+        try:
+            context = loop_context(
+                join_captures(parts), self._effects, self._settings.config, end, self._options["known"]
+            )
+            self._belief = belief = self._fits.update(context)
+            is_certain = belief.explains and belief.certainty >= self._settings.certainty
+            if not is_certain or count < self._next_check:
+                return None
+            self._next_check = count + max(_BETWEEN_CHECKS, count // _CHECK_SHARE)
+            diagnosis = self._diagnose(parts, self._effects)
+            if self._agrees(diagnosis, belief):
+                return diagnosis
+            self._fits.include(context, [found for found in (_searched(diagnosis.values), *diagnosis.rivals) if found])
+        except SearchEnded:
+            pass
+        return None
+
+    def _agrees(self, diagnosis: Diagnosis, belief: Belief) -> bool:
+        """Whether the diagnosis is sure of the cause that leads, by its own rules."""
+        if diagnosis.verdict not in _SETTLED:
+            return False
+        equal = belief.context.equivalents
+        named, led = _searched(diagnosis.values), belief.leader.causes
+        return len(named) == len(led) and all(n in led or equal.get(n, frozenset()) & {*led} for n in named)
+
+    def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
+        """A diagnosis; it corrects what is known of a rig that was aligned."""
+        found = diagnose(join_captures(parts), effects, config=self._settings.config, **{**self._options, **options})
+        self._options["known"] = found.known
+        return found
+
+    def _last_diagnosis(self, parts: Sequence[Captures]) -> Diagnosis:
+        """The diagnosis at the end of a budget; after an interruption, of the hypotheses that are left alone."""
+        if not parts:
+            raise UserError("captures", "none was taken", expected="at least one")
+        if not self._is_asked():
+            return self._diagnose(parts, self._effects)
+        left = set() if self._belief is None else {name for h in self._belief.hypotheses for name in h.causes}
+        effects = [effect for effect in self._effects if effect.id in left]
+        found = self._diagnose(parts, effects, free_maps=False)
+        note = "The loop was interrupted; only the causes that were left were searched."
+        return dataclasses.replace(found, notes=(*found.notes, note))
+
+
+def _searched(values: Any) -> tuple[str, ...]:
+    """The causes of a diagnosis that the hypotheses can hold: pictures show them, not the gains alone."""
+    return tuple(name for name in values if not changes_only_power(get_effect(name)))

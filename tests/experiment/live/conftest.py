@@ -1,0 +1,69 @@
+"""A session with a rig of fake devices."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import cast
+
+import pytest
+
+from holoview.experiment.live import rig_connection
+from holoview.experiment.live.rig_bench import rig_system
+from holoview.experiment.live.rig_session import RigSession
+from holoview.experiment.live.sent_pattern import random_pattern
+from holoview.rig.open_rig import KINDS, Opener
+from holoview.session.editing_session import EditingSession
+from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
+
+LASER_M = 638e-9
+
+
+class Rigged:
+    """A session, its rig, and the fake bench behind it."""
+
+    def __init__(self, path: Path, bench: FakeBench) -> None:
+        self.path, self.bench = path, bench
+        self.session = EditingSession(rig_system(bench.rig))
+        self.rig = RigSession(self.session)
+
+    def wait(self, condition: Callable[[], object]) -> None:
+        """Polls until something is so."""
+        until = time.monotonic() + TIMEOUT_S
+        while not condition():
+            assert time.monotonic() < until, self.messages
+            self.session.poll()
+            time.sleep(0.002)
+
+    def open(self) -> None:
+        """Opens the rig."""
+        self.rig.open(self.path)
+        self.wait(lambda: not self.rig.is_busy)
+
+    def light_up(self) -> None:
+        """Sets everything that a capture needs."""
+        self.rig.send(random_pattern(self.bench.rig, 1.0, 0))
+        self.rig.move_to(3e-3)
+        self.rig.switch_on(LASER_M, 1.0)
+        self.wait(lambda: not self.rig.is_busy)
+
+    @property
+    def messages(self) -> list[str]:
+        """What the user was told."""
+        return [message.text for message in self.session.messages.all]
+
+
+@pytest.fixture
+def rigged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Rigged]:
+    path = write_rig(tmp_path)
+    bench = FakeBench(path)
+    monkeypatch.setitem(cast(dict[str, Opener], KINDS), "fake", bench.open)
+    for name in ("OFF_TIMEOUT_S", "_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
+        monkeypatch.setattr(rig_connection, name, 0.2)  # of devices that hang for good
+    made = Rigged(path, bench)
+    yield made
+    bench.hangs.clear()
+    bench.fails.clear()
+    made.rig.close()
+    made.session.close()
