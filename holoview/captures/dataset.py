@@ -140,7 +140,7 @@ class Captures:
 
     @property
     def laser_number(self) -> NDArray[np.intp]:
-        """(N,): number of the laser that is on, 0 for the shortest wavelength; the nearest one for other wavelengths."""
+        """(N,): number of the laser that is on, 0 for the shortest wavelength; the nearest for other wavelengths."""
         lasers = np.array(self.lasers_m or self.wavelengths_m)
         return np.asarray(np.abs(self.wavelength_m[:, None] - lasers[None, :]).argmin(axis=1))
 
