@@ -19,12 +19,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
 from holoview.captures.camera_sampling import PixelGrid
 from holoview.captures.dataset import Captures
 from holoview.captures.fourier_model import FourierBenchModel
-from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.tensor_cache import InvariantCache, TensorCache
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.effect_table import EffectTable
@@ -44,7 +43,7 @@ _IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields
 _DRIVE_CACHE_MB = 64  # of patterns
 _CACHE_MB = 256
 _LIGHT_HOOKS = (
-    "bench",
+    "actual_system",
     *MODULATOR_HOOKS,
     "pupil",
     "exposure_samples",
@@ -199,14 +198,14 @@ class Predictor:
 
     def _plan(self, k: int, active: TorchEffects) -> Plan:
         wavelength, distance = float(self.captures.wavelength_m[k]), self._distance(k, active)
-        key = (wavelength, distance, active.cache_key("bench"))
+        key = (wavelength, distance, active.cache_key("actual_system"))
         if key not in self._plans:
             nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
             if self.finer > 1 or self.padding > 2:
                 nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            plan = make_plan(active.bench(nominal))
+            plan = make_plan(active.actual_system(nominal))
             self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
         return self._plans[key]
 

@@ -78,18 +78,21 @@ class FreeParameters:
 
     def bounds(self, steps: StepConfig) -> SearchDomain:
         """The bounds of the vector, and steps of its forward differences."""
-        lower = [(0.0 if p.even else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
+        lower = [(0.0 if p.even_symmetric else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
-        lengths = [steps.hard_edge if p.sharp else steps.even if p.even else steps.regular for _, p in self.entries]
+        lengths = [
+            steps.hard_edge if p.non_smooth else steps.even if p.even_symmetric else steps.regular
+            for _, p in self.entries
+        ]
         return SearchDomain(
-            np.array(lower), np.array(upper), np.array(lengths), np.array([p.even for _, p in self.entries])
+            np.array(lower), np.array(upper), np.array(lengths), np.array([p.even_symmetric for _, p in self.entries])
         )
 
     def value_derivatives(self, x: Vector) -> Vector:
         """∂value/∂x at x, which turns the vector's uncertainty into the values'."""
         derivatives = []
         for (_, p), number in zip(self.entries, x, strict=True):
-            if p.even:
+            if p.even_symmetric:
                 derivatives.append(0.5 * p.prior / max(float(number), 1e-6) ** 0.5)
             else:
                 derivatives.append(p.prior)
@@ -103,7 +106,7 @@ def free_parameters_of(
     include_fine: bool = False,
 ) -> FreeParameters:
     """The parameters of effects, and the entries of their lists at `values`; without `fine` ones unless asked for."""
-    listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.fine]
+    listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.secondary]
     given = values or {}
     return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
 
@@ -124,7 +127,7 @@ def identity_values(effect: Effect) -> dict[str, Any]:
 
 
 def _scale(parameter: Parameter) -> float:
-    return parameter.prior**2 if parameter.even else parameter.prior
+    return parameter.prior**2 if parameter.even_symmetric else parameter.prior
 
 
 FixedParameters = frozenset[tuple[str, str]]
@@ -263,7 +266,7 @@ def residuals_and_start(
 
 def hard_edge_mask(free: FreeParameters) -> NDArray[np.bool_]:
     """Which parameters move hard edges, where residuals jump and have no useful derivative."""
-    return np.array([p.sharp for _, p in free.entries], dtype=bool)
+    return np.array([p.non_smooth for _, p in free.entries], dtype=bool)
 
 
 def scan_effect(
@@ -308,7 +311,7 @@ def fit_from_scan(
     Of an effect with many parameters from one, which is the best on all captures of the comparison: a few of them can't
     tell opposite wedges apart.
     """
-    if sum(not p.fine for p in effect.parameters) >= config.single_start_parameters:
+    if sum(not p.secondary for p in effect.parameters) >= config.single_start_parameters:
         best_few = [f for f in fits if np.isfinite(f.cost)][: config.compared_starts]
         starts = sorted(best_few, key=lambda s: cost_or_inf(comparison, s.values))[:1]
     else:

@@ -399,7 +399,7 @@ def prepare_search(
     data = prepare_captures(captures)
     context = SearchContext(
         data=data,
-        system=ActiveEffects(known).bench(captures.nominal_system()),
+        system=ActiveEffects(known).actual_system(captures.nominal_system()),
         effects=visible,
         split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
         predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),

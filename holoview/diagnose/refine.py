@@ -128,7 +128,7 @@ def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_cos
     """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
-    has_fine = any(p.fine for e in effects for p in e.parameters)
+    has_fine = any(p.secondary for e in effects for p in e.parameters)
     if explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
         return result
     if not (is_costly_far or _is_affordable(context, best)):
@@ -264,7 +264,7 @@ def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, .
 
 def _simpler_names(context: SearchContext, cause: str) -> set[str]:
     """Effects of fewer numbers that are the same physics as a cause, or that the cause imitates."""
-    names = {*context.equivalents.get(cause, ()), *context.effects[cause].imitates} & context.effects.keys()
+    names = {*context.equivalents.get(cause, ()), *context.effects[cause].degenerate_limit} & context.effects.keys()
     return {name for name in names if number_count(context.effects[name]) < number_count(context.effects[cause])}
 
 

@@ -52,7 +52,7 @@ def incoherent_field_count(context: SearchContext, values: Values) -> int:
         effect = context.effects[name]
         try:
             complete = effect.parameter_values(own)
-            system, moments = effect.bench(system, complete), moments * len(effect.exposure_samples(complete))
+            system, moments = effect.actual_system(system, complete), moments * len(effect.exposure_samples(complete))
         except UserError:
             return 1
     return len(system.wavelengths_m) // nominal_lines * len(system.source.directions_rad) * moments
@@ -193,7 +193,7 @@ class _EffectFitter:
         """A local fit from the identity, together with the base; over its range, on top of the base, where some
         parameters show together with others only, or where an effect that is found over its range could stand for it.
         """
-        is_imitated = any(effect.id in other.imitates for other in self.context.effects.values())
+        is_imitated = any(effect.id in other.degenerate_limit for other in self.context.effects.values())
         if is_imitated or self._has_dormant_parameters(effect):
             return self.scan_and_fit(_no_starts, effect)
         return self.local_fit(effect, with_base=True)
@@ -307,7 +307,9 @@ class _Screening:
         seen, others = self._fits_of_seen(effects, self._quick_starts)
         yield seen
         promising, size = self._best_by_tangent(others), self._context.config.screening.tangent_fits_at_once
-        imitated = {name for effect in promising for name in effect.imitates} - {effect.id for effect in promising}
+        imitated = {name for effect in promising for name in effect.degenerate_limit} - {
+            effect.id for effect in promising
+        }
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")

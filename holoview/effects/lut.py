@@ -28,7 +28,7 @@ def _knots(modulator: int) -> tuple[Parameter, ...]:
             low=-0.6,
             high=0.6,
             prior=0.05,
-            fine=True,
+            secondary=True,
         )
         for k in range(1, _STEPS + 1)
     )

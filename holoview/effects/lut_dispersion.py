@@ -36,7 +36,7 @@ def _of_modulator(number: int) -> tuple[Parameter, Parameter]:
             low=-0.7,
             high=2.0,
             prior=0.1,
-            fine=True,
+            secondary=True,
         ),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from holoview.captures.tensor_cache import InvariantCache, TensorCache
+from holoview.captures.camera_model import InvariantCache, TensorCache
 
 
 def test_the_longest_unused_results_go_first() -> None:

@@ -55,7 +55,7 @@ class DisplacementStarts:
             return []
         movers, responses = [], []
         for p in effect.parameters:
-            if p.fine or p.even or p.sharp or not p.free_entries(p.identity):
+            if p.secondary or p.even_symmetric or p.non_smooth or not p.free_entries(p.identity):
                 continue
             size = p.scan[2] if p.scan else p.prior
             response = self._response(effect, {p.name: p.identity + size})

@@ -44,7 +44,7 @@ class ListParameter(Parameter):
             value = _with_units(texts) if self.is_quantity else [_number(text, f"{where}: {value}") for text in texts]
         entries = list(value) if isinstance(value, Iterable) else [value]
         low, high = (max(self.low, 0), min(self.high, _MAX_PLACE)) if self.places else (self.low, self.high)
-        unit = self.shown if self.is_quantity else ""
+        unit = self.display_unit if self.is_quantity else ""
         kind = Integer(int(low), int(high)) if self.places else Number(unit, low, high)
         found = tuple(kind.parse(_whole(entry), f"{where}[{i}]") for i, entry in enumerate(entries))
         for i, entry in enumerate(found):
@@ -53,12 +53,12 @@ class ListParameter(Parameter):
         return found
 
     def to_toml(self, value: Any) -> Any:
-        return [units.format_exact(entry, self.shown) for entry in value] if self.is_quantity else list(value)
+        return [units.format_exact(entry, self.display_unit) for entry in value] if self.is_quantity else list(value)
 
     def format(self, value: Any, digits: int = 3) -> str:
         """The entries as rounded text, with the unit behind the last one."""
-        texts = [Parameter.format(self, entry, digits).removesuffix(self.shown).rstrip() for entry in value]
-        return f"{', '.join(texts)} {self.shown if texts else ''}".rstrip()
+        texts = [Parameter.format(self, entry, digits).removesuffix(self.display_unit).rstrip() for entry in value]
+        return f"{', '.join(texts)} {self.display_unit if texts else ''}".rstrip()
 
     def nudged(self, priors: float) -> Any:
         """A list of one entry, which is so many priors; places are counted from 0."""

@@ -22,44 +22,45 @@ class Parameter:
 
     name: the key in presets and results.
     doc: a sentence that explains it.
-    shown: the unit in which it is written and read: "mm", "nm", "mrad", "" for a plain number, or a name such as
+    display_unit: the unit in which it is written and read: "mm", "nm", "mrad", "" for a plain number, or a name such as
     "counts" or "px", which isn't converted.
     low, high: inclusive bounds.
     prior: its usual size, one standard deviation.
     identity: the value at which the effect changes no bit.
     scan: (first, last, step) of a search along this parameter; None if a local fit finds it.
-    even: images depend on its square only, so that a fit varies the square, whose derivative at zero isn't zero.
-    sharp: images are discontinuous in it (hard edges), so that derivatives don't exist.
-    fine: secondary: calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at first.
+    even_symmetric: images depend on its square only, so that a fit varies the square: the derivative of images with
+    respect to the square isn't zero at zero.
+    non_smooth: images are discontinuous in it (hard edges), so that derivatives don't exist.
+    secondary: it is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at first.
     """
 
     name: str
     doc: str
-    shown: str = ""
+    display_unit: str = ""
     low: float = -np.inf
     high: float = np.inf
     prior: float = 1.0
     identity: float = 0.0
     scan: tuple[float, float, float] | None = None
-    even: bool = False
-    sharp: bool = False
-    fine: bool = False
+    even_symmetric: bool = False
+    non_smooth: bool = False
+    secondary: bool = False
 
     @property
     def unit(self) -> str:
-        """The unit of its values: "m", "rad", "1", or `shown` where that isn't converted."""
-        return _SI.get(self.shown, self.shown)
+        """The unit of its values: "m", "rad", "1", or `display_unit` where that isn't converted."""
+        return _SI.get(self.display_unit, self.display_unit)
 
     @property
     def is_quantity(self) -> bool:
         """Whether it is a length or an angle, which are written with a unit."""
-        return self.shown in _SI and self.shown != ""
+        return self.display_unit in _SI and self.display_unit != ""
 
     def parse(self, value: Any, where: str) -> Any:
         """The SI value of text or a number. Raises UserError, with the place `where`, if wrong or out of bounds."""
         if isinstance(value, str) and not self.is_quantity:
             value = self._parse_plain(value, where)
-        number = Number(self.shown if self.is_quantity else "", self.low, self.high).parse(value, where)
+        number = Number(self.display_unit if self.is_quantity else "", self.low, self.high).parse(value, where)
         assert number is not None
         if not np.isfinite(number):
             raise UserError(where, f"{number:g}", expected="a finite number")
@@ -67,13 +68,13 @@ class Parameter:
 
     def to_toml(self, value: Any) -> str | float:
         """The value in TOML, without losing a digit: text with a unit for lengths and angles, else a number."""
-        return units.format_exact(value, self.shown) if self.is_quantity else float(value)
+        return units.format_exact(value, self.display_unit) if self.is_quantity else float(value)
 
     def format(self, value: Any, digits: int = 3) -> str:
         """The value as rounded text with its unit, such as "0.108 mm" or "12 counts"."""
         if self.is_quantity:
-            return units.format_rounded(value, self.shown, digits)
-        return f"{value:.{digits}g} {self.shown}".rstrip()
+            return units.format_rounded(value, self.display_unit, digits)
+        return f"{value:.{digits}g} {self.display_unit}".rstrip()
 
     @property
     def has_sound_bounds(self) -> bool:
@@ -108,20 +109,20 @@ class Parameter:
             yield from (v for k in range(steps + 1) if abs((v := first + k * step) - self.identity) > step / 1e6)
 
     def to_fit(self, value: float) -> float:
-        """The number that a fit varies: the value, or its square if `even`."""
-        return value * value if self.even else value
+        """The number that a fit varies: the value, or its square if `even_symmetric`."""
+        return value * value if self.even_symmetric else value
 
     def from_fit(self, number: float) -> float:
         """The value for the number that a fit varies, clipped to the bounds."""
-        value = max(number, 0.0) ** 0.5 if self.even else number
+        value = max(number, 0.0) ** 0.5 if self.even_symmetric else number
         return min(max(value, self.low), self.high)
 
     def _parse_plain(self, text: str, where: str) -> float:
         try:
-            return float(text.removesuffix(self.shown).strip() if self.shown else text)
+            return float(text.removesuffix(self.display_unit).strip() if self.display_unit else text)
         except ValueError as error:
             raise UserError(
-                where, f'"{text}"', expected=f"a number{' of ' + self.shown if self.shown else ''}"
+                where, f'"{text}"', expected=f"a number{' of ' + self.display_unit if self.display_unit else ''}"
             ) from error
 
 

@@ -10,7 +10,7 @@ from holoview.model.bench_parts import Modulator, Sampling, Source
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
-from holoview.optics.source import pixel_wave, plane_wave
+from holoview.optics.bench import pixel_wave, plane_wave
 
 CPU = torch.device("cpu")
 
