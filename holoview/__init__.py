@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from holoview.model.system import System
     from holoview.optimise.settings import Settings
     from holoview.optimise.solve import iterate
+    from holoview.page.page import export_html
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
     from holoview.util.version import __version__
@@ -74,6 +75,7 @@ _MODULES = {
     "View": "holoview.view",
     "__version__": "holoview.util.version",
     "chromatic_refraction": "holoview.model.human_eye",
+    "export_html": "holoview.page.page",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
     "load_hologram": "holoview.io.hologram",
@@ -102,6 +104,7 @@ __all__ = [
     "View",
     "__version__",
     "chromatic_refraction",
+    "export_html",
     "iterate",
     "load",
     "load_hologram",
