@@ -66,6 +66,9 @@ which would tint white by 1e-4."""
 XYZ_TO_SRGB = _constant(np.linalg.inv(SRGB_TO_XYZ))
 """XYZ to linear sRGB: the exact inverse of `SRGB_TO_XYZ`."""
 
+XYZ_TO_P3 = _constant(np.linalg.inv(rgb_to_xyz([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)])))
+"""XYZ to linear Display P3 (primaries of SMPTE EG 432-1, white D65)."""
+
 
 @cache
 def import_colour_science() -> Any:
@@ -88,15 +91,15 @@ TABLES = {
 
 
 @cache
-def _table(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, in steps of 1 nm."""
+def observer_rows(name: str) -> tuple[FloatArray, FloatArray]:
+    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, in steps of 1 nm: linear in between."""
     rows = np.loadtxt(data_dir("assets") / "observers" / f"{name}.csv", delimiter=",")
     return _constant(rows[:, 0]), _constant(rows[:, 1:])
 
 
 def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """A table at wavelengths plus an offset, clipped to its range: the wavelengths (n,) in nm and values (n, 3)."""
-    known_nm, values = _table(name)
+    known_nm, values = observer_rows(name)
     asked_nm = np.atleast_1d(np.asarray(wavelengths_m, dtype=np.float64)) * 1e9
     first, last = known_nm[0], known_nm[-1]
     rounding = 1e-6  # 390e-9·1e9 needn't be exactly 390

@@ -15,6 +15,7 @@ from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.page.link import split_link
 from holoview.util.errors import UserError
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
 
@@ -166,7 +167,7 @@ def _is_preset(name: str) -> bool:
         return True
     if Path(name).suffix == ".toml":
         return True
-    if not Path(name).exists():
+    if not split_link(name)[0].exists():
         preset.load(name)  # raises: neither a file nor a preset, with near matches
     return False
 
