@@ -47,7 +47,7 @@ SCRIPTS = ("replay.js", "bench.js", "measure.js", "hologram.js", "page.js")
 _TARGET_BYTES = 3 << 19  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = ({"lossless": True}, *({"quality": q} for q in (98, 95, 90, 80)))
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
-_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 1024, 82
+_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 640, 75
 _ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
 
 
