@@ -59,10 +59,10 @@ _VALUE_COLUMNS: dict[str, Number] = {
 
 
 def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = None) -> Captures:
-    """Reads the measurement session of a folder with captures.csv, bench.toml and the images that they name.
+    """Reads the captures of a folder with captures.csv, bench.toml and the images that they name.
 
-    progress: called with (captures read, captures in all). Raises UserError that names the file, and the line and
-    column or the key, of what is missing or wrong, and for an impossible session (`check_captures`).
+    progress: called with (captures read, captures in all). Raises UserError for missing or wrong entries, which names
+    the file, and the line and column or the key, and for impossible captures (`check_captures`).
     """
     folder = Path(path)
     if not folder.is_dir():

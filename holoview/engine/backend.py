@@ -7,6 +7,7 @@ from typing import Any
 from holoview.engine.frame import Executor
 from holoview.model.plan import Plan
 from holoview.model.validity.checks import check_plan
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError, suggest_matches
 
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
@@ -28,11 +29,10 @@ def open_executor(
         )
     check_plan(plan)
     from holoview.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
-    from holoview.optics.frame_inputs import make_frame_inputs
 
     if backend == "torch64":
-        return TorchExecutor(plan, make_frame_inputs(plan, drive), double=True), "torch, complex128"
-    inputs = make_frame_inputs(plan, drive)
+        return TorchExecutor(plan, FrameInputs(plan, drive), double=True), "torch, complex128"
+    inputs = FrameInputs(plan, drive)
     if backend == "torch":
         return TorchExecutor(plan, inputs), "torch, complex64"
     from holoview.engine.wgpu_executor import WgpuExecutor  # optional library: PyTorch alone doesn't need wgpu

@@ -18,7 +18,7 @@ from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
 from holoview.model.plan import Plan, make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.page.recording import record_frames, unpack_content
 
 _STRUCTS = (PLANE_WAVE, MODULATOR, PROPAGATION, BLEND_TERM, SRGB_ENCODING)
@@ -34,7 +34,7 @@ def page_document(
     """
     system = hologram.system
     plan = make_plan(system, [*focused_planes(system), farthest_m])
-    inputs = make_frame_inputs(plan, hologram.drive)
+    inputs = FrameInputs(plan, hologram.drive)
     patterns = np.ascontiguousarray(hologram.drive, dtype=np.float32)
     pixels = patterns.reshape(-1, *patterns.shape[2:])
     recordings = record_frames(plan, inputs, [pattern.tobytes() for pattern in pixels])

@@ -39,10 +39,10 @@ FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.colour", "colour"): SLOW,
     ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
-    ("holoview.engine.backend", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
     ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
-    ("holoview.engine.incremental", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.optics.frame_inputs", "holoview.optics.bench"): SLOW,
+    ("holoview.optics.frame_inputs", "holoview.optics.torch_effects"): SLOW,
     ("holoview.__main__", "holoview.cli"): FIRST,
     ("holoview.__main__", "logging"): FIRST,
     ("holoview.__main__", "warnings"): FIRST,
@@ -165,7 +165,7 @@ def _under(name: str, package: str) -> bool:
 
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
-    assert {"torch", "holoview.model.plan", "holoview.util.errors"} <= _imported("holoview.optics.frame_inputs")
+    assert {"torch", "holoview.model.plan", "holoview.model.transfer"} <= _imported("holoview.optics.bench")
     assert "holoview.optics.propagate" in _reached("holoview.engine.torch_executor")
     assert "torch" in _reached("holoview.engine.torch_executor")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)

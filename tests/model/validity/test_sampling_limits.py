@@ -24,7 +24,7 @@ from holoview.model.validity.sampling_limits import (
     WRAP_AROUND,
     envelope_excess,
 )
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 
 _GREEN = {"wavelengths": ["550 nm"], "amplitudes": [[1.0]], "observer": "mono"}
 
@@ -46,7 +46,7 @@ def _is_kept(limit: Limit, system: hv.System) -> bool:
 def _intensity(system: hv.System) -> np.ndarray:
     """The intensity of random patterns, whatever the limits say."""
     plan = hv.make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, hv.random_drive(system, 1)), double=True)
+    executor = TorchExecutor(plan, FrameInputs(plan, hv.random_drive(system, 1)), double=True)
     return np.asarray(compute_focal_stack(executor)[0][0, 0])
 
 

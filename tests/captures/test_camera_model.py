@@ -1,4 +1,4 @@
-"""Transforms of a band of frequencies equal the whole transforms within the band."""
+"""Caches drop what was used least recently; transforms of a band equal the whole transforms within the band."""
 
 from __future__ import annotations
 
@@ -6,8 +6,25 @@ import pytest
 import torch
 
 import holoview as hv
+from holoview.captures.camera_model import InvariantCache, TensorCache
 from holoview.captures.camera_sampling import FrequencyBand
 from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
+
+
+def test_the_longest_unused_results_go_first() -> None:
+    made: list[str] = []
+
+    def make(name: str) -> torch.Tensor:
+        made.append(name)
+        return torch.zeros(10, dtype=torch.float64)
+
+    cache = TensorCache(200)
+    for name in ("a", "b", "a", "c", "a", "b"):
+        cache.get(name, lambda name=name: make(name))  # type: ignore[misc]
+    assert made == ["a", "b", "c", "b"]
+    nothing = InvariantCache(cache)
+    assert nothing.get("a", lambda: torch.zeros(1)) is not nothing.get("a", lambda: torch.zeros(1))
+
 
 SHAPE, PADDED = (12, 15), (24, 30)
 

@@ -1,4 +1,4 @@
-"""Two processes that share the lasers compute what one computes, and stay identical."""
+"""Processes that share the lasers compute what one computes; teams of threads; the torch device that is chosen."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier, get_ident
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +20,17 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.lasers import with_only_lasers
-from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, device_for_rank, shard_lasers, torchrun_group
+from holoview.optimise.parallel import (
+    MIN_SAMPLES_FOR_THREADS,
+    SINGLE_PROCESS,
+    ProcessGroup,
+    ThreadTeam,
+    device_for_rank,
+    limit_torch_threads,
+    resolve_torch_device,
+    shard_lasers,
+    torchrun_group,
+)
 from holoview.util.errors import UserError
 
 SCRIPT = Path(__file__).with_name("process_group_run.py")
@@ -159,3 +172,128 @@ def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("h.safetensors: 2 iterations") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["h.safetensors"]
+
+
+CPU = torch.device("cpu")
+SMALL, LARGE = MIN_SAMPLES_FOR_THREADS - 1, MIN_SAMPLES_FOR_THREADS
+
+
+@pytest.fixture
+def _two_threads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("_two_threads")
+@pytest.mark.parametrize(("samples", "inside"), [(1, 1), (SMALL, 1), (LARGE, 2), (1 << 24, 2)])
+def test_small_fields_get_one_thread_and_large_ones_the_callers_number(samples: int, inside: int) -> None:
+    with limit_torch_threads(samples):
+        assert torch.get_num_threads() == inside
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_the_callers_number_comes_back_after_an_error() -> None:
+    with pytest.raises(ValueError, match="inside"), limit_torch_threads(SMALL):
+        raise ValueError("inside")
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_blocks_may_be_nested() -> None:
+    with limit_torch_threads(SMALL):
+        with limit_torch_threads(SMALL):
+            pass
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_a_number_that_the_environment_asks_for_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    with limit_torch_threads(SMALL):
+        assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_a_team_gives_results_in_the_order_of_the_items_from_several_threads_of_one_torch_thread_each() -> None:
+    both = Barrier(2)
+
+    def compute(item: int) -> tuple[int, int, int]:
+        both.wait(timeout=60)  # each of two threads waits for the other
+        return item, torch.get_num_threads(), get_ident()
+
+    found = ThreadTeam(CPU).map(compute, range(6))
+    assert [item for item, _, _ in found] == list(range(6))
+    assert {count for _, count, _ in found} == {1}
+    assert len({thread for _, _, thread in found}) == 2
+    assert get_ident() not in {thread for _, _, thread in found}
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+@pytest.mark.parametrize(("threads", "items"), [(1, 3), (2, 1), (2, 0)])
+def test_where_there_is_nothing_to_share_the_caller_computes(threads: int, items: int) -> None:
+    torch.set_num_threads(threads)
+    assert ThreadTeam(CPU).map(lambda item: get_ident(), range(items)) == [get_ident()] * items
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_a_gpu_is_used_by_the_caller() -> None:
+    assert ThreadTeam(torch.device("cuda")).map(lambda item: get_ident(), range(4)) == [get_ident()] * 4
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_an_error_in_a_thread_is_raised_and_the_team_goes_on() -> None:
+    team = ThreadTeam(CPU)
+    with pytest.raises(ZeroDivisionError):
+        team.map(lambda item: 1 / item, [1, 0, 2])
+    assert team.map(lambda item: 2 * item, [1, 2]) == [2, 4]
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_new_threads_of_others_keep_the_number_that_was_set() -> None:
+    ThreadTeam(CPU).map(lambda item: item, range(4))
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(torch.get_num_threads).result() == 2
+
+
+@pytest.fixture
+def _cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+
+
+@pytest.fixture
+def _only_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+
+
+@pytest.mark.usefixtures("_only_the_processor")
+def test_without_a_graphics_card_it_is_the_processor() -> None:
+    assert resolve_torch_device() == resolve_torch_device("auto") == resolve_torch_device("cpu") == "cpu"
+
+
+@pytest.mark.usefixtures("_cuda")
+def test_a_graphics_card_is_preferred() -> None:
+    assert resolve_torch_device() == "cuda"
+
+
+@pytest.mark.usefixtures("_only_the_processor")
+@pytest.mark.parametrize("name", ["cuda", "cuda:1", "mps", "gpu", ""])
+def test_a_device_that_is_not_there_is_refused_with_those_that_are(name: str) -> None:
+    with pytest.raises(UserError, match=f'device: "{name}" isn\'t available; expected one of cpu'):
+        resolve_torch_device(name)
+
+
+@pytest.mark.usefixtures("_cuda")
+def test_a_device_that_cannot_transform_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any, **__: Any) -> torch.Tensor:
+        raise RuntimeError("no such ordinal\nand much more")
+
+    monkeypatch.setattr(torch, "ones", broken)
+    with pytest.raises(UserError, match='device: "cuda:7" doesn\'t work: no such ordinal; expected one of cuda'):
+        resolve_torch_device("cuda:7")
