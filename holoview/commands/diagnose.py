@@ -19,7 +19,7 @@ from typing import Any
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
-from holoview.captures.records.correction import apply_corrections
+from holoview.captures.records.corrections import apply_corrections
 from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.diagnose_rig import add_rig_options, check_rig_options, diagnose_rig, loop_as_json, print_loop

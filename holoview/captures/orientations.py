@@ -24,10 +24,10 @@ _UNDO: dict[str, Callable[[_Images], _Images]] = {
     "anti_transpose": lambda a: np.swapaxes(a, -1, -2)[..., ::-1, ::-1],
 }
 
-TURNS = tuple(_UNDO)
+ORIENTATIONS = tuple(_UNDO)
 """Their names; the first one changes nothing."""
 
-KEEP_SHAPE = TURNS[:4]
+SHAPE_KEEPING = ORIENTATIONS[:4]
 """Those that keep the numbers of rows and columns."""
 
 _INVERSE = {"rotate_90": "rotate_270", "rotate_270": "rotate_90"}
@@ -44,31 +44,31 @@ _MATRICES: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
 }
 
 
-def undone(images: _Images, turn: str) -> _Images:
-    """Images (…, y, x) the right way up that are turned so; a view of the same memory."""
-    return _UNDO[turn](images)
+def undone(images: _Images, orientation: str) -> _Images:
+    """Images (…, y, x) the right way up that have an orientation; a view of the same memory."""
+    return _UNDO[orientation](images)
 
 
-def turned(images: _Images, turn: str) -> _Images:
-    """Images (…, y, x) after a turn; a view of the same memory."""
-    return _UNDO[inverse_turn(turn)](images)
+def turned(images: _Images, orientation: str) -> _Images:
+    """Upright images (…, y, x) in an orientation; a view of the same memory."""
+    return _UNDO[inverse_orientation(orientation)](images)
 
 
-def inverse_turn(turn: str) -> str:
-    """The turn that undoes a turn."""
-    return _INVERSE.get(turn, turn)
+def inverse_orientation(orientation: str) -> str:
+    """The orientation that undoes another one."""
+    return _INVERSE.get(orientation, orientation)
 
 
-def turn_matrix(turn: str) -> NDArray[np.float64]:
-    """The matrix (2, 2) that takes a position (y, x) to where a turn puts what is there."""
-    return np.array(_MATRICES[turn], dtype=np.float64)
+def orientation_matrix(orientation: str) -> NDArray[np.float64]:
+    """The matrix (2, 2) that takes a position (y, x) to its place in the orientation."""
+    return np.array(_MATRICES[orientation], dtype=np.float64)
 
 
-def nearest_turn(matrix: NDArray[np.float64]) -> str:
-    """The turn whose matrix is most like this one (2, 2), whatever its scale."""
-    return max(TURNS, key=lambda turn: float((turn_matrix(turn) * matrix).sum()))
+def nearest_orientation(matrix: NDArray[np.float64]) -> str:
+    """The orientation whose matrix is most like a given one (2, 2), whatever its scale."""
+    return max(ORIENTATIONS, key=lambda orientation: float((orientation_matrix(orientation) * matrix).sum()))
 
 
-def turned_shape(shape: tuple[int, int], turn: str) -> tuple[int, int]:
-    """Rows and columns after a turn."""
-    return shape if turn in KEEP_SHAPE else (shape[1], shape[0])
+def oriented_shape(shape: tuple[int, int], orientation: str) -> tuple[int, int]:
+    """Rows and columns of an upright shape in an orientation."""
+    return shape if orientation in SHAPE_KEEPING else (shape[1], shape[0])
