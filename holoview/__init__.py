@@ -36,8 +36,8 @@ commands    the subcommands of the command line, which `cli` parses
 """
 
 from __future__ import annotations
-from importlib import import_module
 
+from importlib import import_module
 
 TYPE_CHECKING = False  # type checkers know the name; importing `typing` would take as long as all else here
 if TYPE_CHECKING:
@@ -75,3 +75,55 @@ _MODULES = {
     "__version__": "holoview.util.packages",
     "chromatic_refraction": "holoview.model.eye",
     "export_html": "holoview.page.page",
+    "iterate": "holoview.optimise.solve",
+    "load": "holoview.model.preset",
+    "load_hologram": "holoview.io.hologram",
+    "make_plan": "holoview.model.plan",
+    "natural_pupil_diameter": "holoview.model.eye",
+    "random_drive": "holoview.view",
+    "show": "holoview.app.notebook",
+    "simulate": "holoview.view",
+    "target_for": "holoview.targets.target",
+}
+
+__all__ = [
+    "Eye",
+    "Hologram",
+    "Modulator",
+    "Placement",
+    "Plan",
+    "Prescription",
+    "Relay",
+    "Sampling",
+    "Settings",
+    "Source",
+    "SquareStop",
+    "System",
+    "UserError",
+    "View",
+    "__version__",
+    "chromatic_refraction",
+    "export_html",
+    "iterate",
+    "load",
+    "load_hologram",
+    "make_plan",
+    "natural_pupil_diameter",
+    "random_drive",
+    "show",
+    "simulate",
+    "target_for",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Imports a public name when it is first used: the command line's help needs no numpy, a bench needs no torch."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'holoview' has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    return sorted({*globals(), *__all__})

@@ -652,7 +652,7 @@ function drawSpectrum(viewer) {
         shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(viewer.state.powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
     })
     for (const nm of [400, 500, 600, 700]) {
-        const text = shape(svg, "text", { x: x(nm), y: 93, "font-size": 11, "text-anchor": "middle", fill: "currentColor" })
+        const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })
         text.textContent = `${nm} nm`
     }
 }

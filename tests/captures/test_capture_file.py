@@ -9,11 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from holoview.util.memory_limit import VARIABLE
 
 from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
+from holoview.util.memory import VARIABLE
 from tests.fuzz.valid_files import CAPTURES, valid, write
 
 Edit = Callable[[h5py.File], None]
