@@ -46,7 +46,7 @@ from holoview.gpu.tune import StrategyOption
 from holoview.model import preset
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 
 
@@ -223,7 +223,7 @@ def frame_error(
 def reference_intensity(system: System) -> NDArray[np.floating]:
     """Intensity (y, x) of the first wavelength at the middle focal plane, in complex128, for the drive of the jobs."""
     plan = make_plan(system, [middle_plane_m(system)])
-    reference = TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True)
+    reference = TorchExecutor(plan, FrameInputs(plan, random_drive(system)), double=True)
     reference.run(0)
     return reference.intensity(0)
 
@@ -265,7 +265,7 @@ def _pruned_jobs(system: System) -> dict[str, TimedJob]:
     plan = _plan_at_middle(system)
     if not can_prune(plan):
         return {}
-    inputs = make_frame_inputs(plan, random_drive(system))
+    inputs = FrameInputs(plan, random_drive(system))
     baselines = {way: PrunedTorchBaseline(plan, inputs, way) for way in WAYS}
     return {
         f"{TORCH_PRUNED}: {way}, {threads} threads": partial(_run_baseline, baseline, threads)
@@ -285,7 +285,7 @@ def _cuda_jobs(system: System) -> dict[str, TimedJob]:
 def _torch_baselines(system: System, device: str) -> dict[str, TorchBaseline]:
     """The loops over wavelengths one by one and, if there are several, over all at once."""
     plan = _plan_at_middle(system)
-    inputs = make_frame_inputs(plan, random_drive(system))
+    inputs = FrameInputs(plan, random_drive(system))
     orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
     return {order: TorchBaseline(plan, inputs, batched=batched, device=device) for order, batched in orders.items()}
 

@@ -16,7 +16,7 @@ from holoview.gpu.device import Device
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 
 TOLERANCES = {
@@ -43,8 +43,8 @@ class ExecutorPair:
     def open(cls, system: System, device: Device, seed: int = 0) -> ExecutorPair:
         """Both executors of a bench, for one random drive."""
         plan, drive = make_plan(system), random_drive(system, seed)
-        reference = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True)
-        return cls(plan, reference, WgpuExecutor(plan, make_frame_inputs(plan, drive), device))
+        reference = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
+        return cls(plan, reference, WgpuExecutor(plan, FrameInputs(plan, drive), device))
 
     def clear(self) -> None:
         """Set the intensities of all planes to zero in both."""

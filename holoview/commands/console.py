@@ -20,8 +20,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
+from holoview.util.processes import Interrupted, Interruption, handled_signals
+
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interrupted, Interruption, handled_signals
 from holoview.util.text import printable, printable_lines
 
 EXIT_FAILED = 1

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from holoview.util.processes import Interruption
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects, warn_of_limits
@@ -31,7 +32,7 @@ from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import exceeded_limits
+from holoview.model.validity import exceeded_limits
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import OptimisedEyes, StacksAt, target_at_places
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
@@ -40,7 +41,6 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from holoview.util.processes import Interruption
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects
@@ -33,7 +34,6 @@ from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 _STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from holoview.io.pictures import path_with_suffix, read_pattern, write_deep_png, write_png
 from numpy.typing import NDArray
 
-from holoview.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
 from holoview.commands.arguments import (
     add_backend,
     add_system,
@@ -32,7 +33,6 @@ from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.io.animation import MAX_FRAMES, SUFFIXES, Encoder, Pixels, open_encoder
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.png import path_with_suffix, read_pattern, write_png
 from holoview.io.pupil_path_file import load_pupil_path
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
@@ -74,6 +74,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--frames", metavar="N", type=whole(0), help="with --pupil-path: how many pictures (24)")
     parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
+    parser.add_argument(
+        "--colour-space",
+        choices=list(COLOUR_SPACES),
+        help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent",
+    )
     add_backend(parser)
     add_output(
         parser,
@@ -92,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
     if args.pupil_path is not None:
+        if args.colour_space is not None:
+            raise UserError("--colour-space", "with --pupil-path", expected="one of them: moving pictures have 8 bits")
         return render_path(args, system, drive, planes_m)
     if args.frames is not None:
         raise UserError("--frames", "without --pupil-path", expected="both, or neither")
@@ -114,7 +121,8 @@ def run(args: argparse.Namespace) -> int:
     seconds = time.perf_counter() - started
     warn_of_limits(view.notes)
     saver = ResultSaver()
-    files = _write_planes(view.exposed(args.exposure), system, paths, args.exposure, saver)
+    space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
+    files = _write_planes(view.exposed(args.exposure), system, paths, args.exposure, space, saver)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
         print_json(result | {"notes": view.notes})
@@ -204,11 +212,11 @@ def _plane_paths(output: Path, planes_m: NDArray[np.floating]) -> list[Path]:
 
 
 def _write_planes(
-    view: View, system: System, paths: list[Path], exposure: float, saver: ResultSaver
+    view: View, system: System, paths: list[Path], exposure: float, space: ColourSpace | None, saver: ResultSaver
 ) -> list[dict[str, Any]]:
     """Writes a PNG for each plane of a view; returns plane, file, contrast and mean luminance of each, for JSON.
 
-    exposure: stops by which the view was brightened, for the file's metadata.
+    exposure: stops by which the view was brightened, for the file's metadata. space: of 16-bit pictures.
     """
     files = []
     for i, (plane_m, wanted) in enumerate(zip(view.focus_m.tolist(), paths, strict=True)):
@@ -221,7 +229,11 @@ def _write_planes(
             "holoview.system": preset.dumps(system),
         }
         luminance = view.xyz[i, ..., 1]
-        path = saver.save(wanted, partial(write_png, pixels=view.srgb8[i], texts=texts))
+        if space is None:
+            save = partial(write_png, pixels=view.srgb8[i], texts=texts)
+        else:
+            save = partial(write_deep_png, signal=space.encode(view.xyz[i]), space=space, texts=texts)
+        path = saver.save(wanted, save)
         figures = {"speckle_contrast": _speckle_contrast(luminance), "mean_luminance": float(luminance.mean())}
         files.append({"plane": plane, "file": str(path), **figures})
     if np.all(view.srgb8 == 0):

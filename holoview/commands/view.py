@@ -6,6 +6,9 @@ import argparse
 import re
 from pathlib import Path
 
+from holoview.page.link import split_link
+from holoview.util.processes import is_left, last_work_s, wait_for_threads
+
 from holoview.app.serve_options import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
@@ -14,7 +17,6 @@ from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.threads import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -164,7 +166,7 @@ def _is_preset(name: str) -> bool:
         return True
     if Path(name).suffix == ".toml":
         return True
-    if not Path(name).exists():
+    if not split_link(name)[0].exists():
         preset.load(name)  # raises: neither a file nor a preset, with near matches
     return False
 

@@ -13,46 +13,38 @@ as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.central_region import central_region, central_slices, speckle_px
-from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.outlier_rejection import SearchOutcome, search_good_captures
 from holoview.diagnose.sampling_config import SamplingConfig
-from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
+from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.starts.picture import measure_displacement
 from holoview.util.errors import UserError
-from holoview.util.progress import ProgressCallback
-
-_EXPLAINED = (Verdict.CONSISTENT, Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 
-def with_region(context: SearchContext) -> SearchContext:
-    """The context with its region; unchanged where the region would save little, or where there is none."""
+def middle_of_context(context: SearchContext) -> SearchContext | None:
+    """What a search of the middle of the pictures works with; None where it would save little."""
     captures, config, budget = context.data.captures, context.config.region, context.config.budget
     cut = middle_of(captures, config)
     if saving(captures, cut) < config.min_saving:
-        return context
+        return None
     if captures.is_fourier and (further := _displaced_speckles(context, cut)):
         cut = middle_of(captures, config, further)
         if saving(captures, cut) < config.min_saving:
-            return context
+            return None
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
         fields = budget.fields_for(field_samples(cut)) * budget.time_for(field_samples(captures)) / budget.time_s
-    region = replace(
+    return replace(
         context,
         data=data,
         system=cut.nominal_system(),
@@ -61,9 +53,7 @@ def with_region(context: SearchContext) -> SearchContext:
         predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
         variances=NeighbourVariances(data),
         end=context.end.after_share(config.max_time_share),
-        is_region=True,
     )
-    return replace(context, region=region)
 
 
 def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
@@ -77,19 +67,19 @@ def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
     return math.ceil((moved / speckle_px(context.data.captures)).max())
 
 
-def _cut_error(context: SearchContext, region: SearchContext) -> NDArray[np.float64]:
-    """The region's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
+def measure_missing_light(context: SearchContext, middle: SearchContext) -> NDArray[np.float64]:
+    """The middle's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
 
     A few captures that a search looks at, from smooth to rough, are predicted whole and cut; the others take the error
     of the next rougher one.
     """
     if context.data.captures.is_fourier:
         return np.zeros(len(context.data.captures))
-    used, roughness = np.array(sorted(region.split.used)), pattern_roughness(context.data.captures)
+    used, roughness = np.array(sorted(middle.split.used)), pattern_roughness(context.data.captures)
     used = used[np.argsort(-roughness[used], kind="stable")]
     few = np.linspace(0, len(used) - 1, min(len(used), context.config.region.cut_captures)).round().astype(int)
     known = used[few]
-    jobs = [partial(_error_of, context, region, np.array([k])) for k in known]
+    jobs = [partial(_error_of, context, middle, np.array([k])) for k in known]
     errors = np.array(context.run_parallel(jobs))
     order = np.argsort(roughness[known], kind="stable")
     place = np.minimum(np.searchsorted(roughness[known][order], roughness), len(known) - 1)
@@ -98,46 +88,16 @@ def _cut_error(context: SearchContext, region: SearchContext) -> NDArray[np.floa
     return found
 
 
-def _error_of(context: SearchContext, region: SearchContext, index: NDArray[np.intp]) -> float:
-    whole, cut = (np.asarray(c.predictor(index, {}).signal)[0] for c in (context, region))
+def _error_of(context: SearchContext, middle: SearchContext, index: NDArray[np.intp]) -> float:
+    whole, cut = (np.asarray(c.predictor(index, {}).signal)[0] for c in (context, middle))
     seen = whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))]
     scaled = cut * (np.vdot(cut, seen) / np.vdot(cut, cut))
     return float(np.sqrt(np.square(seen - scaled).mean()) / seen.mean())
 
 
-def search_region_first(
-    context: SearchContext, useless: Sequence[BadCapture], count: int, progress: ProgressCallback
-) -> SearchOutcome:
-    """The causes and the bad ones of `count` captures, as `search_good_captures` finds them, by the region if any."""
-    if context.region is None:
-        return search_good_captures(context, useless, count, progress)
-    progress(0, 1, "light from beyond the middle")
-    region = replace(context.region, cut_error=_cut_error(context, context.region))
-    inner = search_good_captures(region, useless, count, progress)
-    if context.end.was_asked:
-        return replace(inner, notes=[*inner.notes, f"{_where(inner.context)}; whole pictures weren't looked at."])
-    context.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
-    decision = inner.decision
-    fits = tuple(score.fit for score in (decision.best, *decision.rivals) if score is not None)
-    leads = Leads(fits, decision.verdict in _EXPLAINED, inner.context.left_out)
-    torch.set_num_threads(context.workers.workers)  # most of what follows runs here, a few large fields at a time
-    cut_error = None if context.data.captures.slm_frame is None else region.cut_error  # at most that of a smaller part
-    whole = replace(
-        context,
-        region=inner.context,
-        leads=leads,
-        cut_error=cut_error,
-        prnu=inner.context.prnu,
-        has_camera_jitter=inner.context.has_camera_jitter,
-    )
-    outcome = search_good_captures(whole, useless, count, progress)
-    note = f"{_where(inner.context)}; whole pictures fitted and judged them."
-    return replace(outcome, notes=list(dict.fromkeys([*inner.notes, *outcome.notes, note])))
-
-
-def _where(region: SearchContext) -> str:
-    """Where causes were searched."""
-    captures = region.data.captures
+def describe_middle(middle: SearchContext) -> str:
+    """A sentence on where causes were searched, without its end."""
+    captures = middle.data.captures
     of, shape = ("camera", captures.shape) if captures.is_fourier else ("modulator", captures.levels.shape[2:])
     return f"Causes were searched in the middle of the pictures, {shape[1]} × {shape[0]} {of} pixels"
 

@@ -209,7 +209,7 @@ def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult
     """
     excess, config = result.best.excess, context.config
     is_near = chance_excess(result.pixel_count, config.verdict) < excess < config.verdict.explained_excess
-    if not (result.candidates and is_near) or context.budget_exhausted or context.leads is not None:
+    if not (result.candidates and is_near) or context.budget_exhausted:
         return result
     limit = config.verdict.rival_factor * max(excess, config.verdict.rival_excess)
     close = [c.fit for c in result.candidates[: config.selection.last_fits] if c.excess < limit]

@@ -10,44 +10,108 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from holoview.diagnose.fit import CandidateFit, cost_or_inf, local_fit
 from holoview.diagnose.judge import (
     HeldOutScore,
     SearchResult,
+    Verdict,
+    decide,
     first_per_cause_set,
     jitter_excess,
     rank_on_held_out,
     score_on_held_out,
 )
 from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import (
     RefinementQueue,
     explains_everything,
+    fit_to_the_end,
     free_fine_parameters,
     is_at_floor,
     is_settled,
+    prefer_fewer_numbers,
     refine_fit,
     refine_leaders_along_axes,
 )
 from holoview.diagnose.screening import is_costly, is_costly_effect, screen_effects, without_costly_fits
-from holoview.diagnose.search_context import Leads, SearchContext
+from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 
 
-def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
-    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed.
+@dataclass(frozen=True)
+class InitialCandidates:
+    """What the middle of the pictures suggests for whole ones.
 
-    With leads from the middle of the pictures, only what varies over the field is searched beside them.
+    fits: the best first, then its rivals. explains: whether the middle needs no further cause.
     """
-    if context.leads is None:
-        result = free_fine_parameters(context, _search_single_causes(context, effects, progress))
-    else:
-        effects = [e for e in effects if e.varies_over_field and context.leads.explains]
-        result = _follow_leads(context, context.leads, effects, progress)
+
+    fits: tuple[CandidateFit, ...]
+    explains: bool
+
+
+def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
+    """The context with the nuisances found, and the candidates ranked with them.
+
+    No search is begun where movements of the camera alone explain the captures.
+    """
+    context = detect_nuisances(context, {})
+    nothing = rank_on_held_out(context, [])
+    if context.has_camera_jitter and _is_consistent(context, nothing):
+        return context, nothing
+    result = select_causes(context, _visible_effects(context), progress)
+    result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
+    settled = detect_nuisances(context, result.best.fit.values)
+    if settled is context:
+        return context, result
+    config = context.config.selection
+    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
+    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
+    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
+
+
+def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
+    """What the middle of large pictures suggests, fitted to whole ones; beside it, what varies over the field."""
+    nothing = rank_on_held_out(context, [])
+    if context.has_camera_jitter and _is_consistent(context, nothing):
+        return nothing
+    varying = [e for e in _visible_effects(context) if e.varies_over_field and initial.explains]
+    progress(0, 1, "whole pictures")
+    result = rank_on_held_out(context, initial.fits)
+    if initial.fits:
+        refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
+        result = rank_on_held_out(context, [*refined, *initial.fits])
+    elif varying and result.nominal.excess > jitter_excess(result.pixel_count, context.config.verdict):
+        result = _search_single_causes(context, varying, progress)
+    return prefer_fewer_numbers(context, _with_further_causes(context, result, varying, progress))
+
+
+def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
+    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
+    single = free_fine_parameters(context, _search_single_causes(context, effects, progress))
+    return _with_further_causes(context, single, effects, progress)
+
+
+def _visible_effects(context: SearchContext) -> list[Effect]:
+    """The effects that pictures show; laws of the lasers' power show in the gains alone."""
+    return [e for e in context.effects.values() if not changes_only_power(e)]
+
+
+def _is_consistent(context: SearchContext, result: SearchResult) -> bool:
+    """Whether the nominal bench, its lasers drifting perhaps, predicts the captures."""
+    decision, _ = excuse_laser_drift(context, result, decide(result, context.equivalents, context.config.verdict))
+    return decision.verdict is Verdict.CONSISTENT
+
+
+def _with_further_causes(
+    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """Causes added one by one, as long as these predict held-out captures better."""
     for number in range(max(len(result.best.causes), 1) + 1, context.config.selection.max_causes + 1):
         if _is_done(context, result):
             break
@@ -56,19 +120,6 @@ def select_causes(context: SearchContext, effects: Sequence[Effect], progress: P
             break
         result = free_fine_parameters(context, wider)
     return result
-
-
-def _follow_leads(
-    context: SearchContext, leads: Leads, effects: Sequence[Effect], progress: ProgressCallback
-) -> SearchResult:
-    """The leads, fitted to whole pictures; where there are none, single causes among the effects."""
-    progress(0, 1, "whole pictures")
-    result = rank_on_held_out(context, leads.fits)
-    if leads.fits:
-        refined = context.run_parallel([partial(refine_fit, context, fit) for fit in leads.fits])
-        return rank_on_held_out(context, [*refined, *leads.fits])
-    is_open = result.nominal.excess > jitter_excess(result.pixel_count, context.config.verdict)
-    return _search_single_causes(context, effects, progress) if effects and is_open else result
 
 
 def _search_single_causes(

@@ -23,13 +23,12 @@ from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures, add_model_error, neighbour_variance
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
-from holoview.util.processor_share import processor_share
+from holoview.util.processors import processor_share
 from holoview.util.progress import ProgressCallback
 
 
@@ -220,19 +219,6 @@ class NeighbourVariances:
 
 
 @dataclass(frozen=True)
-class Leads:
-    """What the middle of the pictures suggests for whole ones.
-
-    fits: the best first, then its rivals. explains: whether the middle needs no further cause. doubted: captures that
-    stood out there, or weren't looked at.
-    """
-
-    fits: tuple[CandidateFit, ...]
-    explains: bool
-    doubted: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class SearchContext:
     """What the stages of a search work with.
 
@@ -242,10 +228,9 @@ class SearchContext:
     fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
     has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
     equivalents: for each effect the others that are the same physics on this bench. left_out: captures that no fit
-    uses, by index. end: when the search has to end. best_so_far: what it has found until then. region: the same session
-    cut to its middle, which was searched before, for what needs no full size. leads: what was found there. cut_error:
+    uses, by index. end: when the search has to end. best_so_far: what it has found until then. missing_light:
     (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut;
-    None for whole ones. is_region: whether this is the middle alone, which whole pictures judge.
+    None for whole ones.
     """
 
     data: PreparedCaptures
@@ -264,10 +249,7 @@ class SearchContext:
     left_out: tuple[int, ...] = ()
     end: SearchEnd = NEVER
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
-    region: SearchContext | None = None
-    leads: Leads | None = None
-    cut_error: NDArray[np.float64] | None = None
-    is_region: bool = False
+    missing_light: NDArray[np.float64] | None = None
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -296,15 +278,13 @@ class SearchContext:
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
-        region = {} if self.region is None else self.region.shared_objects()
-        of_region = {f"{name} of the region": shared for name, shared in region.items()}
         effects = {f"effect {name}": effect for name, effect in self.effects.items()}
-        return of_region | {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
+        return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
 
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
         """Weights from the images, for a model that is off by `relative_model_error` of the mean light."""
         light = self.data.light[indices]
-        variance = add_model_error(self.variances(indices), light, relative_model_error) + self._cut_variance(
+        variance = add_model_error(self.variances(indices), light, relative_model_error) + self._missing_variance(
             indices, light
         )
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison)
@@ -326,15 +306,15 @@ class SearchContext:
         variance = self.data.camera.noise_variance(expected)
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
-        variance = variance + self._cut_variance(indices, expected)
+        variance = variance + self._missing_variance(indices, expected)
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison, fit_shifts=shifts)
 
-    def _cut_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
-        """Variance (counts²) of what light from beyond a region adds: a weak field interferes with that of a pixel."""
-        if self.cut_error is None:
+    def _missing_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
+        """Variance (counts²) of light from beyond cut modulators: a weak field interferes with that of a pixel."""
+        if self.missing_light is None:
             return np.float32(0.0)
         positive = np.maximum(light, 0.0)
-        share = np.square(self.cut_error[indices]).astype(np.float32)[:, None, None]
+        share = np.square(self.missing_light[indices]).astype(np.float32)[:, None, None]
         return np.asarray(share * positive * positive.mean((1, 2), keepdims=True), dtype=np.float32)
 
     def relative_model_error(self, values: Values, indices: NDArray[np.intp] | None = None) -> float:

@@ -58,7 +58,7 @@ ONE_PICTURE_NOTE = (
 
 
 def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
-    """The context of a session of which only one capture counts, whose picture is split; so is that of its region."""
+    """The context of a session of which only one capture counts, whose picture is split."""
     captures = context.data.captures.subset([capture])
     one = PreparedCaptures(captures, context.data.light[[capture]], context.data.usable[[capture]])
     data = split_picture(one, context.config.one_picture)
@@ -70,7 +70,6 @@ def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
         variances=NeighbourVariances(data),
         config=config_for_one_picture(context.config, speckle_width_px(one)),
         left_out=(),
-        region=None if context.region is None else with_one_picture(context.region, capture),
     )
 
 

@@ -42,10 +42,10 @@ def eyebox_xyz(
     doesn't count. `check` is called before each spectrum and may raise an exception to cancel.
     """
     from holoview.engine.torch_executor import TorchExecutor
-    from holoview.optics.frame_inputs import make_frame_inputs
+    from holoview.optics.frame_inputs import FrameInputs
 
     plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
-    executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
+    executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins
     shape = (max(len(rows), len(columns)),) * 2 if by_place else (len(rows), len(columns))
     xyz = np.zeros((*shape, 3))

@@ -78,6 +78,8 @@ class FileLoader:
         random = ", random patterns" if is_preset else ""
         path = content.path if content.kind == "hologram" else None
         view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
+        if content.plane_m is not None:
+            view_settings = view_settings.with_(plane_m=content.plane_m)
         target_spec = None if has_example_target(session) and not is_preset else session.target_spec
         session.edit(
             f"Open {content.title}",

@@ -1,6 +1,6 @@
 """Recognises a file by its content and reads what it contributes to a document.
 
-hologram file      system and patterns                TOML         a system, with random patterns
+hologram, page     system and patterns                TOML         a system, with random patterns
 pattern PNGs       patterns for the present system    a name       the preset of that name
 picture, stack     the target                         CSV          the path of the pupil
 """
@@ -18,31 +18,37 @@ from PIL import Image, UnidentifiedImageError
 
 from holoview.colour import srgb_decode
 from holoview.io.hologram import load_hologram
-from holoview.io.png import read_pattern
+from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
 from holoview.optimise.checkpoint import load_checkpoint
+from holoview.page.link import shown_by_link, split_link
+from holoview.page.page import is_page, read_page
 from holoview.session.document import Drive
 from holoview.session.target_spec import TargetSpec
+from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
-from holoview.targets.rendered_stacks import is_stack
 from holoview.util.errors import UserError
-from holoview.util.files import expand_home
-from holoview.util.input_file import read_text
+from holoview.util.files import expand_home, read_text
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
 from holoview.view import random_drive
 
-CONTENT_KINDS = ("hologram", "preset", "patterns", "picture", "stack", "pupil path")
-_EXPECTED = "a preset, a hologram file, pattern PNGs, a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
+CONTENT_KINDS = ("hologram", "page", "preset", "patterns", "picture", "stack", "pupil path")
+_EXPECTED = (
+    "a preset, a hologram file or page, pattern PNGs, a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user."""
+    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user.
+
+    plane_m: the focal plane that it is to be shown at; None for that of the viewer.
+    """
 
     kind: str
     title: str
@@ -51,6 +57,7 @@ class FileContent:
     target_spec: TargetSpec | None = None
     pupil_path: PupilPath | None = None
     path: Path | None = None
+    plane_m: float | None = None
     notes: tuple[str, ...] = field(default=())
 
 
@@ -74,6 +81,9 @@ def read_content(names: str | Path | Sequence[str | Path], system: System) -> Fi
 
 
 def _file(path: Path, system: System) -> FileContent:
+    page, state = split_link(path)
+    if is_page(page):
+        return _page(page, state)
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
@@ -96,6 +106,15 @@ def _file(path: Path, system: System) -> FileContent:
     if _is_toml(path):
         return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
     raise UserError(str(path), "isn't a file that can be opened", expected=_EXPECTED)
+
+
+def _page(path: Path, state: str) -> FileContent:
+    """The first hologram of a page, with the state of a link to it."""
+    (name, hologram), *others = read_page(path).items()
+    shown = shown_by_link(hologram, state)
+    notes = (f"{name}, the first of {1 + len(others)} holograms",) if others else ()
+    bench, drive = shown.hologram.system, shown.hologram.drive
+    return FileContent("page", path.name, bench, drive, path=path, plane_m=shown.plane_m, notes=notes)
 
 
 def _refuse_toml_suffix(path: Path) -> Path:

@@ -22,12 +22,12 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.line_fft import supported_strategies
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import TuningResult
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 from tests.second_device import SecondDevice
 
@@ -46,8 +46,8 @@ def test_the_torch_loop_computes_what_the_reference_executor_computes(batched: b
         changes = changes | {"modulators": [{"pitch": "8 um", "shape": [24, 32], "stroke": "825 nm"}]}
     system = _system(**changes)
     plan, drive = make_plan(system, [0.01]), random_drive(system)
-    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
-    found = TorchBaseline(plan, make_frame_inputs(plan, drive), batched=batched)().movedim(0, -1).numpy()
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[1][0]
+    found = TorchBaseline(plan, FrameInputs(plan, drive), batched=batched)().movedim(0, -1).numpy()
     assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected)
 
 
@@ -56,8 +56,8 @@ def test_the_torch_loop_computes_what_the_reference_executor_computes(batched: b
 def test_the_pruned_torch_loop_computes_what_the_reference_executor_computes(way: Way, changes: dict[str, Any]) -> None:
     system = _system(**changes)
     plan, drive = make_plan(system, [0.01]), random_drive(system)
-    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
-    loop = PrunedTorchBaseline(plan, make_frame_inputs(plan, drive), way)
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[1][0]
+    loop = PrunedTorchBaseline(plan, FrameInputs(plan, drive), way)
     for _ in range(2):  # the second time with the memory of the first
         found = loop().movedim(0, -1).numpy()
         assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected)
@@ -68,13 +68,13 @@ def test_the_pruned_torch_loop_refuses_stops_beyond_the_first_order() -> None:
     plan = make_plan(system)
     assert not can_prune(plan)
     with pytest.raises(ValueError, match="within the first order"):
-        PrunedTorchBaseline(plan, make_frame_inputs(plan, random_drive(system)), "lines")
+        PrunedTorchBaseline(plan, FrameInputs(plan, random_drive(system)), "lines")
 
 
 @pytest.mark.parametrize("batched", [False, True])
 def test_the_torch_loop_keeps_to_its_device(batched: bool) -> None:
     plan = make_plan(_system(), [0.01])
-    inputs = make_frame_inputs(plan, random_drive(_system()))
+    inputs = FrameInputs(plan, random_drive(_system()))
     expected = TorchBaseline(plan, inputs, batched=batched)()
     with SecondDevice():
         found = TorchBaseline(plan, inputs, batched=batched, device="cuda")()
@@ -88,7 +88,7 @@ def test_the_torch_loop_refuses_a_bench_that_it_has_no_code_for(changes: dict[st
     system = _system(**changes)
     plan = make_plan(system)
     with pytest.raises(ValueError, match="expected a periodic grid"):
-        TorchBaseline(plan, make_frame_inputs(plan, random_drive(system)), batched=False)
+        TorchBaseline(plan, FrameInputs(plan, random_drive(system)), batched=False)
 
 
 def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from holoview.util.processors import process_cpu_count
 
 from holoview.study import runner
 from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from tests.study.probe import STUDY
 

@@ -1,3 +1,4 @@
+
 from __future__ import annotations
 
 import os
@@ -11,6 +12,9 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 
 from holoview import cli
 from holoview.commands import study as study_command
@@ -24,10 +28,7 @@ from holoview.study.runner import (
     run_jobs,
 )
 from holoview.study.study import SCALES, StudyJob
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
-from holoview.util.version import __version__
 from tests.child_process import child_process
 from tests.study.probe import STUDY
 
