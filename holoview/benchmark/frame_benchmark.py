@@ -40,8 +40,7 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.recorder import CommandRecorder
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import CommandRecorder, GpuTimer
 from holoview.gpu.tune import StrategyOption
 from holoview.model import preset
 from holoview.model.plan import Plan, make_plan

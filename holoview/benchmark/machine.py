@@ -22,10 +22,10 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.adapter import AdapterInfo, native_adapters
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
-from holoview.gpu.rounding import ceil_div
 from holoview.gpu.shader import link
-from holoview.util.cpu_count import process_cpu_count
-from holoview.util.version import __version__
+from holoview.numerics.sampling import ceil_div
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 
 _PACKAGES = ("numpy", "torch", "wgpu")
 

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.fft_grid import frequency_indices
 from holoview.numerics.resample import upsample_nearest
+from holoview.numerics.sampling import frequency_indices
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.propagate import relay_transfer_function, transfer_function_at
 from holoview.optics.slm import pixel_spectrum

@@ -9,7 +9,6 @@ import platform
 from typing import Any
 
 import torch
-from holoview.numerics.sampling import is_fast_length
 
 from holoview.benchmark.frame_benchmark import (
     Criterion,
@@ -32,6 +31,7 @@ from holoview.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
 
 _DEFAULT, _SIZE = "holochrome-8", "1024x768"

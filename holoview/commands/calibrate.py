@@ -33,11 +33,11 @@ from holoview.model import preset
 from holoview.model.effects.learned_maps import MapLayout
 from holoview.model.system import System
 from holoview.optimise.parallel import limit_torch_threads
-from holoview.report.figure import require_matplotlib
+from holoview.report.images import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import Interruption
+from holoview.util.processes import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -9,8 +9,6 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from holoview.io.pictures import write_png
-
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures, write_captures
 from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
@@ -28,6 +26,7 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
+from holoview.io.pictures import write_png
 from holoview.util import units
 from holoview.util.file_writer import write_file
 

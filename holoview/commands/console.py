@@ -21,7 +21,6 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 from holoview.util.processes import Interrupted, Interruption, handled_signals
-
 from holoview.util.progress import ProgressCallback
 from holoview.util.text import printable, printable_lines
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from holoview.report.images import figure_bytes, require_matplotlib
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
@@ -18,12 +17,18 @@ from holoview.commands.console import print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
-from holoview.metrics.laser_patterns import independent_contrast
-from holoview.metrics.retinal_speckle import RetinalContrast, retinal_contrast
-from holoview.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
+from holoview.metrics.speckle import (
+    RetinalContrast,
+    independent_contrast,
+    independent_patterns,
+    pupils_of,
+    retinal_contrast,
+    speckle_contrast,
+)
 from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
+from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import read_raster

@@ -17,14 +17,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.captures.records.corrections import apply_corrections
-from holoview.report.images import require_matplotlib
-from holoview.util.processors import process_cpu_count
-
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.dataset import join_captures
 from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
+from holoview.captures.records.corrections import apply_corrections
 from holoview.commands.arguments import number, parse_duration, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.known_effects import read_known
@@ -43,10 +40,12 @@ from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.system import System
+from holoview.report.images import require_matplotlib
 from holoview.rig import open_rig, read_rig
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
+from holoview.util.processors import process_cpu_count
 from holoview.util.progress import ProgressCallback
 
 _SHORT_S = 10.0  # of a search that says nothing before its end

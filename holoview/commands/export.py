@@ -13,17 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
-from holoview.page.page import export_html
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.output_files import add_input, add_output, add_output_folder
 from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.model.bench_parts import Modulator
 from holoview.model.focus import parse_plane
 from holoview.optics.slm import level_numbers
+from holoview.page.page import export_html
 from holoview.targets.target import Placement, target_for
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder

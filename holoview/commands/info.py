@@ -14,12 +14,11 @@ from holoview.commands.console import print_json
 from holoview.model import preset
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.eye import field_degrees, sample_degrees
 from holoview.model.passband import band_limit
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import read_limits
-from holoview.model.validity.sampling_limits import wrap_around
-from holoview.model.visual_angle import field_degrees, sample_degrees
+from holoview.model.validity import read_limits, wrap_around
 from holoview.optimise.memory import peak_bytes
 from holoview.util import units
 

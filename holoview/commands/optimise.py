@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from holoview.util.processes import Interruption
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects, warn_of_limits
@@ -40,6 +39,7 @@ from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_gr
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
 
 

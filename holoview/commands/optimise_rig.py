@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from holoview.util.processes import Interruption
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects
@@ -33,6 +32,7 @@ from holoview.optimise.memory import require_optimisation_memory, with_compact_g
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
 
 _STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from holoview.io.pictures import path_with_suffix, read_pattern, write_deep_png, write_png
 from numpy.typing import NDArray
 
 from holoview.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
@@ -31,8 +30,18 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
-from holoview.io.animation import MAX_FRAMES, SUFFIXES, Encoder, Pixels, open_encoder
 from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.pictures import (
+    MAX_FRAMES,
+    SUFFIXES,
+    Encoder,
+    Pixels,
+    open_encoder,
+    path_with_suffix,
+    read_pattern,
+    write_deep_png,
+    write_png,
+)
 from holoview.io.pupil_path_file import load_pupil_path
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast

@@ -6,9 +6,6 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview.page.link import split_link
-from holoview.util.processes import is_left, last_work_s, wait_for_threads
-
 from holoview.app.serve_options import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
@@ -16,7 +13,9 @@ from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.page.link import split_link
 from holoview.util.errors import UserError
+from holoview.util.processes import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)

@@ -33,14 +33,14 @@ from holoview.metrics.image_quality import (
     measure_image_quality,
     plane_midpoints,
 )
-from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
 from holoview.metrics.psnr import psnr, psnr_linear_srgb
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.numerics.image_region import Region, region_slices
+from holoview.numerics.tensors import Region, region_slices
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from holoview.report.images import figure_bytes, new_figure
 from numpy.typing import NDArray
 
-from holoview.metrics.speckle import independent_patterns
-from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
-from holoview.numerics.image_region import Region, region_slices
+from holoview.metrics.speckle import independent_patterns, speckle_density, speckle_histogram
+from holoview.numerics.tensors import Region, region_slices
+from holoview.report.images import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
 
 if TYPE_CHECKING:

@@ -13,13 +13,13 @@ from typing import Any
 
 import jinja2
 import numpy as np
-from holoview.io.pictures import write_png
-from holoview.util.packages import __version__
 from PIL import Image
 
+from holoview.io.pictures import write_png
 from holoview.study.plots import data_uri, render_figure
 from holoview.study.study import QUICK, Claim, Findings, Study, StudyPicture, StudyScale
 from holoview.util.file_writer import write_file
+from holoview.util.packages import __version__
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
 

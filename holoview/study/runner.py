@@ -25,21 +25,26 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from holoview.util.memory import memory_setting
-from holoview.util.packages import __version__
 from numpy.typing import NDArray
 
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.study.study import JobResult, StatusCallback, Study, StudyJob
 from holoview.targets.image_reader import read_raster
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
-from holoview.util.memory_limit import WORKER_BYTES, allowed_bytes, format_size, worker_share, workers_within_memory
-from holoview.util.optional_library import import_optional
+from holoview.util.files import read_text
+from holoview.util.memory import (
+    WORKER_BYTES,
+    allowed_bytes,
+    format_size,
+    memory_setting,
+    worker_share,
+    workers_within_memory,
+)
+from holoview.util.packages import __version__, import_optional
+from holoview.util.processes import leave_signals_to_parent, signals_blocked
+from holoview.util.processors import process_cpu_count
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import leave_signals_to_parent, signals_blocked
 from holoview.util.tables import parse_json_table
 
 _FORMAT, _WHAT = "holoview-result", "the result of a study's job"

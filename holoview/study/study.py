@@ -16,11 +16,11 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from holoview.util.packages import __version__
 from numpy.typing import NDArray
 
 from holoview.model.eye import PUPIL
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.packages import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from holoview.util.processes import Interruption
 
 from holoview.benchmark import report_run
 from holoview.benchmark.frame_benchmark import Criterion
@@ -24,6 +23,7 @@ from holoview.cli import main
 from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
+from holoview.util.processes import Interruption
 
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")

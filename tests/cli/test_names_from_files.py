@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from holoview.io.pictures import write_png
-from holoview.report.images import figure_bytes, label, new_figure
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import holoview as hv
 from holoview.commands.arguments import default_output
 from holoview.io.hologram import Hologram
+from holoview.io.pictures import write_png
+from holoview.report.images import figure_bytes, label, new_figure
 from holoview.util.errors import UserError
 
 Run = Callable[..., Any]

@@ -8,12 +8,12 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from holoview.util.memory import VARIABLE
 from hypothesis import given
 from hypothesis import strategies as st
 
 from holoview.cli import COMMANDS, _parser, main
 from holoview.commands.arguments import number, whole
+from holoview.util.memory import VARIABLE
 
 
 def _leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

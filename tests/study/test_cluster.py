@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from holoview.util.processors import process_cpu_count
 
 from holoview.study import runner
 from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
 from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")

@@ -1,4 +1,3 @@
-
 from __future__ import annotations
 
 import os
@@ -12,9 +11,6 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
-from holoview.util.packages import __version__
-from holoview.util.processors import process_cpu_count
 
 from holoview import cli
 from holoview.commands import study as study_command
@@ -29,6 +25,9 @@ from holoview.study.runner import (
 )
 from holoview.study.study import SCALES, StudyJob
 from holoview.util.errors import UserError
+from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 from tests.child_process import child_process
 from tests.study.probe import STUDY
 

@@ -10,7 +10,7 @@ import numpy as np
 from holoview.colour import to_srgb8
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.psnr import psnr_linear_srgb
-from holoview.model.human_eye import chromatic_refraction
+from holoview.model.eye import chromatic_refraction
 from holoview.model.system import System
 from holoview.study.hologram_study import (
     PRIMARIES_NM,

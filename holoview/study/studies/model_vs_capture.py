@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from holoview.report.images import greyscale_pixels
 from numpy.typing import NDArray
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
 from holoview.model import preset
+from holoview.report.images import greyscale_pixels
 from holoview.study.hologram_study import SHOWN, mean_number, table_row
 from holoview.study.plots import bar_chart
 from holoview.study.study import (

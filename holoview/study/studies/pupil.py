@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from holoview.numerics.sampling import positions
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
+from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
 from holoview.study.hologram_study import (
     SHOWN,

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
-from holoview.metrics.retinal_speckle import CONE_ARCMIN, seen_by_cones
-from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.metrics.speckle import CONE_ARCMIN, independent_patterns, seen_by_cones, speckle_contrast
 from holoview.model.system import System
 from holoview.study.hologram_study import (
     CONTRADICTS,
