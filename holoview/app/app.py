@@ -24,11 +24,11 @@ from holoview.app.toasts import Toasts
 from holoview.app.tour import Tour
 from holoview.app.window import Window
 from holoview.app.window_layout import LayoutCallbacks, runner_params
+from holoview.document.changes import Change
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
+from holoview.document.view_settings import NOW
 from holoview.gpu.device import Device
-from holoview.session.changes import Change
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
-from holoview.session.view_settings import NOW
 from holoview.util.errors import UserError
 
 P = TypeVar("P", bound=Panel)

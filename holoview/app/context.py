@@ -21,15 +21,15 @@ from holoview.app.plane_previews import PlanePreviews
 from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.side_renderers import SideRenderers
 from holoview.app.window import Window
+from holoview.document.editing_session import EditingSession
+from holoview.document.file_loader import FileLoader
+from holoview.document.limit_notes import LimitNotes
+from holoview.document.live_measurement import LiveMeasurement
+from holoview.document.live_score import LiveScore
+from holoview.document.pupil_motion import PupilMotion
+from holoview.document.retinal_curve import RetinalCurves
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
-from holoview.session.editing_session import EditingSession
-from holoview.session.file_loader import FileLoader
-from holoview.session.limit_notes import LimitNotes
-from holoview.session.live_measurement import LiveMeasurement
-from holoview.session.live_score import LiveScore
-from holoview.session.pupil_motion import PupilMotion
-from holoview.session.retinal_curve import RetinalCurves
-from holoview.session.session_store import SessionStore
 
 if TYPE_CHECKING:
     from holoview.experiment.live.rig_session import RigSession

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.app.viewport import DeviceImage
+from holoview.document.derived_images import eyebox_xyz, phase_turns
+from holoview.document.document import Drive
+from holoview.document.editing_session import EditingSession
+from holoview.document.latest_task import LatestTask
 from holoview.gpu.device import Device
 from holoview.model.system import System
-from holoview.session.derived_images import eyebox_xyz, phase_turns
-from holoview.session.document import Drive
-from holoview.session.editing_session import EditingSession
-from holoview.session.latest_task import LatestTask
 
 Xyz = NDArray[np.float32]
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from holoview.app.progressive_renderer import TimedRenderer
 from holoview.app.viewport import DeviceImage
+from holoview.document.document import Drive
+from holoview.document.editing_session import EditingSession
+from holoview.document.quick_system import make_quick_system
+from holoview.document.scene import Scene
 from holoview.engine.incremental import UpdateProgress
 from holoview.gpu.device import Device
 from holoview.gpu.recorder import CommandRecorder
 from holoview.model.system import System
-from holoview.session.document import Drive
-from holoview.session.editing_session import EditingSession
-from holoview.session.quick_system import make_quick_system
-from holoview.session.scene import Scene
 from holoview.util.errors import UserError
 
 _MAX_PLANES = 24

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.tiles import PlaneTiles
-from holoview.session.focal_plane import SAME_PLANE_M
+from holoview.document.focal_plane import SAME_PLANE_M
 
 _GAP = 6.0
 

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.tiles import PlaneTiles, tile_size
-from holoview.session.focal_plane import SAME_PLANE_M
+from holoview.document.focal_plane import SAME_PLANE_M
 
 
 class PlaneStrip:

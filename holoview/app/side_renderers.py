@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.viewport import DeviceImage
 from holoview.colour import SRGB_TO_XYZ
+from holoview.document.editing_session import EditingSession
+from holoview.document.scene import Scene
+from holoview.document.target_spec import TargetSpec
+from holoview.document.view_settings import NOW, TARGET, ComparisonSide
 from holoview.gpu.device import Device
-from holoview.session.editing_session import EditingSession
-from holoview.session.scene import Scene
-from holoview.session.target_spec import TargetSpec
-from holoview.session.view_settings import NOW, TARGET, ComparisonSide
 
 _MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the device
 

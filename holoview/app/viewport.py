@@ -10,13 +10,13 @@ import numpy as np
 import wgpu
 from numpy.typing import NDArray
 
+from holoview.document.colour_maps import colour_map
+from holoview.document.tone_mapping import channel_matrix
+from holoview.document.view_settings import ViewSettings
 from holoview.engine.shader_structs import VIEWPORT
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.session.colour_maps import colour_map
-from holoview.session.tone_mapping import channel_matrix
-from holoview.session.view_settings import ViewSettings
 
 _TILE = 8  # workgroup size of the shader along each axis
 _MIN_GRID_ZOOM = 10.0  # screen pixels for each sample from which the pixel grid is drawn

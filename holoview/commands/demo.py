@@ -23,6 +23,7 @@ from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.number_options import whole
 from holoview.commands.optimise import optimise_hologram
 from holoview.commands.output_files import add_output_folder, check_files
+from holoview.document.target_spec import example_target
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
 from holoview.io.png import write_png
@@ -39,7 +40,6 @@ from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
 from holoview.report.contact_sheet import CaptionedTile, contact_sheet
-from holoview.session.target_spec import example_target
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -13,9 +13,9 @@ from holoview.app.plane_sheet import PlaneSheet
 from holoview.app.pupil_map import draw_path, draw_pupil, handle_pupil
 from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
-from holoview.session.eye_edits import eyebox_half_m
-from holoview.session.focal_plane import focus_on, step_focus
-from holoview.session.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
+from holoview.document.eye_edits import eyebox_half_m
+from holoview.document.focal_plane import focus_on, step_focus
+from holoview.document.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05

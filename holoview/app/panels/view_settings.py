@@ -11,8 +11,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.model import preset
-from holoview.session.view_settings import (
+from holoview.document.view_settings import (
     ACHROMATIC,
     CHANNELS,
     COMPARISON_MODES,
@@ -24,6 +23,7 @@ from holoview.session.view_settings import (
     ViewSettings,
     displayed_side,
 )
+from holoview.model import preset
 
 _STOP = 0.25
 _BRIGHT_PERCENT = 99.0

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from holoview.captures.dataset import Captures
+from holoview.document.editing_session import EditingSession
+from holoview.document.latest_task import LatestTask
 from holoview.experiment.live.live_comparison import (
     LivePicture,
     PictureModel,
@@ -14,8 +16,6 @@ from holoview.experiment.live.live_comparison import (
 )
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
-from holoview.session.editing_session import EditingSession
-from holoview.session.latest_task import LatestTask
 from holoview.util.errors import UserError
 
 NOMINAL = PictureModel("rig.toml")
