@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from holoview.app.context import AppContext
 from holoview.document.example import show_example
-from holoview.document.view_settings import SPECKLE_EXPOSURE_STOPS
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.view import random_drive
 
 

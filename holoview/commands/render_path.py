@@ -16,7 +16,6 @@ from holoview.commands.arguments import check_adapter_applies
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.default_output import default_output
 from holoview.commands.output_files import check_files, check_suffix
-from holoview.document.rendering import render_each
 from holoview.io.animation import MAX_FRAMES, SUFFIXES, Encoder, Pixels, open_encoder
 from holoview.io.png import write_png
 from holoview.io.pupil_path_file import load_pupil_path
@@ -24,6 +23,7 @@ from holoview.model import preset
 from holoview.model.focus import plane_label
 from holoview.model.pupil_path import views_along
 from holoview.model.system import System
+from holoview.render.plane_images import render_each
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 

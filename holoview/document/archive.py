@@ -25,7 +25,6 @@ from holoview.document.history import HistoryStep
 from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
 from holoview.document.target_spec import TargetSpec, example_target
 from holoview.document.unfinished_optimisation import UnfinishedOptimisation, read_rest
-from holoview.document.view_settings import ViewSettings
 from holoview.document.view_settings_table import (
     finite,
     index,
@@ -37,6 +36,7 @@ from holoview.document.view_settings_table import (
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
+from holoview.render.view_settings import ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError

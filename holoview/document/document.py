@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
 from holoview.model.system import System
+from holoview.render.scene import Drive, Scene, image_shape
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
 from holoview.util.errors import UserError
-
-Drive = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +47,14 @@ class Document:
         )
 
     @property
+    def scene(self) -> Scene:
+        """What the image is rendered from."""
+        return Scene(self.system, self.drive, self.view_settings.plane_m)
+
+    @property
     def image_shape(self) -> tuple[int, int]:
         """Rows and columns of the simulated image."""
-        upsample = self.system.sampling.upsample
-        rows, columns = self.system.modulators[0].shape
-        return rows * upsample, columns * upsample
+        return image_shape(self.system)
 
     @property
     def measured_region(self) -> Region:

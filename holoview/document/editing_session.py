@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 
 from holoview.document.call_queue import CallQueue
 from holoview.document.changes import CHANGE_KINDS, Change, Listeners, changed_kinds
-from holoview.document.document import Document, Drive, is_same_document, middle_plane
+from holoview.document.document import Document, is_same_document, middle_plane
 from holoview.document.history import History, HistoryStep
 from holoview.document.jobs import JobManager
 from holoview.document.messages import MessageLog
 from holoview.document.optimisation_choices import OptimisationChoices
-from holoview.document.scene import Scene, resolve_scene
 from holoview.document.target_builder import TargetBuilder
 from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import NOW, ComparisonSide, ViewSettings
+from holoview.model import preset
 from holoview.model.system import System
+from holoview.render.scene import Drive, Scene
+from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 
@@ -72,6 +73,7 @@ class EditingSession:
         self.wake, self.version, self.save_problem = wake, 0, ""
         self._history, self._snapshots = history, dict(snapshots)
         self._choices = OptimisationChoices()
+        self._presets: dict[Hashable, Scene] = {}
         self._inbox, self._listeners = CallQueue(), Listeners()
         self._preview: tuple[Document, Document] | None = None
         self.messages = MessageLog(lambda: self._notify("messages"))
@@ -256,8 +258,33 @@ class EditingSession:
         self._notify("look", "history", "snapshots")
 
     def scene_for(self, side: ComparisonSide) -> Scene | None:
-        """What to render for a side of the comparison: see `resolve_scene`."""
-        return resolve_scene(side, self.displayed_document, self._snapshots)
+        """The scene of a side of the comparison at the displayed focal plane.
+
+        None for the target, which isn't rendered, and for a snapshot that has been deleted. A preset gets the pixel
+        count and the sampling of the displayed system, so that both images have the same size, and random patterns.
+        """
+        displayed = self.displayed_document
+        system, plane_m = displayed.system, displayed.view_settings.plane_m
+        if side.kind == "now":
+            return displayed.scene
+        if side.kind == "achromatic":
+            system = system if system.eye is None else system.with_(eye=replace(system.eye, chromatic=False))
+            return Scene(system, displayed.drive, plane_m)
+        if side.kind == "snapshot":
+            pinned = self._snapshots.get(side.name)
+            return None if pinned is None else Scene(pinned.lit_system, pinned.drive, plane_m)
+        if side.kind == "preset":
+            return replace(self._preset_scene(side.name, system), plane_m=plane_m)
+        return None
+
+    def _preset_scene(self, name: str, displayed: System) -> Scene:
+        """A preset's scene with the displayed sampling; cached, as other random patterns would restart its rendering."""
+        sampling = {"shape": displayed.modulators[0].shape, "upsample": displayed.sampling.upsample}
+        key = (name, *sampling.values())
+        if key not in self._presets:
+            system = preset.load(name).edit(sampling)
+            self._presets[key] = Scene(system, random_drive(system), middle_plane(system))
+        return self._presets[key]
 
     def target_at(self, plane_m: float | None = None) -> NDArray[np.float32] | None:
         """The target (y, x, 3) in linear sRGB at a plane, by default the displayed one; None until it is built."""

@@ -10,10 +10,10 @@ from typing import Any
 from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
 from holoview.document.target_spec import TargetSpec, example_target
-from holoview.document.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.system import System
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.util.files import data_dir
 
 EXAMPLE_PRESET = "holochrome-8"

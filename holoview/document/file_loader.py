@@ -17,9 +17,9 @@ from holoview.document.file_watcher import POLL_INTERVAL_S, FileWatcher
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import ViewSettings
 from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
+from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError
 
 _RETRY_FOR_S = 10.0

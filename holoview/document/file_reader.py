@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from holoview.colour import srgb_decode
-from holoview.document.document import Drive
 from holoview.document.target_spec import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.io.png import read_pattern
@@ -28,6 +27,7 @@ from holoview.model.system import System
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
+from holoview.render.scene import Drive
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
-from holoview.document.latest_task import LatestTask
 from holoview.document.measure import (
     ContrastCurve,
     LineProfile,
@@ -24,6 +23,7 @@ from holoview.metrics.laser_patterns import independent_pattern_count
 from holoview.metrics.retinal_speckle import RetinalContrast, retinal_contrast
 from holoview.metrics.speckle_histogram import SpeckleHistogram, speckle_histogram
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
 
 Image = NDArray[np.floating]
 

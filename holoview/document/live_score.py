@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from holoview.colour import xyz_to_linear_srgb
 from holoview.document.editing_session import EditingSession
-from holoview.document.latest_task import LatestTask
 from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.util.latest_task import LatestTask
 
 Image = NDArray[np.floating]
 Measure = Callable[[Image, Image], float]

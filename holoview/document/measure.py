@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
-from holoview.document.view_settings import Line, Region
 from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.laser_patterns import laser_luminances
 from holoview.metrics.psnr import psnr
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.system import System
+from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]

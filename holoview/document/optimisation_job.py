@@ -10,7 +10,7 @@ from time import monotonic
 
 import numpy as np
 
-from holoview.document.document import Document, Drive
+from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_choices import START_PATTERNS, OptimisationChoices
@@ -20,6 +20,7 @@ from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
+from holoview.render.scene import Drive
 from holoview.util import units
 from holoview.util.errors import UserError
 

@@ -12,12 +12,12 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measure import measure_region
 from holoview.document.optimisation_job import with_lasers_of
-from holoview.document.rendering import render_planes
-from holoview.document.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
+from holoview.render.plane_images import render_planes
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
 from holoview.view import random_drive
 
 SCHEMES = ("simultaneous", "holochrome-8")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from holoview.document.document import Document
 from holoview.document.jobs import CallOnOwner
-from holoview.document.latest_task import LatestTask
 from holoview.document.target_spec import TargetSpec
 from holoview.model.system import System
+from holoview.util.latest_task import LatestTask
 
 Image = NDArray[np.float32]
 _MAX_CACHED_IMAGES = 24

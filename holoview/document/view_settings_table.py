@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, fields, replace
 from typing import Any
 
-from holoview.document.view_settings import ComparisonSide, ViewSettings
 from holoview.model.pupil_path import PupilPath
+from holoview.render.view_settings import ComparisonSide, ViewSettings
 
 
 def view_settings_table(view: ViewSettings) -> dict[str, Any]:

@@ -15,13 +15,13 @@ import numpy as np
 import psutil
 import pytest
 
-import tests.session.conftest as bench
+import tests.document.conftest as bench
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
 from holoview.document.preferences import Preferences
 from holoview.document.session_store import SessionStore
 from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import TARGET, ComparisonSide, ViewSettings
+from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size
@@ -32,7 +32,7 @@ from pathlib import Path
 from holoview.document.session_store import SessionStore
 from holoview.document.file_reader import target_from_pixels
 from holoview.document.editing_session import EditingSession
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 import numpy as np
 session = EditingSession(small_system(), seed=7)
 autosave = SessionStore(Path(sys.argv[1])).start_autosave(session)

@@ -12,9 +12,9 @@ from holoview.document.document import Document, fit_drive
 from holoview.document.editing_session import EditingSession
 from holoview.document.history import MAX_STEPS, MERGE_WITHIN_S, History, HistoryStep
 from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import TARGET, ComparisonSide, ViewSettings
+from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 
 
 def test_every_edit_is_a_step_that_undo_and_redo_walk(session: EditingSession) -> None:

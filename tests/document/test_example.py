@@ -14,11 +14,11 @@ from holoview.document.file_loader import FileLoader
 from holoview.document.file_reader import target_from_pixels
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
-from holoview.document.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.util.files import data_dir
 from holoview.view import random_drive
 

@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
-from holoview.document.colour_maps import NAMES, colour_map
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.figure import save_figure, scale_bar_length
 from holoview.document.export.hologram_files import save_hologram, save_preset
@@ -19,17 +18,17 @@ from holoview.document.export.png_images import png_bytes, save_planes, save_vie
 from holoview.document.export.pupil_sheet import save_pupil_sheet
 from holoview.document.export.sweep import save_sweep
 from holoview.document.file_reader import target_from_image_bytes
-from holoview.document.rendering import render_planes
 from holoview.document.scheme_comparison import NAMES as SIDES
 from holoview.document.scheme_comparison import start_scheme_comparison
 from holoview.document.target_spec import TargetSpec
-from holoview.document.tone_mapping import compose_comparison, tone_map
-from holoview.document.view_settings import ViewSettings
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
+from holoview.render.plane_images import render_planes
+from holoview.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
+from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError
 from holoview.view import simulate
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 
 
 def test_rendering_agrees_with_the_reference(session: EditingSession) -> None:

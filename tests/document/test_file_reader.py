@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import tests.session.conftest as bench
+import tests.document.conftest as bench
 from holoview.document.editing_session import EditingSession
 from holoview.document.file_loader import FileLoader
 from holoview.document.file_reader import read_content, target_from_image_bytes, target_from_pixels

@@ -13,8 +13,8 @@ import pytest
 
 from holoview.colour import D65_WHITE
 from holoview.document.editing_session import EditingSession
-from holoview.document.latest_task import LatestTask
 from holoview.document.live_measurement import ImageMeasurements, LiveMeasurement, measure_image
+from holoview.util.latest_task import LatestTask
 
 
 def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:

@@ -10,7 +10,7 @@ from holoview.document import chromaticity_diagram as gamut
 from holoview.document.measure import contrast_by_wavelength, line_profile, measure_region, sample_pixel
 from holoview.metrics.laser_patterns import independent_pattern_count, laser_luminances
 from holoview.util.errors import UserError
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 
 WHOLE = (0, 0, 256, 256)
 CONTRAST_TOLERANCE = 0.02  # of 65 536 independent samples: σ of the contrast is below 1/√65 536 · 2

@@ -16,12 +16,12 @@ from holoview.document.eye_edits import move_pupil, plane_of, toggle_eye
 from holoview.document.file_loader import FileLoader
 from holoview.document.focal_plane import focus_at
 from holoview.document.pupil_motion import PupilMotion
-from holoview.document.tone_mapping import tone_map
 from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
 from holoview.model.pupil_path import PupilPath, system_at
+from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
 from holoview.view import simulate
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 
 PATH = PupilPath((0.0, 1.0), (-2e-4, 2e-4), (0.0, 3e-4), (1e-3, 1.5e-3), (0.25, 0.5))
 

@@ -8,8 +8,8 @@ from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from holoview.colour import observer_weights
-from holoview.document.quick_system import make_quick_system, reduced_amplitudes
 from holoview.model import preset
+from holoview.render.quick_system import make_quick_system, reduced_amplitudes
 
 SYSTEM = preset.load("holochrome-8")
 

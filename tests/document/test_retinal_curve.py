@@ -16,7 +16,7 @@ from holoview.document.target_spec import TargetSpec
 from holoview.metrics.retinal_speckle import retinal_contrast
 from holoview.util.errors import UserError
 from holoview.view import simulate
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 
 PUPILS_M = (1e-3, 2e-3)
 

@@ -30,7 +30,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.file_reader import target_from_pixels
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
-from tests.session.conftest import small_system
+from tests.document.conftest import small_system
 session = EditingSession(small_system(), seed=7)
 autosave = SessionStore(Path(sys.argv[1])).start_autosave(session)
 session.edit("Target", target_spec=target_from_pixels(np.full((4, 4, 3), 90, np.uint8)))

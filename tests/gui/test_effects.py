@@ -10,8 +10,8 @@ import pytest
 
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.image import ImagePanel
-from holoview.document.view_settings import NOW
 from holoview.model.effects.registry import listed_effects
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import tests.session.conftest as bench
+import tests.document.conftest as bench
 from holoview.app.launch import LaunchOptions, open_session
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import SessionStore

@@ -14,9 +14,9 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
-from holoview.document.view_settings import NOW, ComparisonSide
 from holoview.model.bench_parts import Relay
 from holoview.model.stops import SquareStop
+from holoview.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

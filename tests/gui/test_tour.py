@@ -18,9 +18,9 @@ from holoview.document.example import EXAMPLE_PRESET, new_session
 from holoview.document.optimisation_job import running_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.document.target_spec import example_target
-from holoview.document.view_settings import NOW
 from holoview.gpu.device import Device
 from holoview.model import preset
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import SIZE, Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -21,9 +21,9 @@ from holoview.document.eye_edits import (
     toggle_eye,
 )
 from holoview.document.focal_plane import focus_at, focus_range_m
-from holoview.document.view_settings import ACHROMATIC, NOW
 from holoview.model.dataclass_fields import fields_by_key
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
+from holoview.render.view_settings import ACHROMATIC, NOW
 
 _BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")
 _ALL_BUT_CHROMATIC = tuple(key for key in fields_by_key(Eye) if key != "chromatic")

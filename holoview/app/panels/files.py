@@ -24,8 +24,8 @@ from holoview.document.export.pupil_path import save_path, save_path_animation, 
 from holoview.document.export.pupil_sheet import save_pupil_sheet
 from holoview.document.export.sweep import save_sweep
 from holoview.document.jobs import format_job
-from holoview.document.tone_mapping import compose_comparison
-from holoview.document.view_settings import DERIVED_PAGES, displayed_side
+from holoview.render.tone_mapping import compose_comparison
+from holoview.render.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
 from holoview.util.text import plain_name
 

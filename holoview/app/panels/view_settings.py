@@ -11,7 +11,8 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.document.view_settings import (
+from holoview.model import preset
+from holoview.render.view_settings import (
     ACHROMATIC,
     CHANNELS,
     COMPARISON_MODES,
@@ -23,7 +24,6 @@ from holoview.document.view_settings import (
     ViewSettings,
     displayed_side,
 )
-from holoview.model import preset
 
 _STOP = 0.25
 _BRIGHT_PERCENT = 99.0

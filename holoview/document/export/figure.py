@@ -14,8 +14,8 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.export.suffix import check_suffix
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measure import RegionMetrics, measure_region
-from holoview.document.rendering import render_planes
-from holoview.document.tone_mapping import tone_map
+from holoview.render.plane_images import render_planes
+from holoview.render.tone_mapping import tone_map
 from holoview.report.figure import figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
 from holoview.util.file_writer import write_file

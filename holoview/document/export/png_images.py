@@ -13,10 +13,10 @@ from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.suffix import with_default_suffix
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.rendering import render_planes
-from holoview.document.tone_mapping import tone_map
 from holoview.io.png import path_with_suffix, png_texts, write_png
 from holoview.model import preset
+from holoview.render.plane_images import render_planes
+from holoview.render.tone_mapping import tone_map
 from holoview.util import units
 from holoview.util.errors import UserError
 

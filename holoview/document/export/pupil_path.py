@@ -11,12 +11,12 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.export.png_images import png_metadata
 from holoview.document.export.suffix import check_suffix, with_default_suffix
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.rendering import render_each
-from holoview.document.tone_mapping import tone_map
 from holoview.io.animation import MAX_FRAMES, Pixels, open_encoder
 from holoview.io.png import path_with_suffix, write_png
 from holoview.io.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.model.pupil_path import PupilPath, views_along
+from holoview.render.plane_images import render_each
+from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
 
 _SHORTEST_S = 0.1  # of an animation

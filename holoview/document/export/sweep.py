@@ -11,9 +11,9 @@ from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.png_images import png_metadata
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.rendering import render_planes
-from holoview.document.tone_mapping import tone_map
 from holoview.io.animation import Pixels, open_encoder
+from holoview.render.plane_images import render_planes
+from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
 
 

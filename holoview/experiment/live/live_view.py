@@ -6,7 +6,6 @@ from functools import partial
 
 from holoview.captures.dataset import Captures
 from holoview.document.editing_session import EditingSession
-from holoview.document.latest_task import LatestTask
 from holoview.experiment.live.live_comparison import (
     LivePicture,
     PictureModel,
@@ -17,6 +16,7 @@ from holoview.experiment.live.live_comparison import (
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
 
 NOMINAL = PictureModel("rig.toml")
 

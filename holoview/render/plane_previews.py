@@ -6,26 +6,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from holoview.app.progressive_renderer import TimedRenderer
-from holoview.app.viewport import DeviceImage
-from holoview.document.document import Drive
-from holoview.document.editing_session import EditingSession
-from holoview.document.quick_system import make_quick_system
-from holoview.document.scene import Scene
 from holoview.engine.incremental import UpdateProgress
 from holoview.gpu.device import Device
 from holoview.gpu.recorder import CommandRecorder
 from holoview.model.system import System
+from holoview.render.progressive_renderer import TimedRenderer
+from holoview.render.quick_system import make_quick_system
+from holoview.render.scene import DeviceImage, Drive, Scene
 from holoview.util.errors import UserError
 
 _MAX_PLANES = 24
 
 
+def previewed_planes(system: System) -> list[float]:
+    """The planes of a system that have previews, by rising distance: at most 24 of them, evenly chosen."""
+    planes = np.unique(system.planes_m)
+    chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MAX_PLANES)).round().astype(int))
+    return [float(planes[i]) for i in chosen]
+
+
 class PlanePreviews:
     """One picture of the simplified system for each plane; outdated pictures stay until they are replaced."""
 
-    def __init__(self, device: Device, session: EditingSession) -> None:
-        self._device, self._session = device, session
+    def __init__(self, device: Device) -> None:
+        self._device = device
         self._renderer = TimedRenderer(device)
         self._requested: tuple[System, Drive] | None = None
         self._stale: list[float] = []
@@ -34,25 +38,16 @@ class PlanePreviews:
         self._version = 0
 
     @property
-    def planes_m(self) -> list[float]:
-        """The planes of the system, by rising distance; at most 24 of them, evenly chosen."""
-        planes = np.unique(self._session.system.planes_m)
-        chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MAX_PLANES)).round().astype(int))
-        return [float(planes[i]) for i in chosen]
-
-    @property
     def is_busy(self) -> bool:
         """Whether a picture is outdated."""
         return bool(self._stale)
 
-    def request(self) -> None:
-        """Requests pictures of the displayed document, starting with planes near the displayed one."""
-        document = self._session.displayed_document
+    def request(self, scene: Scene) -> None:
+        """Requests pictures of all planes of a scene, starting with planes near the displayed one."""
         system, drive = self._requested or (None, None)
-        if document.drive is not drive or document.system != system:
-            self._requested, self._steps = (document.system, document.drive), None
-            focused_m = document.view_settings.plane_m
-            self._stale = sorted(self.planes_m, key=lambda z: abs(z - focused_m))
+        if scene.drive is not drive or scene.system != system:
+            self._requested, self._steps = (scene.system, scene.drive), None
+            self._stale = sorted(previewed_planes(scene.system), key=lambda z: abs(z - scene.plane_m))
             self.pictures = {z: picture for z, picture in self.pictures.items() if z in self._stale}
 
     def compute_slice(self) -> bool:

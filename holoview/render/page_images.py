@@ -1,20 +1,85 @@
-"""Images derived from a hologram other than its focal planes: the phase of a pattern, and the eyebox.
+"""The images of the pages "phase" and "spectrum": the phase of a pattern, and the eyebox.
 
-Both are computed in torch, which takes a second to import: call them on a worker thread.
+`PageImages` keeps the displayed one on the device. Both are computed in torch, which takes a second to import: call
+`phase_turns` and `eyebox_xyz` on a worker thread.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.document.document import Drive
 from holoview.engine.frame import spectrum_behind_modulators
+from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.first_order import first_order
+from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.view_settings import ViewSettings
+from holoview.util.latest_task import LatestTask
+
+Xyz = NDArray[np.float32]
+
+
+class PageImages:
+    """Images of derived pages. They are computed on a thread; the image before stays until the new one is ready.
+
+    deliver: has the owner make a call. on_error: called by the owner with the exception.
+    """
+
+    def __init__(
+        self, device: Device, deliver: Callable[[Callable[[], None]], None], on_error: Callable[[BaseException], None]
+    ) -> None:
+        self._device = device
+        self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
+        self._requested: tuple[str, Any] | None = None
+        self._task: LatestTask[Xyz] = LatestTask("derived image", deliver, on_error)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image is being computed."""
+        return self._task.is_busy
+
+    def picture(self, scene: Scene, view: ViewSettings) -> DeviceImage | None:
+        """The image of the page of the view settings; None until it is computed."""
+        if view.page == "phase":
+            self._request("phase", (scene.system, scene.drive, view.frame, view.modulator), _phase_xyz)
+        if view.page == "spectrum":
+            system = scene.system.with_(eye=None)  # the eyebox doesn't depend on where the pupil is
+            self._request("spectrum", (system, scene.drive, scene.system.eye is not None), eyebox_xyz)
+        entry = self._pictures.get(view.page)
+        return None if entry is None else entry[1]
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz]) -> None:
+        """Has the image of a page computed from `key`, unless it is there or was the last to be requested."""
+        known = (self._requested, (page, self._pictures[page][0]) if page in self._pictures else None)
+        if any(entry is not None and entry[0] == page and _is_same(entry[1], key) for entry in known):
+            return
+        self._requested = (page, key)
+        self._task.submit(partial(compute, *key), partial(self._put, page, key))
+
+    def _put(self, page: str, key: Any, xyz: Xyz) -> None:
+        four = np.zeros((*xyz.shape[:2], 4), np.float32)
+        four[..., :3] = xyz
+        self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
+
+
+def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
+    """The phase of a pattern in turns (y, x, 3), thrice, as the shader of images reads it."""
+    return np.repeat(phase_turns(system, drive, frame, modulator)[..., None], 3, axis=2)
+
+
+def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    """Whether (system, drive, …) are equal; patterns are compared by identity, which is what edits share."""
+    return one[1] is other[1] and one[0] == other[0] and one[2:] == other[2:]
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.app.progressive_renderer import ProgressiveRenderer
-from holoview.app.viewport import DeviceImage
 from holoview.colour import SRGB_TO_XYZ
-from holoview.document.editing_session import EditingSession
-from holoview.document.scene import Scene
-from holoview.document.target_spec import TargetSpec
-from holoview.document.view_settings import NOW, TARGET, ComparisonSide
 from holoview.gpu.device import Device
+from holoview.model.system import System
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.scene import DeviceImage, Scene, image_shape
+from holoview.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
 
 _MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the device
 
@@ -23,35 +22,56 @@ _MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the 
 class _ShownTarget:
     """A target on the device: the image (y, x, 3) that it shows, and of which specification."""
 
-    spec: TargetSpec
+    spec: object
     image: NDArray[np.float32]
     shown: DeviceImage
 
 
+class ComparedScenes(Protocol):
+    """What the sides of a comparison show at present: the editing session tells it."""
+
+    @property
+    def view_settings(self) -> ViewSettings:
+        """Which sides are shown, and how."""
+
+    @property
+    def system(self) -> System:
+        """The system of the side "now"."""
+
+    @property
+    def target_spec(self) -> object:
+        """What the target is made from; None without a target."""
+
+    def scene_for(self, side: ComparisonSide) -> Scene | None:
+        """The scene of a side; None for a side that isn't rendered."""
+
+    def target_at(self) -> NDArray[np.float32] | None:
+        """The target (y, x, 3) in linear sRGB at the displayed plane; None until it is built."""
+
+
 class SideRenderers:
-    """One renderer for each side: call `request` after each change of the session, `compute_slice` while `is_busy`.
+    """One renderer for each side: call `request` after each change of the scenes, `compute_slice` while `is_busy`.
 
     now: the renderer of "now", if it has been started already.
     """
 
-    def __init__(self, device: Device, session: EditingSession, now: ProgressiveRenderer | None = None) -> None:
-        self._device, self._session = device, session
+    def __init__(self, device: Device, scenes: ComparedScenes, now: ProgressiveRenderer | None = None) -> None:
+        self._device, self._scenes = device, scenes
         self.now = ProgressiveRenderer(device) if now is None else now
         self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
-        self._presets: dict[tuple[str, tuple[int, int], int], Scene | None] = {}
         self._target: _ShownTarget | None = None
 
     def visible_sides(self) -> tuple[ComparisonSide, ...]:
         """The sides that the view settings show, and "now", which is always kept up to date."""
-        view = self._session.view_settings
+        view = self._scenes.view_settings
         return (NOW,) if view.compare == "off" else tuple(dict.fromkeys((NOW, view.a, view.b)))
 
     def request(self) -> None:
-        """Requests the images that the session shows. Raises UserError for an impossible scene."""
+        """Requests the images of the visible sides. Raises UserError for an impossible scene."""
         for side in self.visible_sides():
             if side == TARGET:
                 continue
-            scene = self._scene(side)
+            scene = self._scenes.scene_for(side)
             if scene is not None:
                 self._renderer_for(side).request(scene)
 
@@ -92,7 +112,7 @@ class SideRenderers:
     def xyz(self, side: ComparisonSide) -> NDArray[np.floating] | None:
         """The full image XYZ (y, x, 3) of a side on the host; None until it is computed."""
         if side == TARGET:
-            target = self._session.target_at()
+            target = self._scenes.target_at()
             return None if target is None else target @ SRGB_TO_XYZ.T
         renderer = self.renderer(side)
         return None if renderer is None else renderer.xyz()
@@ -101,17 +121,6 @@ class SideRenderers:
         """Ends all renderers."""
         for renderer in (self.now, *self._others.values()):
             renderer.close()
-
-    def _scene(self, side: ComparisonSide) -> Scene | None:
-        """The scene of a side; that of a preset is cached, since new random patterns would restart its rendering."""
-        if side.kind != "preset":
-            return self._session.scene_for(side)
-        system = self._session.system
-        key = (side.name, system.modulators[0].shape, system.sampling.upsample)
-        if key not in self._presets:
-            self._presets[key] = self._session.scene_for(side)
-        scene = self._presets[key]
-        return None if scene is None else replace(scene, plane_m=self._session.view_settings.plane_m)
 
     def _renderer_for(self, side: ComparisonSide) -> ProgressiveRenderer:
         if side == NOW:
@@ -125,15 +134,15 @@ class SideRenderers:
 
     def _target_picture(self) -> DeviceImage | None:
         """The newest target that is built; with an eye, which it follows, one is built when that has come to rest."""
-        session, old = self._session, self._target
-        if old is not None and (old.spec, old.shown.shape) != (session.target_spec, session.document.image_shape):
+        scenes, old = self._scenes, self._target
+        if old is not None and (old.spec, old.shown.shape) != (scenes.target_spec, image_shape(scenes.system)):
             old = self._target = None
-        is_moving = session.system.eye is not None and not self.now.is_fresh
-        image = None if is_moving and old is not None else session.target_at()
+        is_moving = scenes.system.eye is not None and not self.now.is_fresh
+        image = None if is_moving and old is not None else scenes.target_at()
         is_new = image is not None and (old is None or old.image is not image)
-        if is_new and image is not None and session.target_spec is not None:
+        if is_new and image is not None and scenes.target_spec is not None:
             xyz = np.zeros((*image.shape[:2], 4), np.float32)
             xyz[..., :3] = image @ SRGB_TO_XYZ.T
             shown = DeviceImage(self._device.upload(xyz, "target"), (image.shape[0], image.shape[1]))
-            self._target = _ShownTarget(session.target_spec, image, shown)
+            self._target = _ShownTarget(scenes.target_spec, image, shown)
         return None if self._target is None else self._target.shown

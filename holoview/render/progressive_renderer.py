@@ -17,12 +17,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.app.viewport import DeviceImage
-from holoview.document.document import Drive
-from holoview.document.quick_system import make_quick_system
-from holoview.document.scene import Scene
 from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device
+from holoview.render.quick_system import make_quick_system
+from holoview.render.scene import DeviceImage, Drive, Scene
 from holoview.util.errors import UserError
 
 QUICK_FRAME_ABOVE_S = 0.1

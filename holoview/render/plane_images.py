@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.document.document import Drive
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import open_device
 from holoview.model.system import System
+from holoview.render.scene import Drive
 from holoview.util.errors import UserError
 from holoview.view import simulate
 
