@@ -22,7 +22,7 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.session.editing_session import EditingSession
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 Showable = System | Hologram | EditingSession | str
 _MAX_FRAMES_A_SECOND = 30

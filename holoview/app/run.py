@@ -27,8 +27,8 @@ from holoview.session.example import shows_example
 from holoview.session.preferences import state_folder
 from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
-from holoview.util.rescue import save_elsewhere
-from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.file_writer import save_elsewhere
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 from holoview.util.text import plain_name
 
 _IDLE_S = 0.05  # between checks for work while there is none

@@ -33,13 +33,13 @@ from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
 from holoview.page.document import observer_table, page_document, read_document
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
+from holoview.util.packages import __version__
 from holoview.util.progress import StepCallback
-from holoview.util.version import __version__
 from holoview.view import View, simulate
 
 FORMAT, VERSION = "holoview-page", "1"

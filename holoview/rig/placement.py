@@ -28,11 +28,11 @@ import numpy as np
 import tomli_w
 
 from holoview.captures.orientations import ORIENTATIONS, oriented_shape
-from holoview.model.field_types import Array, Number
+from holoview.model.fields import Array, Number
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_toml
 
 _EXPECTED = "the placement of a rig's devices in TOML"

@@ -8,9 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.metrics.laser_patterns import independent_pattern_count
-from holoview.metrics.retinal_speckle import RetinalContrast, retinal_contrast
-from holoview.metrics.speckle_histogram import SpeckleHistogram, speckle_histogram
+from holoview.metrics.speckle import (
+    RetinalContrast,
+    SpeckleHistogram,
+    independent_pattern_count,
+    retinal_contrast,
+    speckle_histogram,
+)
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.latest_task import LatestTask

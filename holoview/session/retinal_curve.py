@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.metrics.laser_patterns import independent_contrast
-from holoview.metrics.retinal_speckle import RetinalContrast, default_pupils, pupils_of, retinal_contrast
+from holoview.metrics.speckle import RetinalContrast, default_pupils, independent_contrast, pupils_of, retinal_contrast
 from holoview.model.system import System
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession

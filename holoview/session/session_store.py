@@ -30,7 +30,7 @@ from holoview.session.unfinished_optimisation import UnfinishedOptimisation, con
 from holoview.session.view_settings_table import finite, text
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
-from holoview.util.process_start import process_start
+from holoview.util.processes import process_start
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000

@@ -14,7 +14,7 @@ from PIL import Image
 import holoview as hv
 from holoview.gpu.device import Device
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_pattern
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 
 Run = Callable[..., Any]

@@ -17,7 +17,7 @@ from PIL import Image
 import holoview as hv
 from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.io.png import write_pattern
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System

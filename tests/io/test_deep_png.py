@@ -11,7 +11,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.colour import COLOUR_SPACES, D65_WHITE, XYZ_TO_SRGB
-from holoview.io.png import png_texts, write_deep_png
+from holoview.io.pictures import png_texts, write_deep_png
 from holoview.targets.image_reader import read_raster
 
 STANDARD = {"srgb": "sRGB", "p3": "Display P3", "rec2020": "ITU-R BT.2020"}

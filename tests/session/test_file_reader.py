@@ -12,7 +12,7 @@ from PIL import Image
 
 import tests.session.conftest as bench
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_pattern
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.session.editing_session import EditingSession
 from holoview.session.file_loader import FileLoader

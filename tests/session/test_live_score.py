@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, xyz_to_linear_srgb
-from holoview.metrics.flip import flip
-from holoview.metrics.ms_ssim import ms_ssim
+from holoview.metrics.perceptual import flip, ms_ssim
 from holoview.session.editing_session import EditingSession
 from holoview.session.live_score import ImageScore, LiveScore, image_psnr_db
 

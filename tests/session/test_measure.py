@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.metrics.laser_patterns import independent_pattern_count, laser_luminances
+from holoview.metrics.speckle import independent_pattern_count, laser_luminances
 from holoview.session import chromaticity_diagram as gamut
 from holoview.session.measure import (
     contrast_by_wavelength,

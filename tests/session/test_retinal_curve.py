@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.metrics.retinal_speckle import retinal_contrast
+from holoview.metrics.speckle import retinal_contrast
 from holoview.session.editing_session import EditingSession
 from holoview.session.eye_edits import move_pupil, toggle_eye
 from holoview.session.live_measurement import measure_image

@@ -11,8 +11,8 @@ from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
 from holoview.app.pupil_map import draw_pupil_map
 from holoview.app.pupil_path_widgets import add_path_commands, draw_path_controls
-from holoview.model.dataclass_fields import fields_by_key
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
+from holoview.model.fields import fields_by_key
 from holoview.session.eye_edits import (
     PUPIL_RANGE_M,
     dioptres_of,

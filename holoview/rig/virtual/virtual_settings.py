@@ -33,13 +33,13 @@ from typing import Any
 
 from holoview.captures.orientations import ORIENTATIONS, oriented_shape
 from holoview.captures.virtual_measurement import Nuisances
-from holoview.model.effects.effect_table import EffectTable
-from holoview.model.field_types import FieldType, Number
+from holoview.model.effects.registry import EffectTable
+from holoview.model.fields import FieldType, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.virtual.drift import DriftSettings
 from holoview.rig.virtual.faults import FaultSettings, FaultTable
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_toml
 
 _EXPECTED = "what a virtual bench really is, in TOML"

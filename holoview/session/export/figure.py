@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.report.figure import figure_bytes, label, new_figure, require_matplotlib
+from holoview.report.images import figure_bytes, label, new_figure, require_matplotlib
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.export.suffix import check_suffix
@@ -19,7 +19,7 @@ from holoview.session.rendering import render_planes
 from holoview.session.tone_mapping import tone_map
 from holoview.util import units
 from holoview.util.file_writer import write_file
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

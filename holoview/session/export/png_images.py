@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.io.png import path_with_suffix, png_texts, write_png
+from holoview.io.pictures import path_with_suffix, png_texts, write_png
 from holoview.model import preset
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession

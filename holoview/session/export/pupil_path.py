@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from holoview.io.animation import MAX_FRAMES, Pixels, open_encoder
-from holoview.io.png import path_with_suffix, write_png
+from holoview.io.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, write_png
 from holoview.io.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.session.document import Document

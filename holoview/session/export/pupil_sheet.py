@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.model.focus import with_pupil_at
-from holoview.numerics.fft_grid import positions
-from holoview.report.contact_sheet import CaptionedTile, contact_sheet
+from holoview.numerics.sampling import positions
+from holoview.report.images import CaptionedTile, contact_sheet
 from holoview.session.editing_session import EditingSession
 from holoview.session.export.png_images import png_metadata
 from holoview.session.export.suffix import with_default_suffix

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.io.animation import Pixels, open_encoder
+from holoview.io.pictures import Pixels, open_encoder
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.export.png_images import png_metadata
