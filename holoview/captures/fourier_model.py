@@ -20,9 +20,8 @@ from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
 from holoview.model.plan import Plan
-from holoview.numerics.band_limited_warp import band_limited_warp
-from holoview.numerics.chirp_z import chirp_z_transform
-from holoview.numerics.resample import centred_indices
+from holoview.numerics.fourier import chirp_z_transform
+from holoview.numerics.resample import band_limited_warp, centred_indices
 from holoview.optics.bench import illuminated
 from holoview.optics.slm import phasor
 from holoview.optics.torch_effects import TorchEffects

@@ -15,8 +15,8 @@ from holoview.rig.measure.capture_store import CaptureStore
 from holoview.rig.measure.forecast import Forecast, forecast_lines, make_forecast
 from holoview.rig.measure.session import MeasurementSession, is_complete
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
-from holoview.util.memory_limit import format_size
+from holoview.util.files import read_text
+from holoview.util.memory import format_size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -42,7 +42,7 @@ from holoview.targets.target import Placement
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import parse_json_table
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from holoview.io.pictures import read_pattern
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from holoview.colour import srgb_decode
 from holoview.document.target_spec import TargetSpec
 from holoview.io.hologram import load_hologram
-from holoview.io.png import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath
@@ -28,12 +28,11 @@ from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
+from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
-from holoview.targets.rendered_stacks import is_stack
 from holoview.util.errors import UserError
-from holoview.util.files import expand_home
-from holoview.util.input_file import read_text
+from holoview.util.files import expand_home, read_text
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
 from holoview.view import random_drive

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from holoview.util.threads import last_work_s
+from holoview.util.processes import last_work_s
 
 T = TypeVar("T")
 CallOnOwner = Callable[[Callable[[], None]], None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from holoview.document.editing_session import EditingSession
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import exceeded_limits
+from holoview.model.validity import exceeded_limits
 from holoview.util.errors import UserError
 
 

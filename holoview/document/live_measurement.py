@@ -19,9 +19,13 @@ from holoview.document.measure import (
     luminance_of,
     measure_region,
 )
-from holoview.metrics.laser_patterns import independent_pattern_count
-from holoview.metrics.retinal_speckle import RetinalContrast, retinal_contrast
-from holoview.metrics.speckle_histogram import SpeckleHistogram, speckle_histogram
+from holoview.metrics.speckle import (
+    RetinalContrast,
+    SpeckleHistogram,
+    independent_pattern_count,
+    retinal_contrast,
+    speckle_histogram,
+)
 from holoview.util.errors import UserError
 from holoview.util.latest_task import LatestTask
 

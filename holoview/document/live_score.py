@@ -92,6 +92,6 @@ class ImageScore:
     samples_per_degree: float
 
     def __call__(self, xyz: Image, target: Image) -> float:
-        from holoview.metrics.perceptual_quality import measure_score  # loads torch
+        from holoview.metrics.perceptual import measure_score  # loads torch
 
         return measure_score(self.name, xyz_to_linear_srgb(xyz), target, self.samples_per_degree).mean

@@ -1,7 +1,7 @@
 """Measurements of an image: speckle contrast and fidelity of a region, line profiles, pixel values.
 
 Contrasts are compared with those of statistically independent speckle patterns, one for each laser; the patterns of
-one hologram need not be independent (the law is in `holoview.metrics.speckle_histogram`).
+one hologram need not be independent (the law is in `holoview.metrics.speckle`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.metrics.delta_e import delta_e_linear_srgb
-from holoview.metrics.laser_patterns import laser_luminances
 from holoview.metrics.psnr import psnr
-from holoview.metrics.speckle import speckle_contrast
+from holoview.metrics.speckle import laser_luminances, speckle_contrast
 from holoview.model.system import System
 from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError

@@ -12,8 +12,7 @@ from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measure import luminance_of
-from holoview.metrics.laser_patterns import independent_contrast
-from holoview.metrics.retinal_speckle import RetinalContrast, default_pupils, pupils_of, retinal_contrast
+from holoview.metrics.speckle import RetinalContrast, default_pupils, independent_contrast, pupils_of, retinal_contrast
 from holoview.model.system import System
 from holoview.render.plane_images import render_each
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.eye_targets import StacksAt, moving_target, moving_target_from_views, target_from_views
-from holoview.targets.focal_stack import Target
+from holoview.targets.focal_stack import Target, target_from_stack
+from holoview.targets.light_field import is_light_field, read_light_field
+from holoview.targets.moving_pupil import StacksAt, moving_target, moving_target_from_views, target_from_views
 from holoview.targets.picture import Picture, read_picture
-from holoview.targets.rendered_stacks import target_from_stack
 from holoview.targets.target import Placement, scene_depth, target_for
-from holoview.targets.view_folder import is_light_field, read_light_field
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 

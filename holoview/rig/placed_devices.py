@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holoview.captures.turns import undone
+from holoview.captures.orientations import undone
 from holoview.rig.devices import CameraDevice, Counts, Devices, Levels, ModulatorDevice, StageDevice
 from holoview.rig.placement import Placement
 

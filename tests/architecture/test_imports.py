@@ -1,19 +1,17 @@
 """Import rules that import-linter's contracts (pyproject.toml) can't say: what an import loads, what comes late."""
 
 from __future__ import annotations
-
+from collections.abc import Iterator
+from functools import cache
 import ast
 import graphlib
+import holoview
+import pytest
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
-import pytest
-
-import holoview
 
 PACKAGE = Path(holoview.__file__).resolve().parent
 CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
@@ -34,7 +32,7 @@ SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
 CHOICE = "importing a rendercanvas backend chooses the window system, and may need what isn't installed"
-BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.binding` to do"
+BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.adapter` to do"
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.colour", "colour"): SLOW,
@@ -52,16 +50,15 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
-    ("holoview.document.live_score", "holoview.metrics.perceptual_quality"): SLOW,
+    ("holoview.document.live_score", "holoview.metrics.perceptual"): SLOW,
     ("holoview.document.measure", "scipy"): SLOW,
     ("holoview.document.optimisation_job", "holoview.optimise.solve"): SLOW,
     ("holoview.document.optimisation_job", "holoview.optimise.parallel"): SLOW,
     ("holoview.document.scheme_comparison", "holoview.optimise.solve"): SLOW,
     ("holoview.document.scheme_comparison", "holoview.optimise.parallel"): SLOW,
-    ("holoview.metrics.retinal_speckle", "scipy.special"): SLOW,
+    ("holoview.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
-    ("holoview.targets.scene_layers", "scipy"): SLOW,
-    ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
+    ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.display_gain"): SLOW,

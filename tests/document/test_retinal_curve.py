@@ -13,7 +13,7 @@ from holoview.document.live_measurement import measure_image
 from holoview.document.measure import luminance_of
 from holoview.document.retinal_curve import RetinalCurves
 from holoview.document.target_spec import TargetSpec
-from holoview.metrics.retinal_speckle import retinal_contrast
+from holoview.metrics.speckle import retinal_contrast
 from holoview.util.errors import UserError
 from holoview.view import simulate
 from tests.document.conftest import small_system

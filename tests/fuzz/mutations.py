@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.study.store import ResultStore
+from holoview.study.runner import ResultStore
 from holoview.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
 from tests.fuzz.trial import Case

@@ -4,25 +4,25 @@ The child is forked from a process that has imported everything already, so that
 """
 
 from __future__ import annotations
-
+from collections.abc import Callable
+from dataclasses import dataclass
 import json
 import math
+import numpy as np
 import os
+import psutil
 import random
 import resource
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
+from typing import cast
 
-import numpy as np
-import psutil
 
 VERDICTS = ("clear", "worked", "traceback", "hang", "memory", "not finite", "other")
 """How a case may end. "clear": refused in one line; "worked": accepted, and what came out is finite."""
@@ -30,7 +30,7 @@ VERDICTS = ("clear", "worked", "traceback", "hang", "memory", "not finite", "oth
 ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
     *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.document.archive"),
-    *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.store"),
+    *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
     *("holoview.rig.virtual.virtual_settings", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),

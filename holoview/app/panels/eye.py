@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from holoview.model.fields import fields_by_key
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
@@ -21,7 +22,6 @@ from holoview.document.eye_edits import (
     toggle_eye,
 )
 from holoview.document.focal_plane import focus_at, focus_range_m
-from holoview.model.dataclass_fields import fields_by_key
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.render.view_settings import ACHROMATIC, NOW
 

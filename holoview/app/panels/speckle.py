@@ -13,7 +13,7 @@ from holoview.app.retinal_plot import draw_retinal_curve, draw_retinal_state
 from holoview.document.live_measurement import ImageMeasurements
 from holoview.document.measure import ContrastCurve, LineProfile
 from holoview.document.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
-from holoview.metrics.speckle_histogram import SpeckleHistogram
+from holoview.metrics.speckle import SpeckleHistogram
 
 _GROUP = "Speckle"
 _TIPS = {

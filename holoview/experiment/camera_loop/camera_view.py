@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.numerics.image_region import Region, region_slices
 from holoview.numerics.subpixel_shift import interpolation_weights
+from holoview.numerics.tensors import Region, region_slices
 from holoview.rig.description import RigDescription
 
 Tensor = torch.Tensor

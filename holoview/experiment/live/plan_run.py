@@ -14,7 +14,7 @@ from holoview.rig.devices import Devices
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan, read_plan
 from holoview.rig.measure.capture_store import CaptureStore
 from holoview.rig.measure.session import MeasurementSession
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 
 _POLL_S = 0.1  # between looks whether the job was cancelled
 

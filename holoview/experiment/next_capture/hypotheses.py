@@ -31,7 +31,7 @@ from holoview.experiment.next_capture.evidence import (
     log_prior,
     probabilities,
 )
-from holoview.numerics.least_squares import jacobian
+from holoview.numerics.minimise import jacobian
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from holoview.captures.capture_file import read_captures, write_captures
 from holoview.captures.dataset import Captures, join_captures
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_json_table
 
 _STATE = "loop.json"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.turns import inverse_turn, turned_shape
+from holoview.captures.orientations import inverse_orientation, oriented_shape
 from holoview.rig.align.dot_bias import Shot, dot_bias
 from holoview.rig.align.dots import find_dots
 from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """Where everything is. Turns are those of `captures.turns`, against what modulator 1 displays.
+    """Where everything is. Turns are those of `captures.orientations`, against what modulator 1 displays.
 
     slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
     the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
@@ -127,7 +127,7 @@ class _Alignment:
     @property
     def _picture_shape(self) -> tuple[int, int]:
         """Of the picture turned back."""
-        return turned_shape(self._raw_shape, inverse_turn(self._pictures.camera_turn))
+        return oriented_shape(self._raw_shape, inverse_orientation(self._pictures.camera_turn))
 
     def _rough_values(self, setting: float) -> Floats:
         """Finds the turns; returns the first values of a fit."""

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.orientations import turned
 from holoview.captures.predictor import Predictor
-from holoview.captures.turns import turned
 from holoview.rig.align.dots import FoundDots, find_dots
 from holoview.rig.align.geometry import NAMES, BenchFacts, Dots, predicted_px, rotation_matrix
 from holoview.rig.align.probes import Probes

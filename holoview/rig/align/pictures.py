@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.turns import undone
+from holoview.captures.orientations import undone
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices, Levels
 from holoview.rig.measure.exposure_search import take_exposed

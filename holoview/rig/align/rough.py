@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.turns import nearest_turn, turn_matrix
+from holoview.captures.orientations import nearest_orientation, orientation_matrix
 from holoview.rig.align.dots import brightest_dot
 from holoview.rig.align.probes import Optics, Probes, flat_levels, grating, single_lens
 from holoview.rig.devices import DeviceError, Levels
@@ -93,9 +93,9 @@ def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
     assert best is not None
     misfit, solution = best
     matrix = solution[:2].T
-    turn, extent = nearest_turn(matrix), float(np.ptp(seen_px, axis=0).max())
-    scale = float((turn_matrix(turn) * matrix).sum()) / 2
-    skew = float(np.abs(matrix - scale * turn_matrix(turn)).max())
+    turn, extent = nearest_orientation(matrix), float(np.ptp(seen_px, axis=0).max())
+    scale = float((orientation_matrix(turn) * matrix).sum()) / 2
+    skew = float(np.abs(matrix - scale * orientation_matrix(turn)).max())
     if scale <= 0 or misfit > _LARGEST_MISFIT * extent or skew > 2 * _LARGEST_MISFIT * scale:
         raise DeviceError(
             "camera",
@@ -108,6 +108,6 @@ def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
 def rectified_centre(centre_px: Floats, raw_shape: Sequence[int], camera_turn: str) -> Floats:
     """A place (y, x) on the raw picture as one on the picture turned back."""
     middle = (np.array(raw_shape) - 1) / 2
-    turned_back = turn_matrix(camera_turn).T @ (centre_px - middle)
-    shape = np.abs(turn_matrix(camera_turn).T) @ np.array(raw_shape)
+    turned_back = orientation_matrix(camera_turn).T @ (centre_px - middle)
+    shape = np.abs(orientation_matrix(camera_turn).T) @ np.array(raw_shape)
     return np.asarray(turned_back + (shape - 1) / 2)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from holoview.model.field_types import Choice
+from holoview.model.fields import Choice
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.util.errors import UserError, suggest_matches
 

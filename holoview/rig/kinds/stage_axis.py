@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from holoview.model.field_types import Number, Truth
+from holoview.model.fields import Number, Truth
 from holoview.rig.devices import DeviceError
 from holoview.rig.kinds.options import Parse
 from holoview.util import units

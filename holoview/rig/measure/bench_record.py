@@ -18,7 +18,7 @@ from holoview.rig.measure.dark_frames import DarkFrame
 from holoview.rig.measure.settling import Settling
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import write_file
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 _DARK = (
     ArraySchema("dark/images", ("float32",), ("dark frame", "camera row", "camera column")),

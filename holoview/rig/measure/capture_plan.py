@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
-from holoview.model.field_types import Array, FieldType, Integer, Number
+from holoview.model.fields import Array, FieldType, Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Levels
 from holoview.rig.measure.exposure_table import LaserSetting, read_exposure_table
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_toml
 
 _EXPECTED = "a plan of captures in TOML"

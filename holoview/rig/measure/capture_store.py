@@ -18,7 +18,7 @@ from holoview.rig.measure.bench_record import BenchRecord, read_bench_record
 from holoview.rig.measure.capture_plan import CapturePlan
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_json_table
 
 _SESSION, _RECORD = "session.json", "bench.h5"

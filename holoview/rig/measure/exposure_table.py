@@ -10,7 +10,7 @@ from pathlib import Path
 
 from holoview.util.errors import UserError
 from holoview.util.file_schema import NumberSchema
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 
 _EXPECTED = "a table of `holoview captures plan` in CSV"
 _SAME_WAVELENGTH = 1e-4  # relative: the table rounds wavelengths to six digits

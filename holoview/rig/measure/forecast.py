@@ -11,7 +11,7 @@ from holoview.rig.description import RigDescription
 from holoview.rig.measure.capture_plan import CapturePlan, CaptureRequest
 from holoview.rig.measure.dark_frames import PICTURES
 from holoview.util import units
-from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.memory import format_size, require_memory
 from holoview.util.units import format_duration
 
 _EXPOSURE_S, _TRIES = 1 / 60, 1.3  # where it is searched: a frame's time, and pictures until it suits

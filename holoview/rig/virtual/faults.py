@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.model.field_types import Integer, Number
+from holoview.model.fields import Integer, Number
 from holoview.rig.devices import Counts
 from holoview.rig.virtual.wire import Disconnected, Message
 from holoview.util.errors import UserError, suggest_matches

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.orientations import inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
-from holoview.captures.turns import inverse_turn, turned, turned_shape
 from holoview.captures.virtual_measurement import jittered_effects, read_out
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
@@ -56,7 +56,7 @@ class VirtualBench:
         lasers = rig.wavelengths_m
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
         self._scale: dict[float, float] = {}
-        self._picture_shape = turned_shape(rig.camera_shape, inverse_turn(settings.camera_turn))
+        self._picture_shape = oriented_shape(rig.camera_shape, inverse_orientation(settings.camera_turn))
         dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
         self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
         self.time_s, self.exposure_s = 0.0, max(rig.limits.exposures_s[0], 1e-3)

@@ -16,7 +16,7 @@ rig.toml names a file of secrets, or holds them itself:
     gap_error = "0.1 mm"
     [faults]                      # what devices do wrong, see `faults`
     timeout = 0.01
-    [placement]                   # how modulators and camera are turned: one of `captures.turns`
+    [placement]                   # how modulators and camera are turned: one of `captures.orientations`
     slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
@@ -31,15 +31,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from holoview.captures.turns import TURNS, turned_shape
+from holoview.captures.orientations import ORIENTATIONS, oriented_shape
 from holoview.captures.virtual_measurement import Nuisances
-from holoview.model.effects.effect_table import EffectTable
-from holoview.model.field_types import FieldType, Number
+from holoview.model.effects.registry import EffectTable
+from holoview.model.fields import FieldType, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.virtual.drift import DriftSettings
 from holoview.rig.virtual.faults import FaultSettings, FaultTable
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import parse_toml
 
 _EXPECTED = "what a virtual bench really is, in TOML"
@@ -57,8 +57,8 @@ class PlacementTable:
         for key, turn in value.items():
             if key not in _TURNED:
                 raise UserError(f"{where}.{key}", "unknown device", remedy=suggest_matches(key, _TURNED))
-            if turn not in TURNS:
-                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), TURNS))
+            if turn not in ORIENTATIONS:
+                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), ORIENTATIONS))
         return {key: str(turn) for key, turn in value.items()}
 
     def to_toml(self, value: dict[str, str]) -> dict[str, str]:
@@ -132,7 +132,7 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
     values = {key: _KEYS[key].parse(value, f"{where}.{key}") for key, value in table.items()}
     turns = values.get("placement", {})
     slm_turns = tuple(turns.get(f"slm{n}", "none") for n in range(1, len(rig.bench.slms) + 1))
-    if len({turned_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
+    if len({oriented_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
         expected = "turns that leave both modulators the same shape"
         raise UserError(f"{where}.placement", f"{slm_turns[0]} and {slm_turns[1]}", expected=expected)
     return VirtualSettings(
