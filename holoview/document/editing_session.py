@@ -278,7 +278,7 @@ class EditingSession:
         return None
 
     def _preset_scene(self, name: str, displayed: System) -> Scene:
-        """A preset's scene with the displayed sampling; cached, as other random patterns would restart its rendering."""
+        """A preset's scene in the displayed sampling; cached, as other random patterns would restart rendering."""
         sampling = {"shape": displayed.modulators[0].shape, "upsample": displayed.sampling.upsample}
         key = (name, *sampling.values())
         if key not in self._presets:
