@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from holoview.io.pictures import write_pattern, write_png
-from holoview.report.images import png_figure
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +18,10 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
 from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.pictures import write_pattern, write_png
 from holoview.model import preset
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
+from holoview.report.images import png_figure
 from holoview.study.runner import ResultStore
 from holoview.study.study import JobResult, StudyJob
 from holoview.util.file_writer import WriteError

@@ -12,7 +12,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from holoview.util.packages import import_optional
 from numpy.typing import NDArray
 
 from holoview.app.app import App
@@ -23,6 +22,7 @@ from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.packages import import_optional
 
 Showable = System | Hologram | EditingSession | str
 _MAX_FRAMES_A_SECOND = 30

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.util.processes import Interrupted, Interruption, handled_signals
 from rendercanvas.utils.asyncs import sleep
 
 from holoview.app.app import App
@@ -29,6 +28,7 @@ from holoview.io.hologram import Hologram
 from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.util.errors import UserError
 from holoview.util.file_writer import save_elsewhere
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 from holoview.util.text import plain_name
 
 _IDLE_S = 0.05  # between checks for work while there is none

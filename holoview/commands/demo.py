@@ -14,10 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from holoview.io.pictures import write_png
-from holoview.metrics.perceptual import measure_perceptual_scores
-from holoview.report.images import CaptionedTile, contact_sheet
-from holoview.util.processes import Interrupted
 from numpy.typing import NDArray
 
 import holoview
@@ -29,17 +25,21 @@ from holoview.commands.output_files import add_output_folder, check_files
 from holoview.document.target_spec import example_target
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
+from holoview.io.pictures import write_png
 from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.metrics.image_quality import ImageQuality, eyebox_uniformity_of, measure_image_quality
+from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
 from holoview.metrics.psnr import PlaneScores
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
+from holoview.report.images import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
+from holoview.util.processes import Interrupted
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from holoview.io.pictures import read_pattern
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from holoview.colour import srgb_decode
 from holoview.document.target_spec import TargetSpec
 from holoview.io.hologram import load_hologram
+from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath

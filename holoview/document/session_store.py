@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from holoview.util.processes import process_start
 
 from holoview.document.archive import SESSION_FILE, SessionData, is_of_other_version, read_metadata, read_session
 from holoview.document.autosave import Autosave
@@ -31,6 +30,7 @@ from holoview.document.unfinished_optimisation import UnfinishedOptimisation, co
 from holoview.document.view_settings_table import finite, text
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
+from holoview.util.processes import process_start
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000

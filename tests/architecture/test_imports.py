@@ -1,17 +1,19 @@
 """Import rules that import-linter's contracts (pyproject.toml) can't say: what an import loads, what comes late."""
 
 from __future__ import annotations
-from collections.abc import Iterator
-from functools import cache
+
 import ast
 import graphlib
-import holoview
-import pytest
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
+import pytest
+
+import holoview
 
 PACKAGE = Path(holoview.__file__).resolve().parent
 CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))

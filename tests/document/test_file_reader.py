@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from holoview.io.pictures import write_pattern
 from PIL import Image
 
 import tests.document.conftest as bench
@@ -17,6 +16,7 @@ from holoview.document.file_loader import FileLoader
 from holoview.document.file_reader import read_content, target_from_image_bytes, target_from_pixels
 from holoview.document.file_watcher import FileWatcher
 from holoview.io.hologram import Hologram
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.util.errors import UserError
 from holoview.view import random_drive

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from holoview.metrics.perceptual import flip, ms_ssim
 
 from holoview.colour import D65_WHITE, xyz_to_linear_srgb
 from holoview.document.editing_session import EditingSession
 from holoview.document.live_score import ImageScore, LiveScore, image_psnr_db
+from holoview.metrics.perceptual import flip, ms_ssim
 
 
 def _wait(session: EditingSession, live: LiveScore) -> None:

@@ -4,25 +4,25 @@ The child is forked from a process that has imported everything already, so that
 """
 
 from __future__ import annotations
-from collections.abc import Callable
-from dataclasses import dataclass
+
 import json
 import math
-import numpy as np
 import os
-import psutil
 import random
 import resource
 import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
-from typing import cast
+from typing import Any, cast
 
+import numpy as np
+import psutil
 
 VERDICTS = ("clear", "worked", "traceback", "hang", "memory", "not finite", "other")
 """How a case may end. "clear": refused in one line; "worked": accepted, and what came out is finite."""

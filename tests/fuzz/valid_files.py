@@ -12,7 +12,6 @@ import h5py
 import numpy as np
 import OpenEXR
 import tifffile
-from holoview.io.pictures import write_pattern
 from PIL import Image
 
 import holoview as hv
@@ -20,6 +19,7 @@ from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgres
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System

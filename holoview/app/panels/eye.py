@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from holoview.model.fields import fields_by_key
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
@@ -23,6 +22,7 @@ from holoview.document.eye_edits import (
 )
 from holoview.document.focal_plane import focus_at, focus_range_m
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
+from holoview.model.fields import fields_by_key
 from holoview.render.view_settings import ACHROMATIC, NOW
 
 _BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")

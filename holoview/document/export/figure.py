@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from holoview.report.images import figure_bytes, label, new_figure, require_matplotlib
-from holoview.util.packages import import_optional
 from numpy.typing import NDArray
 
 from holoview.document.document import Document
@@ -18,8 +16,10 @@ from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measure import RegionMetrics, measure_region
 from holoview.render.plane_images import render_planes
 from holoview.render.tone_mapping import tone_map
+from holoview.report.images import figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
 from holoview.util.file_writer import write_file
+from holoview.util.packages import import_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

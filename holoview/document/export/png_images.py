@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 
 import numpy as np
-from holoview.io.pictures import path_with_suffix, png_texts, write_png
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -14,6 +13,7 @@ from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.suffix import with_default_suffix
 from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.io.pictures import path_with_suffix, png_texts, write_png
 from holoview.model import preset
 from holoview.render.plane_images import render_planes
 from holoview.render.tone_mapping import tone_map

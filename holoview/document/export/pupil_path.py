@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from holoview.io.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, write_png
-
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.png_images import png_metadata
 from holoview.document.export.suffix import check_suffix, with_default_suffix
 from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.io.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, write_png
 from holoview.io.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.render.plane_images import render_each

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holoview.io.pictures import write_png
-from holoview.numerics.sampling import positions
-from holoview.report.images import CaptionedTile, contact_sheet
-
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.png_images import png_metadata
 from holoview.document.export.suffix import with_default_suffix
 from holoview.document.eye_edits import dioptres_text, eye_of, eyebox_half_m, pupil_diameter_m
 from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.io.pictures import write_png
 from holoview.model.focus import with_pupil_at
+from holoview.numerics.sampling import positions
 from holoview.render.plane_images import render_each
 from holoview.render.tone_mapping import tone_map
+from holoview.report.images import CaptionedTile, contact_sheet
 
 _SIDE = 3  # places along each axis
 _SPACING = 0.5  # between places, over half the side of the eyebox at the shortest wavelength

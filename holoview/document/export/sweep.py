@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from holoview.io.pictures import Pixels, open_encoder
 
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.document.export.png_images import png_metadata
 from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.io.pictures import Pixels, open_encoder
 from holoview.render.plane_images import render_planes
 from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
