@@ -124,7 +124,7 @@ def damaged_session(rng: Random) -> Case:
     file = files[int(rng.integers(len(files)))]
 
     def read() -> None:
-        from holoview.session.archive import read_session
+        from holoview.document.archive import read_session
 
         read_session(Path("session"))
 
