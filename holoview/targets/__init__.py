@@ -1,5 +1,6 @@
 """Target images: pictures, depth maps and focal stacks as linear sRGB, on a bench's planes and grid.
 
+target_source    a target file, read once and built for any planes and places of the pupil
 target           from a bench and a picture to the focal stack that is optimised for
 focal_stack      `Target`; a focal stack rendered with incoherent defocus from a picture and a depth map
 viewing_pupil    a target as an eye sees it: a round pupil off the axis, a focus for each wavelength

@@ -7,6 +7,7 @@ camera_view     from intensities on the model's samples to means over camera pix
 bench_camera    shows patterns and takes pictures: exposures, dark level, saturated pixels
 registration    counts per unit of intensity, and where the camera is, from probe pictures
 camera_problem  loss and gradients at the intensities that were measured
+rig_job         a whole optimisation on a rig
 loop            the loop: a generator of states
 model_update    effects of the bench, found in the pictures taken so far
 loop_checkpoint a loop saved in a safetensors file
