@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from holoview.commands.exit_codes import EXIT_USER_ERROR
+from holoview.commands.console import EXIT_USER_ERROR, console_streams
 from holoview.commands.output_files import LOCKS, check_files
-from holoview.commands.streams import console_streams
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
 from holoview.util.memory import memory_setting

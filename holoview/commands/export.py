@@ -15,9 +15,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import parse_region
+from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
-from holoview.commands.number_options import whole
 from holoview.commands.output_files import add_input, add_output, add_output_folder
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png

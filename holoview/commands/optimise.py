@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import system_from_args, warn_of_camera_effects, warn_of_limits
+from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects, warn_of_limits
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
-from holoview.commands.default_output import default_output
 from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import (
     RunOptions,

@@ -7,10 +7,8 @@ import re
 from pathlib import Path
 
 from holoview.app.serve_options import CLIENTS, ServeOptions
-from holoview.commands.arguments import add_changes, with_changes
-from holoview.commands.console import print_stderr
-from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.commands.number_options import number, whole
+from holoview.commands.arguments import add_changes, number, whole, with_changes
+from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme

@@ -13,5 +13,6 @@ memory            how much memory may be taken, and the refusal of more
 processors        how many processors this process may use, and how its threads share them
 processes         signals that ask the program to end, its end beside working threads, when a process began
 packages          version of the installed package; imports of libraries that a plain installation leaves out
+latest_task       a worker thread that runs only the latest request
 progress          types of functions that report progress
 """

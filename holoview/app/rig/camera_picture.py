@@ -10,9 +10,10 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of
+from holoview.app.viewport import Viewport, VisibleArea, visible_area_of
 from holoview.experiment.live.live_view import LiveView
-from holoview.session.view_settings import ViewSettings
+from holoview.render.scene import DeviceImage
+from holoview.render.view_settings import ViewSettings
 
 MODES = ("side-by-side", "wipe", "difference", "camera", "prediction")
 """What is shown of camera and prediction."""

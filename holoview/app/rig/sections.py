@@ -12,11 +12,11 @@ from holoview.app.context import AppContext
 from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.laser_colours import laser_colour
 from holoview.app.parameter_widgets import tooltip
+from holoview.document.document import middle_plane
 from holoview.experiment.live.live_comparison import LivePicture
 from holoview.experiment.live.rig_bench import rig_system
 from holoview.experiment.live.sent_pattern import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.rig.description import RigDescription
-from holoview.session.document import middle_plane
 from holoview.view import random_drive
 
 _KINDS = ("the viewer's frame", "random", "flat", "a hologram file")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from holoview.captures.dataset import Captures
+from holoview.document.editing_session import EditingSession
 from holoview.experiment.live.live_comparison import (
     LivePicture,
     PictureModel,
@@ -14,9 +15,8 @@ from holoview.experiment.live.live_comparison import (
 )
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
-from holoview.session.editing_session import EditingSession
-from holoview.session.latest_task import LatestTask
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
 
 NOMINAL = PictureModel("rig.toml")
 

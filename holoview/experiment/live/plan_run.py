@@ -8,12 +8,12 @@ from pathlib import Path
 from threading import Event
 
 from holoview.captures.dataset import Captures
+from holoview.document.jobs import Cancelled, JobControl
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan, read_plan
 from holoview.rig.measure.capture_store import CaptureStore
 from holoview.rig.measure.session import MeasurementSession
-from holoview.session.jobs import Cancelled, JobControl
 from holoview.util.files import read_text
 
 _POLL_S = 0.1  # between looks whether the job was cancelled

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from holoview.document.editing_session import EditingSession
+from holoview.document.jobs import Cancelled
 from holoview.experiment.live.bench_state import BenchState
 from holoview.experiment.live.laser_interlock import LasersForbidden
 from holoview.experiment.live.live_view import LiveView
@@ -21,8 +23,6 @@ from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Devices
 from holoview.rig.measure.exposure_search import take_exposed
 from holoview.rig.open_rig import open_rig
-from holoview.session.editing_session import EditingSession
-from holoview.session.jobs import Cancelled
 from holoview.util.errors import UserError
 
 LIVE_PERIOD_S = 0.1

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from holoview.captures.dataset import Captures
+from holoview.document.editing_session import EditingSession
+from holoview.document.jobs import BackgroundJob
 from holoview.experiment.live.bench_state import state_of
 from holoview.experiment.live.live_comparison import PictureModel
 from holoview.experiment.live.live_diagnosis import LiveDiagnosis
@@ -19,8 +21,6 @@ from holoview.rig.devices import Devices
 from holoview.rig.measure.capture_plan import CaptureRequest
 from holoview.rig.measure.session import MeasurementSession
 from holoview.rig.open_rig import open_rig
-from holoview.session.editing_session import EditingSession
-from holoview.session.jobs import BackgroundJob
 from holoview.util.errors import UserError
 
 _PLAN = "Plan"

@@ -9,12 +9,12 @@ from typing import cast
 
 import pytest
 
+from holoview.document.editing_session import EditingSession
 from holoview.experiment.live import rig_connection
 from holoview.experiment.live.rig_bench import rig_system
 from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.live.sent_pattern import random_pattern
 from holoview.rig.open_rig import KINDS, Opener
-from holoview.session.editing_session import EditingSession
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
 
 LASER_M = 638e-9
