@@ -14,12 +14,11 @@ from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_input, add_output
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
-from holoview.experiment.next_capture.kept_captures import KeptCaptures
-from holoview.experiment.next_capture.planners import InformedPlanner
+from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects
 from holoview.rig import open_rig, read_rig
+from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
 from holoview.util.errors import UserError
 from holoview.util.input_file import read_text
 
@@ -72,11 +71,12 @@ def diagnose_rig(
     user_effects: are evaluated once with the first capture. options: of the diagnosis.
     """
     rig = read_rig(args.rig)
-    kept = KeptCaptures(args.save, read_text(args.rig, "a rig"))
-    before = kept.open()
+    kept = None if args.save is None else loop_captures(args.save, read_text(args.rig, "a rig"))
+    before = [] if kept is None else kept.resume()
 
     def keep(number: int, capture: Captures) -> None:
-        kept.add(number, capture)
+        if kept is not None:
+            kept.write(number, capture)
         if number == 0:
             check_user_effects(capture, user_effects)
 
@@ -98,8 +98,8 @@ def diagnose_rig(
         except (UserError, KeyboardInterrupt):
             _tell_where(kept)
             raise
-    kept.finish(result.parts)
-    return join_captures(result.parts), result, interruption.exit_code
+    captures = join_captures(result.parts) if kept is None else kept.join_into(args.save, result.parts)
+    return captures, result, interruption.exit_code
 
 
 def loop_as_json(result: LoopResult) -> dict[str, Any]:
@@ -123,6 +123,6 @@ def _settings(args: argparse.Namespace) -> LoopSettings:
     return dataclasses.replace(_SETTINGS, **{name: value for name, value in given.items() if value is not None})
 
 
-def _tell_where(kept: KeptCaptures) -> None:
-    if kept.folder is not None:
+def _tell_where(kept: CaptureFolder | None) -> None:
+    if kept is not None:
         print_stderr(f"the captures are in {kept.folder}; the same command goes on")

@@ -7,7 +7,7 @@ from threading import Event
 
 import pytest
 
-from holoview.experiment.live.device_worker import DeviceWorker
+from holoview.rig.live_devices import DeviceWorker
 from holoview.session.call_queue import CallQueue
 
 Calls = list[str]
