@@ -187,7 +187,7 @@ def is_covered(case: Case) -> list[bool]:
 
 
 def _is_even(effect: str, name: str) -> bool:
-    return next(p for p in listed_effects()[effect].parameters if p.name == name).even
+    return next(p for p in listed_effects()[effect].parameters if p.name == name).even_symmetric
 
 
 def _same(a: str, b: str) -> bool:

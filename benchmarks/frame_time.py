@@ -27,7 +27,7 @@ from holoview.gpu.recorder import CommandRecorder
 from holoview.model import preset
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 
@@ -58,7 +58,7 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
     plan = make_plan(system, system.planes_m[len(system.planes_m) // 2 :][:1])
     drive = random_drive(system)
     device = open_device(adapter)
-    inputs = make_frame_inputs(plan, drive)
+    inputs = FrameInputs(plan, drive)
     shaders, single = WgpuExecutor(plan, inputs, device), TorchExecutor(plan, inputs)
     runs: dict[str, tuple[Executor[Any], Finish]] = {
         "wgsl": (shaders, lambda: shaders.submit(wait=True)),
@@ -80,7 +80,7 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
         empty = _timed(lambda: CommandRecorder(device).submit(wait=True))
         seconds.setdefault(EMPTY, {}).setdefault("wgsl", []).append(empty)
 
-    reference = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True)
+    reference = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     return {
         "bench": _bench_facts(plan),
         "machine": machine_facts(device.info.label),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import holoview as hv
 from holoview.engine.torch_executor import TorchExecutor, TorchField
 from holoview.model.plan import Plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 
 F = 40e-3
 PITCH, UPSAMPLE = 8e-6, 2
@@ -116,7 +116,7 @@ def _point(eye: dict[str, Any], defocus: float = 0.0, wavelength: int = 1) -> tu
     modulator = hv.Modulator(PITCH, (side, side), 800e-9)
     system = _bench(**eye, accommodation=[AT + defocus]).edit({"modulators": [modulator], "propagation": "periodic"})
     plan: Plan = hv.make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, hv.random_drive(system)), double=True)
+    executor = TorchExecutor(plan, FrameInputs(plan, hv.random_drive(system)), double=True)
     y, x = (torch.from_numpy(k) for k in executor.frequencies(1))
     middle = side * UPSAMPLE // 2
     λ, step = WAVELENGTHS[wavelength], 1 / (side * PITCH)
@@ -221,7 +221,7 @@ def _half_width(image: NDArray[Any], direction: tuple[float, float]) -> float:
 
 def test_the_stiles_crawford_effect_halves_the_exponent_for_amplitudes() -> None:
     plan = hv.make_plan(_bench(pupil="4 mm", stiles_crawford=True, pupil_x="1 mm", accommodation=[1.0]))
-    pupil = make_frame_inputs(plan, hv.random_drive(plan.nominal)).pupils[1][1]
+    pupil = FrameInputs(plan, hv.random_drive(plan.nominal)).pupils[1][1]
     assert pupil is not None
     step = 550e-9 * F * plan.grid.frequency_step[1]
     at = round(2e-3 / step)

@@ -8,9 +8,8 @@ from typing import Any
 
 from imgui_bundle import imgui
 
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter
-from holoview.model.field_types import Choice, Integer, Number
+from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.model.fields import Choice, Integer, Number
 from holoview.util import units
 
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
@@ -48,12 +47,14 @@ def parameter_field(parameter: Parameter, value: Any) -> WidgetEdit | None:
     p = parameter
     if isinstance(p, ListParameter):
         return _list_field(p, value)
-    kind = Number(p.shown if p.is_quantity else "", p.low, p.high)
+    kind = Number(p.display_unit if p.is_quantity else "", p.low, p.high)
     reach = _PRIOR_MULTIPLE * p.prior
     first, last, _ = p.scan or (p.identity, p.identity, 0.0)
     low, high = max(p.low, min(p.identity - reach, first)), min(p.high, max(p.identity + reach, last))
     note = f"{p.doc}\n{kind.format_range()}; right click: back to {p.format(p.identity)}, where it does nothing"
-    return _slider(p.name.replace("_", " "), _Scale(p.shown, unit_scale(kind)), value, p.identity, (low, high), note)
+    return _slider(
+        p.name.replace("_", " "), _Scale(p.display_unit, unit_scale(kind)), value, p.identity, (low, high), note
+    )
 
 
 def _list_field(p: ListParameter, value: Any) -> WidgetEdit | None:

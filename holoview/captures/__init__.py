@@ -14,9 +14,8 @@ prepared_captures     images, masks and variances for a comparison with a model;
 predictor             expected camera signals for any effects: the fast forward model; checks of users' effects
 near_field_model      camera intensity behind one or two modulators, relays and free space
 fourier_model         camera intensity in the back focal plane of a lens
-incoherent_component  one of the fields whose intensities add up, and its illumination
+camera_model          what both share: fields whose intensities add up, transmissions, caches of tensors
 camera_sampling       intensity on the camera's pixels of a field that is known by its spectrum
-tensor_cache          least-recently-used caches of tensors
 """
 
 from holoview.captures.capture_file import read_captures, write_captures

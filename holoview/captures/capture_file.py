@@ -32,8 +32,8 @@ from holoview.captures.validation import check_captures
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema, NumberSchema
 from holoview.util.file_writer import write_file
-from holoview.util.input_file import require_file
-from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.files import require_file
+from holoview.util.memory import format_size, require_memory
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
 _COUNTS = ("uint8", "uint16")
@@ -68,13 +68,13 @@ _GEOMETRY = "geometry attribute "  # before its name, in errors
 
 
 def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], object] = check_captures) -> Captures:
-    """Reads the measurement session of a capture file.
+    """Reads a capture file.
 
-    check: raises UserError for sessions that aren't wanted; `records.plausible_units` lets those through whose units it
+    check: raises UserError for captures that aren't wanted; `records.plausible_units` accepts captures whose units it
     can correct.
     Raises UserError that names the file and the dataset when the file is missing, cut short, not HDF5 or of another
     format, when a dataset is missing or isn't as its schema says, when data are elsewhere or need too much
-    memory, and when `check` refuses the session.
+    memory, and when `check` refuses the captures.
     """
     remedy = "`holoview captures import` converts a folder of pictures"
     with open_plain_hdf5(Path(path), "a capture file (HDF5)", remedy) as h5:
@@ -89,9 +89,9 @@ def write_captures(
     check: Callable[[Captures], object] = check_captures,
     extend: Callable[[h5py.File], object] = lambda _: None,
 ) -> None:
-    """Writes a capture file completely or not at all; what was corrected is noted in it.
+    """Writes a capture file, with notes of corrections, completely or not at all.
 
-    check: raises UserError for sessions that mustn't be written. extend: adds what readers of captures ignore.
+    check: raises UserError for captures that mustn't be written. extend: adds content that readers of captures ignore.
     Raises what `check` does, and WriteError.
     """
     check(captures)

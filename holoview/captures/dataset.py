@@ -1,7 +1,7 @@
-"""The data of one measurement session in SI units, and the nominal bench that they describe.
+"""Captures: the data measured on one bench in SI units, and the nominal bench that they describe.
 
-The nominal bench is the one that the laboratory believes in. How the real bench differs from it is what diagnosis and
-calibration find out.
+The nominal bench is the one that the laboratory believes in. Diagnosis and calibration find out how the real bench
+differs from it.
 """
 
 from __future__ import annotations
@@ -85,14 +85,13 @@ class Captures:
     relay1: the nominal stops between the modulators; clear with one modulator.
     relay2: those between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
-    corrections: in words, what was wrong with the records and has been put right in these.
-    lasers_m: wavelengths of the session that these were taken from, ascending; empty for a whole session.
-    frame: (rows, columns) of the pictures that these are the middle of; None for whole pictures.
-    slm_frame: the same of the modulators.
-    levels_before: as `levels`, those of the capture that was taken before, for the first its own; None if they follow
-    from the order of these. Between whole levels where a modulator hadn't settled.
-    levels_first: (modulator, y, x), those of the first capture of the session that these were taken from; None if that
-    is the first of these.
+    corrections: mistakes in the records that have been put right in these captures, in words.
+    lasers_m: wavelengths of the captures that these are a subset of, ascending; empty where these are all.
+    frame: (rows, columns) of the whole pictures, where `images` holds only their middle; None otherwise.
+    slm_frame: (rows, columns) of the whole modulators, where `levels` holds only their middle; None otherwise.
+    levels_before: as `levels`, the levels of the capture that was taken before each; for the first capture of all its
+    own. None if they follow from the order of these captures. Between whole levels where a modulator hadn't settled.
+    levels_first: (modulator, y, x), the levels of the first capture of all; None if it is the first of these.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -119,7 +118,7 @@ class Captures:
 
     @property
     def first_pixel(self) -> tuple[int, int]:
-        """Row and column of the first modulator pixel, counted in the modulator that these are the middle of."""
+        """Row and column of the first modulator pixel, counted in the whole modulator."""
         rows, columns = self.levels.shape[2:]
         whole = self.slm_frame or (rows, columns)
         return (whole[0] - rows) // 2, (whole[1] - columns) // 2
@@ -141,7 +140,7 @@ class Captures:
 
     @property
     def laser_number(self) -> NDArray[np.intp]:
-        """(N,): which laser of the session is on, 0 for the shortest wavelength; the nearest for one that has none."""
+        """(N,): number of the laser that is on, 0 for the shortest wavelength; the nearest for other wavelengths."""
         lasers = np.array(self.lasers_m or self.wavelengths_m)
         return np.asarray(np.abs(self.wavelength_m[:, None] - lasers[None, :]).argmin(axis=1))
 
@@ -151,7 +150,7 @@ class Captures:
         return max(2, min(16, round(self.slms[0].pitch_m / self.camera.pitch_m)))
 
     def data_properties(self) -> DataProperties:
-        """What these data contain, for comparison with what an effect needs in order to show (`Needs`)."""
+        """The properties of these data on which it depends whether an effect can show (`Needs`)."""
         irises = (self.relay1.has_aperture, self.relay2.has_aperture)
         wavelengths, planes, powers = (
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
@@ -173,12 +172,12 @@ class Captures:
         return self.levels[capture] / self._highest_levels
 
     def drive_before(self, capture: int) -> Floats:
-        """As `drive`, of the capture that was taken before, in the order of the file; of the first its own."""
+        """As `drive`, of the capture that was taken before, in the order of the file; for the first its own drive."""
         return self._levels_before(capture) / self._highest_levels
 
     @property
     def first_drive(self) -> Floats:
-        """As `drive`, of the first capture of the session."""
+        """As `drive`, of the first capture of all."""
         first = self.levels[0] if self.levels_first is None else self.levels_first
         return first / self._highest_levels
 
@@ -194,7 +193,7 @@ class Captures:
     def nominal_system(
         self, wavelengths_m: Sequence[float] | None = None, planes_m: Sequence[float] | None = None
     ) -> System:
-        """The nominal bench at these wavelengths and planes (all of the session when None), with a `mono` observer.
+        """The nominal bench at these wavelengths and planes (all of the captures' when None), with a `mono` observer.
 
         planes_m: distances from the last modulator; on a Fourier bench focal_length_m + defocus, from the lens.
         """
@@ -224,7 +223,7 @@ class Captures:
 
 
 def join_captures(parts: Sequence[Captures]) -> Captures:
-    """Captures of one bench as one session, in their order."""
+    """Several captures of one bench together, in their order."""
     names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
     together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return dataclasses.replace(parts[0], **together)

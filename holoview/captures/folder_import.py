@@ -40,11 +40,10 @@ from PIL import Image
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import BenchTables, parse_bench_tables
 from holoview.captures.validation import check_captures
-from holoview.model.field_types import Number
-from holoview.targets.raster import require_picture_memory
-from holoview.targets.tiff import naming_missing_codecs, require_page_memory
+from holoview.model.fields import Number
+from holoview.targets.image_reader import naming_missing_codecs, require_page_memory, require_picture_memory
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text, require_file
+from holoview.util.files import read_text, require_file
 from holoview.util.progress import StepCallback
 from holoview.util.tables import parse_toml
 
@@ -59,10 +58,10 @@ _VALUE_COLUMNS: dict[str, Number] = {
 
 
 def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = None) -> Captures:
-    """Reads the measurement session of a folder with captures.csv, bench.toml and the images that they name.
+    """Reads the captures of a folder with captures.csv, bench.toml and the images that they name.
 
-    progress: called with (captures read, captures in all). Raises UserError that names the file, and the line and
-    column or the key, of what is missing or wrong, and for an impossible session (`check_captures`).
+    progress: called with (captures read, captures in all). Raises UserError for missing or wrong entries, which names
+    the file, and the line and column or the key, and for impossible captures (`check_captures`).
     """
     folder = Path(path)
     if not folder.is_dir():

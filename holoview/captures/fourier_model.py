@@ -14,16 +14,15 @@ import math
 
 import torch
 
+from holoview.captures.camera_model import CameraModel, IncoherentComponent, TensorCache
 from holoview.captures.camera_sampling import PixelGrid, squared_magnitude
-from holoview.captures.incoherent_component import IncoherentComponent
-from holoview.captures.tensor_cache import TensorCache
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
 from holoview.model.plan import Plan
-from holoview.numerics.band_limited_warp import band_limited_warp
-from holoview.numerics.chirp_z import chirp_z_transform
-from holoview.numerics.resample import centred_indices
+from holoview.numerics.fourier import chirp_z_transform
+from holoview.numerics.resample import band_limited_warp, centred_indices
+from holoview.optics.bench import illuminated
 from holoview.optics.slm import phasor
 from holoview.optics.torch_effects import TorchEffects
 
@@ -33,13 +32,11 @@ _SPARE_SAMPLES = 14  # that interpolation needs at the edges
 _SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
 
 
-class FourierBenchModel:
+class FourierBenchModel(CameraModel):
     """Intensities on the camera in the focal plane of a lens.
 
-    plan: of the bench with its effects on distances, angles, wavelengths and apertures; its plane lies at
-    focal_length_m + defocus. effects: their other hooks. relay: the nominal stops in front of the camera.
-    cache: keeps intensities; a key names all values that its intensity depends on.
-    earlier: what was sent before a pattern, and first of all, each as its drive; None where no effect asks for it.
+    The plane of the plan lies at focal_length_m + defocus. relay: the nominal stops in front of the camera. Other
+    arguments as of `CameraModel`.
     """
 
     def __init__(
@@ -53,9 +50,8 @@ class FourierBenchModel:
         cache: TensorCache,
         earlier: tuple[Tensor, Tensor] | None = None,
     ) -> None:
-        self.plan, self.effects, self.focal_length_m, self.relay = plan, effects, focal_length_m, relay
-        self.pixel_grid, self.dtype, self.cache, self.earlier = pixel_grid, dtype, cache, earlier
-        self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
+        super().__init__(plan, effects, pixel_grid, dtype, cache, earlier)
+        self.focal_length_m, self.relay = focal_length_m, relay
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
         """|E|² (y, x) on the camera for unit power in one component.
@@ -67,8 +63,8 @@ class FourierBenchModel:
             "behind the modulator",
             capture,
             component.path_factor,
-            component.wavelength_m(self.plan),
-            component.slopes(self.plan),
+            self.wavelength_m(component),
+            self.slopes(component),
             self.plan.system.modulators[0].stroke_m,
             self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
         )
@@ -76,13 +72,13 @@ class FourierBenchModel:
         pose = self.effects.cache_key("camera_pose", "camera_pose_at", laser=component.laser)
 
         def compute() -> Tensor:
-            field = self.cache.get(behind, lambda: self._field(drive[0], component))
+            field = self.cache.get(behind, lambda: self._field(drive, component))
             return self._camera_intensity(self._defocused(field, component), component)
 
         return self.cache.get(("fourier", *behind, plane_m, relay, pose), compute)
 
     def _camera_intensity(self, field: Tensor, component: IncoherentComponent) -> Tensor:
-        λ = component.wavelength_m(self.plan)
+        λ = self.wavelength_m(component)
         pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
         if pose.rotation_rad == 0:
             return self._intensity_at_pixels(field, λ, self.pixel_grid, pose)
@@ -95,19 +91,15 @@ class FourierBenchModel:
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""
-        context = component.modulator_context(self.plan, 0)
-        earlier = [patterns[0].to(self.real_dtype) for patterns in self.earlier or ()]
-        transmission = self.effects.modulator_transmission(
-            drive.to(self.real_dtype), context, self.dtype, component.path_factor, *earlier
-        )
-        return component.illuminate(self.plan, transmission, self.dtype)
+        transmission = self.transmission(drive, 0, component)
+        return illuminated(self.plan, component.wavelength, component.source, transmission)
 
     def _defocused(self, field: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator with the phase of the defocus, a function of y times one of x."""
         defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m
         if not defocus_m:
             return field
-        context = component.modulator_context(self.plan, 0)
+        context = self.context(0, component)
         for position in context.positions(field):
             path_m = -defocus_m * position.square() / (2 * self.focal_length_m**2)
             field = field * phasor(path_m, context.wavelength_m, self.dtype)

@@ -1,41 +1,35 @@
 """Camera intensity in the near field: modulators, gap, relays and free space, for the frequencies that relays pass.
 
-    V = F[s·t₁],  E₁ = F⁻¹[V·H₁·P₁],  W = F[E₁·t₂],  E = F⁻¹[W·H₂·P₂],  I = |E|²      (one modulator: W = V)
-
-s is the illumination, t₁ and t₂ are the modulators' complex transmissions, H₁ and H₂ the transfer functions of free
-space over the gap and to the camera (angular spectrum, `optics.propagate`), P₁ and P₂ the pupils of the relays. F is
-the discrete Fourier transform. Indices count from 0: relay 0 lies between the modulators, relay 1 behind the last one.
+The elements of the bench are those of `optics.bench`, in the order of `engine.frame`. Each stage gives its light with a
+key that names all values it depends on, so that light is computed only if its key isn't in the cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 
+from holoview.captures.camera_model import CameraModel, IncoherentComponent, Key, TensorCache
 from holoview.captures.camera_sampling import FrequencyBand, PixelGrid, sample_intensity
-from holoview.captures.incoherent_component import IncoherentComponent
-from holoview.captures.tensor_cache import TensorCache
+from holoview.engine.frame import relay_behind, spectrum_behind_modulators
 from holoview.model.bench_parts import Relay
-from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.plan import Plan
+from holoview.model.plan import Grid, Plan
 from holoview.model.transfer import Transfer
-from holoview.optics.propagate import nominal_pupil, transfer_function_at
-from holoview.optics.slm import pixel_spectrum
+from holoview.optics.bench import PixelAxis, illuminated, plane_wave, relay_response, spectrum_of_pixels
+from holoview.optics.propagate import nominal_pupil
 from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
-Key = tuple[Hashable, ...]
 
 
-class NearFieldModel:
+class NearFieldModel(CameraModel):
     """Intensities on the camera at the first plane of a plan.
 
-    plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
-    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
-    cache: keeps intermediate fields; a key names all values that its field depends on.
-    earlier: what was sent before a pattern, and first of all, each as its drive; None where no effect asks for it.
+    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates. Other arguments as of `CameraModel`.
     """
 
     def __init__(
@@ -48,124 +42,48 @@ class NearFieldModel:
         cache: TensorCache,
         earlier: tuple[Tensor, Tensor] | None = None,
     ) -> None:
-        self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
-        self.dtype, self.cache, self.earlier = dtype, cache, earlier
-        self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
+        super().__init__(plan, effects, pixel_grid, dtype, cache, earlier)
+        self.relays = relays
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
         """|E|² (y, x) on the camera for unit power in one component.
 
         drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
         """
-        spectrum, band, key = self._last_spectrum(drive, component, capture)
+        stages, distance_m = _Stages(self, drive, component, capture), float(self.plan.planes_m[0])
+        last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
+        seen = stages.transmit(last, 1, component.wavelength, distance_m)
         pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
-        key = (*key, "intensity", self._relay_key(1, component), pose_key)
-        transfer = self._relay_transfer(1, component, band)
 
         def compute() -> Tensor:
-            pose = self.effects.camera_pose(float(self.plan.planes_m[0]))
-            return sample_intensity(spectrum * transfer, band, self.plan.grid, self.pixel_grid, pose)
+            pose = self.effects.camera_pose(distance_m)
+            return sample_intensity(seen.values(), self.band(1, component), self.plan.grid, self.pixel_grid, pose)
 
-        return self.cache.get(key, compute)
-
-    # --- modulators -------------------------------------------------------------------------------------------------
-
-    def _last_spectrum(
-        self, drive: Tensor, component: IncoherentComponent, capture: int
-    ) -> tuple[Tensor, FrequencyBand, Key]:
-        """Spectrum behind the last modulator in the band of the last relay, that band, and the key of the spectrum."""
-        last_band = self._band(1, component)
-        first_key = self._first_key(component, capture)
-        if self.plan.system.gap_m is None:
-            return self._first_spectrum(drive[0], component, last_band, capture), last_band, first_key
-        gap_band = self._band(0, component)
-        arriving_key = (*first_key, "arriving", self._relay_key(0, component))
-        key = (*arriving_key, self._modulator_key(1, component))
-
-        def arriving_field() -> Tensor:
-            spectrum = self._first_spectrum(drive[0], component, gap_band, capture)
-            return gap_band.inverse(spectrum * self._relay_transfer(0, component, gap_band), self.plan.grid.shape)
-
-        def last_spectrum() -> Tensor:
-            field = self.cache.get(arriving_key, arriving_field)
-            return last_band.forward(field * self._transmission(drive[1], 1, component, capture))
-
-        return self.cache.get((*key, "last", last_band), last_spectrum), last_band, key
-
-    def _first_spectrum(
-        self, drive: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
-    ) -> Tensor:
-        """Spectrum behind the first modulator."""
-        key = ("first", *self._first_key(component, capture), band)
-        return self.cache.get(key, lambda: self._compute_first_spectrum(drive, component, band, capture))
-
-    def _compute_first_spectrum(
-        self, drive: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
-    ) -> Tensor:
-        """The FFT of the modulator's pixels, repeated, times the spectrum of one pixel.
-
-        Where an effect has turned pixels into samples, the FFT of the samples.
-        """
-        field = component.illuminate(self.plan, self._transmission(drive, 0, component, capture), self.dtype)
-        if tuple(field.shape) != tuple(drive.shape):
-            return band.forward(field)
-        grid, slopes = self.plan.grid, component.slopes(self.plan)
-        rows_of_pixels, columns_of_pixels = (p // grid.upsample for p in grid.padded)
-        (rows, response_y), (columns, response_x) = (self._pixel_response(axis, slopes[axis], band) for axis in (0, 1))
-        lines = torch.fft.fft(field, n=columns_of_pixels, dim=1).index_select(1, columns) * response_x
-        return torch.fft.fft(lines, n=rows_of_pixels, dim=0).index_select(0, rows) * response_y[:, None]
-
-    def _pixel_response(self, axis: int, slope: float, band: FrequencyBand) -> tuple[Tensor, Tensor]:
-        """For the band's frequencies along an axis: indices in the FFT of the pixels, and the spectrum of one pixel."""
-        padded, upsample, k = self.plan.grid.padded[axis], self.plan.grid.upsample, band.frequency_indices[axis]
-        indices = self.cache.get(("pixel indices", axis, upsample, band), lambda: k % (padded // upsample))
-        response = self.cache.get(
-            ("pixel spectrum", axis, upsample, slope, band),
-            lambda: pixel_spectrum(padded, upsample, slope).to(self.dtype)[k],
-        )
-        return indices, response
-
-    def _transmission(self, drive: Tensor, number: int, component: IncoherentComponent, capture: int) -> Tensor:
-        """Complex transmission of a modulator: always of samples for the second, of pixels if possible for the first.
-
-        It doesn't depend on the direction of the source.
-        """
-
-        def compute() -> Tensor:
-            context = component.modulator_context(self.plan, number)
-            earlier = [patterns[number].to(self.real_dtype) for patterns in self.earlier or ()]
-            transmission = self.effects.modulator_transmission(
-                drive.to(self.real_dtype), context, self.dtype, component.path_factor, *earlier
-            )
-            return context.sampled(transmission) if number else transmission
-
-        key = ("transmission", capture, component.path_factor, self._modulator_key(number, component))
-        return self.cache.get(key, compute)
+        return self.cache.get((*seen.key, "intensity", pose_key), compute)
 
     # --- relays -----------------------------------------------------------------------------------------------------
 
-    def _distance_m(self, relay: int) -> float:
-        return float(self.plan.planes_m[0]) if relay else float(self.plan.system.gap_m or 0.0)
-
-    def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
-        return self.plan.transfer(relay, component.wavelength_index, self._distance_m(relay))
-
-    def _band(self, relay: int, component: IncoherentComponent) -> FrequencyBand:
+    def band(self, relay: int, component: IncoherentComponent) -> FrequencyBand:
+        """The frequencies that pass a relay."""
         return FrequencyBand.from_transfer(self._transfer(relay, component), self.plan.grid)
 
-    def _relay_transfer(self, relay: int, component: IncoherentComponent, band: FrequencyBand) -> Tensor:
-        """H × pupil in the band, (rows, columns)."""
-        transfer = self._transfer(relay, component)
+    def relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
+        """Names all values that the factor of a relay depends on."""
+        hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
+        return relay, self.wavelength_m(component), self._distance_m(relay), self.plan.relays[relay], hooks
+
+    def relay_factor(self, relay: int, component: IncoherentComponent) -> Tensor:
+        """Transfer function × pupil in the band of a relay, (rows, columns)."""
+        transfer, band = self._transfer(relay, component), self.band(relay, component)
         ky, kx = band.frequency_indices
 
-        def nominal_response() -> Tensor:
-            response = transfer_function_at(transfer, ky, kx, torch.complex128)
-            pupil = nominal_pupil(self.plan, relay, component.wavelength_index, torch.complex128, torch.device("cpu"))
-            return response if pupil is None else response * pupil[ky][:, kx]
+        def without_effects() -> Tensor:
+            pupil = nominal_pupil(self.plan, relay, component.wavelength, torch.complex128, torch.device("cpu"))
+            return relay_response(transfer, ky, kx, pupil, torch.complex128)
 
         def compute() -> Tensor:
             key = ("nominal", relay, transfer.wavelength_m, transfer.distance_m, self.plan.relays[relay], band)
-            response = self.cache.get_invariant(key, nominal_response)
+            response = self.cache.get_invariant(key, without_effects)
             sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
             λ, nominal = transfer.wavelength_m, self.relays[relay]
             radius = nominal.pupil_radius_sine(λ, self.plan.nominal.modulators[0].pitch_m)
@@ -173,19 +91,81 @@ class NearFieldModel:
             pupil = self.effects.pupil(context, torch.complex128)
             return (response if pupil is None else response * pupil).to(self.dtype)
 
-        return self.cache.get(("relay", self._relay_key(relay, component), band), compute)
+        return self.cache.get(("relay", self.relay_key(relay, component), band), compute)
 
-    # --- keys of the cache: all that a result depends on --------------------------------------------------------------
+    def _distance_m(self, relay: int) -> float:
+        return float(self.plan.planes_m[0]) if relay else float(self.plan.system.gap_m or 0.0)
 
-    def _first_key(self, component: IncoherentComponent, capture: int) -> Key:
-        return capture, component.path_factor, self._modulator_key(0, component), component.slopes(self.plan)
+    def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
+        return self.plan.transfer(relay, component.wavelength, self._distance_m(relay))
 
-    def _modulator_key(self, number: int, component: IncoherentComponent) -> Hashable:
-        hooks = self.effects.cache_key(*MODULATOR_HOOKS, acts_on=f"modulator {number + 1}", laser=component.laser)
-        source = self.effects.cache_key("transmission", acts_on="source") if number == 0 else ()
-        stroke_m = self.plan.system.modulators[number].stroke_m
-        return number, component.wavelength_m(self.plan), stroke_m, hooks, source
 
-    def _relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
-        hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
-        return relay, component.wavelength_m(self.plan), self._distance_m(relay), self.plan.relays[relay], hooks
+@dataclass(frozen=True)
+class _Light:
+    """A field (y, x) or a spectrum in a relay's band. key: names all values that it depends on."""
+
+    key: Key
+    values: Callable[[], Tensor]
+
+
+class _Stages:
+    """The stages of `engine.frame` for one component of a capture. Arguments as of `NearFieldModel.intensity`."""
+
+    def __init__(self, model: NearFieldModel, drive: Tensor, component: IncoherentComponent, capture: int) -> None:
+        self.plan, self._model, self._drive = model.plan, model, drive
+        self._component, self._capture = component, capture
+
+    def illuminate(self, wavelength: int, source: int) -> _Light:
+        """The plane wave that illuminates the first modulator."""
+        key, dtype = (self._capture, self._model.slopes(self._component)), self._model.dtype
+        return _Light(key, lambda: plane_wave(self.plan, wavelength, source, dtype, torch.device("cpu")))
+
+    def modulate(self, field: _Light, frame: int, modulator: int, wavelength: int) -> _Light:
+        """field × the modulator's transmission: samples, or for the first modulator pixels if effects leave them."""
+        key = (*field.key, self._model.modulator_key(modulator, self._component))
+        if modulator == 0:  # the wave is needed at pixels or at samples, as the transmission is
+            source = self._component.source
+            return _Light(key, lambda: illuminated(self.plan, wavelength, source, self._transmission(0)))
+        return _Light(key, lambda: field.values() * self._transmission(1))
+
+    def spectrum(self, field: _Light, modulator: int) -> _Light:
+        """The spectrum in the band of the next relay."""
+        band = self._model.band(relay_behind(self.plan, modulator), self._component)
+        key = (*field.key, "spectrum", band)
+
+        def compute() -> Tensor:
+            light, grid = field.values(), self.plan.grid
+            if modulator or tuple(light.shape) != self.plan.system.modulators[0].shape:
+                return band.forward(light)
+            slopes = self._model.slopes(self._component)
+            return spectrum_of_pixels(light, [_pixel_axis(grid, i, slopes[i], band, light.dtype) for i in (0, 1)])
+
+        return _Light(key, lambda: self._model.cache.get(key, compute))
+
+    def transmit(self, spectrum: _Light, relay: int, wavelength: int, distance_m: float) -> _Light:
+        """spectrum × transfer function × pupil."""
+        key = (*spectrum.key, self._model.relay_key(relay, self._component))
+        return _Light(key, lambda: spectrum.values() * self._model.relay_factor(relay, self._component))
+
+    def field(self, spectrum: _Light, relay: int) -> _Light:
+        """The field at the second modulator."""
+        key, band = (*spectrum.key, "field"), self._model.band(relay, self._component)
+        return _Light(
+            key,
+            lambda: self._model.cache.get(key, lambda: band.inverse(spectrum.values(), self.plan.grid.shape)),
+        )
+
+    def _transmission(self, number: int) -> Tensor:
+        """Complex transmission of a modulator: of samples for the second, of pixels if possible for the first."""
+        model, component = self._model, self._component
+
+        def compute() -> Tensor:
+            found = model.transmission(self._drive, number, component)
+            return model.context(number, component).sampled(found) if number else found
+
+        return model.cache.get(("transmission", self._capture, model.modulator_key(number, component)), compute)
+
+
+@lru_cache(maxsize=256)
+def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype: torch.dtype) -> PixelAxis:
+    return PixelAxis.at(grid, axis, slope, band.frequency_indices[axis], dtype)

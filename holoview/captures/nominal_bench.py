@@ -20,8 +20,7 @@ import numpy as np
 
 from holoview.captures.dataset import Camera, SlmSpec
 from holoview.model.bench_parts import Relay
-from holoview.model.dataclass_fields import fields_by_key, to_mapping
-from holoview.model.field_types import FieldType, Number
+from holoview.model.fields import FieldType, Number, fields_by_key, to_mapping
 from holoview.util.errors import UserError, suggest_matches
 
 _NAMES = {"iris_na": "iris{}_na", "square": "square{}", "centre_na": "centre{}_na"}
@@ -35,10 +34,10 @@ STOP_KEYS: Mapping[str, FieldType] = {
 
 
 def stops_from_attributes(attributes: Mapping[str, Any], number: int, where: str) -> Relay:
-    """The stops of relay `number` (1 or 2) from attributes, others of which are ignored.
+    """The stops of relay `number` (1 or 2) from attributes; attributes of other things are ignored.
 
-    where: what comes before an attribute's name in an error. Values may be those of HDF5: numpy numbers, arrays, bytes.
-    Raises UserError, which names the attribute, for values that are no stops.
+    where: the text before an attribute's name in an error. Values may be those of HDF5: numpy numbers, arrays, bytes.
+    Raises UserError, which names the attribute, for values that a stop can't have.
     """
     names = {field: name.format(number) for field, name in _NAMES.items()}
     values = {field: _plain(attributes[name]) for field, name in names.items() if name in attributes}
@@ -50,7 +49,7 @@ def stops_from_attributes(attributes: Mapping[str, Any], number: int, where: str
 
 
 def stop_attributes(relay: Relay, number: int) -> dict[str, Any]:
-    """The attributes of the stops of relay `number`; without those of stops that it doesn't have."""
+    """The attributes of the stops that relay `number` has."""
     stated = stated_keys(relay)
     return {name.format(number): stated[field] for field, name in _NAMES.items() if field in stated}
 
@@ -61,7 +60,7 @@ def has_only_stops(relay: Relay) -> bool:
 
 
 def stated_keys(relay: Relay) -> dict[str, Any]:
-    """The keys of a relay in presets whose values differ from those of a relay without anything, with their values."""
+    """The keys and values of a relay in presets that differ from those of a relay without stops and pupil."""
     clear = to_mapping(Relay())
     return {key: value for key, value in to_mapping(relay).items() if value != clear.get(key)}
 

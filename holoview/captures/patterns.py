@@ -1,7 +1,7 @@
 """Random test patterns from smooth to rough, and a measure of how rough a pattern is.
 
 Smooth patterns stay comparable with the model while an error is large: an error decorrelates the speckle of rough
-patterns first. Rough patterns are the most sensitive to small errors. A session should hold both.
+patterns first. Rough patterns are the most sensitive to small errors. Captures should hold both.
 """
 
 from __future__ import annotations

@@ -19,22 +19,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
 from holoview.captures.camera_sampling import PixelGrid
 from holoview.captures.dataset import Captures
 from holoview.captures.fourier_model import FourierBenchModel
-from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.tensor_cache import InvariantCache, TensorCache
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
-from holoview.model.effects.effect_table import EffectTable
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
+from holoview.model.effects.registry import EffectTable, get_effect
 from holoview.model.plan import Plan, make_plan
-from holoview.model.validity.checks import check_plan
+from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20
@@ -44,7 +42,7 @@ _IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields
 _DRIVE_CACHE_MB = 64  # of patterns
 _CACHE_MB = 256
 _LIGHT_HOOKS = (
-    "bench",
+    "actual_system",
     *MODULATOR_HOOKS,
     "pupil",
     "exposure_samples",
@@ -79,22 +77,22 @@ class Prediction:
 
 
 CACHE_BYTES = (_CACHE_MB + _IMAGE_CACHE_MB + _DRIVE_CACHE_MB) * _MB
-"""What a `Predictor` keeps for later calls unless it is told otherwise, at most."""
+"""Most memory of the results that a `Predictor` keeps for later calls, unless it is told otherwise."""
 
 
 def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:
-    """Memory that a prediction takes, without what a `Predictor` keeps for later ones."""
+    """Memory that a prediction takes, without the results that a `Predictor` keeps for later ones."""
     samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
     return _SAMPLE_BYTES * (1 + double_precision) * samples
 
 
 class Predictor:
-    """Predicts captures of one session for many values of effect parameters.
+    """Predicts captures for many values of effect parameters.
 
     extra_effects: effects beside those of the registry.
     double_precision: complex128 instead of complex64.
     cache_mb: memory for fields and intensities that later calls can reuse.
-    finer: factor by which the simulation pitch is finer than the session's own (`Captures.upsample`).
+    finer: factor by which the simulation pitch is finer than that of `Captures.upsample`.
     padding: size of the padded grid over that of the modulators.
     points: points along each axis at which a camera pixel averages the intensity; None: one for each sample on it.
     fields_requested: how many fields the calls so far have summed, including those that came from the cache.
@@ -138,7 +136,7 @@ class Predictor:
             return Prediction(torch.stack(signals), self._black_level(active), self._ambient(indices, active))
 
     def without_lasers(self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues) -> Prediction:
-        """As a call, with no laser on: the signal is nothing."""
+        """As a call, with all lasers off: the signal is zero."""
         active = TorchEffects(effects, self.extra_effects)
         nothing = torch.zeros((), dtype=self.real_dtype).expand(len(indices), *self.captures.shape)
         return Prediction(nothing, self._black_level(active), self._ambient(indices, active))
@@ -146,7 +144,7 @@ class Predictor:
     def counts_without_lasers(
         self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues
     ) -> NDArray[np.float32]:
-        """As of `Prediction`, beyond the captures' black level; computes no light."""
+        """`Prediction.counts_without_lasers` beyond the captures' black level; computes no light."""
         return self.without_lasers(indices, effects).counts_without_lasers(self.captures.camera.black_level)
 
     def _black_level(self, active: TorchEffects) -> float:
@@ -199,14 +197,14 @@ class Predictor:
 
     def _plan(self, k: int, active: TorchEffects) -> Plan:
         wavelength, distance = float(self.captures.wavelength_m[k]), self._distance(k, active)
-        key = (wavelength, distance, active.cache_key("bench"))
+        key = (wavelength, distance, active.cache_key("actual_system"))
         if key not in self._plans:
             nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
             if self.finer > 1 or self.padding > 2:
                 nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            plan = make_plan(active.bench(nominal))
+            plan = make_plan(active.actual_system(nominal))
             self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
         return self._plans[key]
 
@@ -229,7 +227,7 @@ class Predictor:
         return self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))
 
     def _earlier_drives(self, k: int) -> tuple[Tensor, Tensor]:
-        """What was sent before a capture, and for the first capture of all."""
+        """The patterns of the capture that was taken before, and of the first capture of all."""
         before, first = (torch.from_numpy(a) for a in (self.captures.drive_before(k), self.captures.first_drive))
         return before.to(self.real_dtype), first.to(self.real_dtype)
 

@@ -1,4 +1,4 @@
-"""Summary of a measurement session: as numbers for `holoview captures check`, and as a contact sheet."""
+"""Summary of captures: as numbers for `holoview captures check`, and as a contact sheet."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import describe_stops
 from holoview.model.effects.registry import listed_effects
-from holoview.report.contact_sheet import CaptionedTile, contact_sheet, greyscale_pixels
+from holoview.report.images import CaptionedTile, contact_sheet, greyscale_pixels
 
 _DARK_SIGMAS = 3.0  # an image is dark if its mean signal is less than this many standard deviations of a dark mean
 _WHITE_QUANTILE = 0.999  # of the pixels, shown white
@@ -19,7 +19,7 @@ _TILE_WIDTH_PX = 420
 
 
 def summarise(captures: Captures) -> dict[str, Any]:
-    """The contents of a session as a dictionary for JSON.
+    """The contents of captures as a dictionary for JSON.
 
     stops: those of each relay in words, the first relay before the second. saturated: fractions of the pixels, in the
     worst capture and on average. dark: captures without significant light. mean_electrons: median over the captures of
@@ -49,7 +49,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
 
 
 def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint8]:
-    """A contact sheet (y, x, 3): patterns and image of at most `max_captures` captures, evenly spread over the session.
+    """A contact sheet (y, x, 3): patterns and image of at most `max_captures` captures, evenly spread.
 
     Each image is scaled to its own range; saturated pixels are red.
     """

@@ -1,4 +1,4 @@
-"""Validates a measurement session and hints at wrong units, so that mistakes in a file don't become a wrong diagnosis.
+"""Validates captures and hints at wrong units, so that mistakes in a file don't become a wrong diagnosis.
 
 Errors name the dataset or attribute of the capture file (`docs/captures.md`).
 """
@@ -25,7 +25,7 @@ _LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {
     "geometry attribute gap": (0.0, 1.0, "a distance in metres, such as 0.001"),
     "geometry attribute focal_length": (1e-3, 1.0, "a focal length in metres, such as 0.2"),
 }
-"""Smallest and largest plausible value (m) of each length, and what an error says is expected."""
+"""Smallest and largest plausible value (m) of each length, and the expectation in words for an error."""
 
 _UNITS = {1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres", 1e-2: "centimetres"}
 _MAX_SPREAD_WIDTHS = 10.0  # modulator widths by which light may spread sideways: beyond, the image is empty
@@ -35,13 +35,13 @@ _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 
 
 def check_captures(captures: Captures) -> None:
-    """Raises UserError unless the session is consistent and plausible as measured data in SI units."""
+    """Raises UserError unless captures are consistent and plausible as measured data in SI units."""
     check_settings(captures)
     _check_images(captures)
 
 
 def check_settings(captures: Captures) -> None:
-    """As `check_captures`, whatever the pictures show: they may all be dark, as those of a bench not yet measured."""
+    """As `check_captures`, but pictures may show anything: those of a bench that isn't measured yet are all dark."""
     _check_columns(captures)
     check_lengths(captures)
     _check_geometry(captures)
@@ -51,7 +51,7 @@ def check_settings(captures: Captures) -> None:
 
 
 def check_lengths(captures: Captures) -> None:
-    """Raises UserError unless every length is one that a bench can have; the usual reason is a wrong unit."""
+    """Raises UserError unless a bench can have every length; the usual reason is a wrong unit."""
     _check_length_limits(captures)
     _check_spread(captures)
 
@@ -67,7 +67,7 @@ def _check_levels(captures: Captures) -> None:
 
 
 def _check_columns(captures: Captures) -> None:
-    """The arrays with one entry per capture have equal lengths; numbers are finite; powers and exposures positive."""
+    """Arrays with one entry per capture have equal lengths; numbers are finite; powers and exposures are positive."""
     columns: dict[str, NDArray[Any]] = {
         "camera/images": captures.images,
         "wavelength": captures.wavelength_m,

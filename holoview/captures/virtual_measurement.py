@@ -1,8 +1,8 @@
-"""Simulates a measurement session: a bench with effects, exposure control, camera noise and digitisation.
+"""Simulates captures: a bench with effects, exposure control, camera noise and digitisation.
 
     pattern ─▶ bench with effects ─▶ signal × radiometric scale × exposure ─▶ shot and read noise ─▶ counts
 
-The session states the nominal geometry, that of the bench without effects.
+Captures state the nominal geometry, that of the bench without effects.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 from holoview.util.progress import StepCallback
 
 _DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
@@ -54,7 +54,7 @@ class Nuisances:
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """How a session is measured.
+    """How captures are taken.
 
     captures_per_condition: captures at each combination of wavelength and plane.
     power_range: laser powers are uniformly random in this range, relative.
@@ -63,7 +63,7 @@ class AcquisitionSettings:
     bit_depth, read_noise (electrons), black_level (counts): as in `Camera`. full_well: electrons at full scale.
     focal_length_m: of a Fourier bench; None for near field.
     planes_m: distances from the last modulator, or defocus on a Fourier bench; None for the system's planes, or 0.
-    finer: factor by which the simulation is finer than the session's own (`Captures.upsample`); a camera pixel then
+    finer: factor by which the simulation is finer than that of `Captures.upsample`; a camera pixel then
     averages several samples.
     seed: of patterns, powers and noise.
     """
@@ -118,7 +118,7 @@ def make_captures(
 
 
 def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random.Generator) -> Captures:
-    """A session before it is measured: patterns and settings, with images of zeros and exposures of 1 s."""
+    """Captures before they are taken: patterns and settings, with images of zeros and exposures of 1 s."""
     _check_nominal(system, settings)
     slms = tuple(
         SlmSpec(m.pitch_m, _DEFAULT_NUM_LEVELS if m.levels is None else len(m.levels), m.stroke_m)

@@ -1,37 +1,63 @@
-"""`holoview export HOLOGRAM`: writes its patterns as PNG, one for each frame and modulator, to drive real modulators.
+"""`holoview export HOLOGRAM`: as a page that any browser shows live, or as patterns that drive real modulators.
 
-A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to the stroke; with
-`--levels` the number of its level, in rising order of optical path, which drivers call the state index; with
-`--cells p67` the memory cells of a device, black for 0 and white for 1, in the order of `holoview.io.plm`.
+`--html` writes one file for one hologram, or for several to compare (`holoview.page`). `--png` writes a PNG for each
+frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to
+the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state
+index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.io.pictures`).
 """
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.commands.number_options import whole
-from holoview.commands.output_files import add_input, add_output_folder
-from holoview.io.hologram import load_hologram
-from holoview.io.plm import CELL_MAPS, memory_cells
-from holoview.io.png import write_pattern, write_png
+from holoview.commands.arguments import parse_region, whole
+from holoview.commands.console import progress_bar
+from holoview.commands.output_files import add_input, add_output, add_output_folder
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.model.bench_parts import Modulator
+from holoview.model.focus import parse_plane
 from holoview.optics.slm import level_numbers
+from holoview.page.page import export_html
+from holoview.targets.target import Placement, target_for
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(parser, "hologram", help="a hologram file")
-    add_output_folder(parser, "--png", metavar="DIR", required=True, help="folder to write to; made if missing")
-    parser.add_argument(
+    add_input(parser, "hologram", nargs="+", help="a hologram file; with --html several, to compare")
+    form = parser.add_mutually_exclusive_group(required=True)
+    add_output_folder(form, "--png", metavar="DIR", help="folder of patterns to write to; made if missing")
+    add_output(form, "--html", metavar="HTML", suffix=".html", help="page to write, which any browser shows live")
+    _configure_page(parser.add_argument_group("with --html"))
+    _configure_patterns(parser.add_argument_group("with --png"))
+
+
+def _configure_page(group: argparse._ArgumentGroup) -> None:
+    add_input(group, "--target", metavar="PICTURE", help="what the holograms should show: a picture")
+    add_input(group, "--depth", metavar="PICTURE", help="its depth map: black is nearest to the viewer")
+    group.add_argument(
+        "--plane", metavar="DISTANCE", help="focal plane that the page opens with; the middle one if absent"
+    )
+    group.add_argument(
+        "--region", metavar="X,Y,W,H", help="samples whose speckle contrast the page states and computes"
+    )
+    group.add_argument("--title", default="", help="heading of the page; the holograms' names if absent")
+    group.add_argument("--note", default="", help="a sentence below the heading")
+    group.add_argument("--backend", default="auto", help="what renders the pictures for browsers without WebGPU")
+
+
+def _configure_patterns(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         "--bits", type=whole(1), choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke"
     )
-    form = parser.add_mutually_exclusive_group()
+    form = group.add_mutually_exclusive_group()
     form.add_argument(
         "--levels",
         action="store_true",
@@ -46,8 +72,48 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Writes the page or the patterns, and prints their paths."""
+    if args.html is not None:
+        return _export_page(args)
+    if len(args.hologram) > 1:
+        raise UserError("--png", f"{len(args.hologram)} holograms", expected="one", remedy="export them one by one")
+    return _export_patterns(args, load_hologram(args.hologram[0]))
+
+
+def _export_page(args: argparse.Namespace) -> int:
+    """Writes the page, and prints its path and size."""
+    holograms = _named([(Path(file).stem, load_hologram(file)) for file in args.hologram])
+    system = next(iter(holograms.values())).system
+    if args.depth is not None and args.target is None:
+        raise UserError("--depth", "without --target", expected="both, or neither")
+    target = None if args.target is None else target_for(system, args.target, Placement(depth=args.depth))
+    with progress_bar("pictures of the planes") as progress:
+        export_html(
+            args.html,
+            holograms,
+            target=target,
+            title=args.title,
+            note=args.note,
+            plane_m=None if args.plane is None else parse_plane(system, args.plane, "--plane"),
+            region=None if args.region is None else parse_region(args.region),
+            backend=args.backend,
+            progress=lambda done, total: progress(done, total, "wavelengths"),
+        )
+    print(f"{args.html} ({args.html.stat().st_size / 1e6:.1f} MB)")
+    return 0
+
+
+def _named(holograms: list[tuple[str, Hologram]]) -> dict[str, Hologram]:
+    """Holograms by names that differ: files of the same name are numbered."""
+    named: dict[str, Hologram] = {}
+    for name, hologram in holograms:
+        number = sum(other == name or other.startswith(f"{name} (") for other in named)
+        named[f"{name} ({number + 1})" if number else name] = hologram
+    return named
+
+
+def _export_patterns(args: argparse.Namespace, hologram: Hologram) -> int:
     """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, and prints their paths."""
-    hologram = load_hologram(args.hologram)
     modulators = hologram.system.modulators
     flag = "--levels" if args.levels else "--cells" if args.cells else None
     if flag and any(modulator.levels is None for modulator in modulators):

@@ -21,8 +21,8 @@ from holoview.rig.measure.capture_plan import (
 )
 from holoview.rig.measure.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
-from holoview.util.memory_limit import format_size
+from holoview.util.files import read_text
+from holoview.util.memory import format_size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

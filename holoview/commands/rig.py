@@ -10,7 +10,7 @@ import numpy as np
 
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
-from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
 from holoview.rig.align.result import check_rig_records, doubt, placement_of, sentences

@@ -7,16 +7,15 @@ import re
 from pathlib import Path
 
 from holoview.app.serve_options import CLIENTS, ServeOptions
-from holoview.commands.arguments import add_changes, with_changes
-from holoview.commands.console import print_stderr
-from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.commands.number_options import number, whole
+from holoview.commands.arguments import add_changes, number, whole, with_changes
+from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.page.link import split_link
 from holoview.util.errors import UserError
-from holoview.util.threads import is_left, last_work_s, wait_for_threads
+from holoview.util.processes import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -166,7 +165,7 @@ def _is_preset(name: str) -> bool:
         return True
     if Path(name).suffix == ".toml":
         return True
-    if not Path(name).exists():
+    if not split_link(name)[0].exists():
         preset.load(name)  # raises: neither a file nor a preset, with near matches
     return False
 

@@ -25,11 +25,10 @@ from holoview.diagnose.capture_outliers import (
 )
 from holoview.diagnose.capture_reasons import Suspects
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.comparison import Values
-from holoview.diagnose.field_count import is_very_costly
-from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.judge import SearchResult, jitter_excess
+from holoview.diagnose.likelihood import Values
+from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.verdict import jitter_excess
 
 
 def find_suspects(context: SearchContext, values: Values, useless: Iterable[int], *, is_final: bool) -> Suspects:

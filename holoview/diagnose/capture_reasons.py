@@ -18,9 +18,9 @@ from scipy.ndimage import gaussian_filter
 
 from holoview.captures.prepared_captures import Images
 from holoview.diagnose.bad_captures import DUPLICATE, BadCapture, equal_pictures
-from holoview.diagnose.comparison import Values
-from holoview.diagnose.displacement_starts import measure_displacement
+from holoview.diagnose.likelihood import Values
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.picture import measure_displacement
 
 ANOTHER_PATTERN, MOVED, OUT_OF_FOCUS, NOISY, DISTURBED = (
     "another pattern",

@@ -5,23 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from holoview.captures.prepared_captures import FitQuality
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
 from holoview.diagnose.diagnosis import Cause
-from holoview.diagnose.field_count import is_very_costly
+from holoview.diagnose.fit import free_parameters_of
 from holoview.diagnose.fit_statistics import fit_quality
-from holoview.diagnose.free_parameters import free_parameters_of
-from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.judge import Decision, SearchResult
+from holoview.diagnose.likelihood import Values
 from holoview.diagnose.power_law import PowerLawFit
+from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import confidence_intervals, local_information, local_jacobian
-from holoview.diagnose.verdict import Decision
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
+from holoview.model.effects.parameter import ListParameter
 
 
-def describe_causes(context: SearchContext, result: SearchResult, decision: Decision) -> list[Cause]:
-    """The causes that a decision names, the one that gains most first."""
+def describe_causes(
+    context: SearchContext, near: SearchContext, result: SearchResult, decision: Decision
+) -> list[Cause]:
+    """The causes that a decision names, the one that gains most first.
+
+    near: the same captures, or the middle of large ones, in which look-alikes are computed.
+    """
     if decision.best is None:
         return []
     fit, held_out, report, steps = (
@@ -35,7 +39,6 @@ def describe_causes(context: SearchContext, result: SearchResult, decision: Deci
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
     intervals = confidence_intervals(fit, local_information(fit, effects, fine, steps), fine, context.config)
     one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
-    near = context.region or context
     few = near.model_weighted_comparison(near.split.coarse[one_or_two], fit.values)
     lookalikes = lookalike_correlations(near, fit, local_jacobian(fit, effects, few, steps), few)
     separate = best_separating_capture(near, decision.best, decision.rivals[0]) if decision.rivals else None

@@ -9,10 +9,9 @@ import numpy as np
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.effect_fit import CandidateFit, effect_jacobian
-from holoview.diagnose.free_parameters import FittedValues, identity_values, number_count
-from holoview.diagnose.held_out_ranking import HeldOutScore
+from holoview.diagnose.fit import CandidateFit, FittedValues, effect_jacobian, identity_values, number_count
+from holoview.diagnose.judge import HeldOutScore
+from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation
 from holoview.util.errors import UserError

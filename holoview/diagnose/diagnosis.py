@@ -16,12 +16,12 @@ from holoview.captures.records import RecordFindings
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
 from holoview.diagnose.extended_model import add_effect_values
+from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.free_maps import FreeMapFit
-from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pixel_maps import PixelMap
 from holoview.diagnose.suggestions import suggest_for
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.verdict import Verdict
 
 Image = NDArray[np.float32]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import BreakdownConfig
+from holoview.diagnose.likelihood import Comparison, GainFit
 from holoview.util.units import format_rounded
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any
 
 from holoview.captures.dataset import Captures, SlmSpec
 from holoview.captures.predictor import Prediction, Predictor
-from holoview.diagnose.comparison import Values
-from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.fit import FittedValues
+from holoview.diagnose.likelihood import Values
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.util.errors import UserError

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
-from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import ReportConfig
 from holoview.diagnose.diagnosis import HeldOutGroup, SampleCapture
+from holoview.diagnose.likelihood import Comparison, GainFit
 
 
 def fit_quality(

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import FreeMapConfig
-from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.fit import FittedValues
+from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext

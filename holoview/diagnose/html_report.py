@@ -12,8 +12,8 @@ from holoview.diagnose import plots
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.formatting import format_value
-from holoview.diagnose.verdict import Verdict
-from holoview.report.figure import figure_bytes
+from holoview.diagnose.judge import Verdict
+from holoview.report.images import figure_bytes
 from holoview.util.file_writer import write_file
 from holoview.util.progress import ProgressCallback
 

@@ -17,33 +17,43 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
+from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
+from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
+from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
 from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
-from holoview.diagnose.extended_model import add_effect_values
+from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
-from holoview.diagnose.held_out_ranking import SearchResult
-from holoview.diagnose.judged_search import SearchOutcome
-from holoview.diagnose.known_refinement import Uncertainties, correction_notes, known_corrections
-from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.diagnose.picture_limit import within_limits
+from holoview.diagnose.judge import Decision, SearchResult, Verdict, with_further_cause
+from holoview.diagnose.likelihood import Values
+from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import CheckedRecords, check_records
-from holoview.diagnose.region_search import search_region_first, with_region
+from holoview.diagnose.refine import wider_names
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
-from holoview.diagnose.search_preparation import prepare_search
-from holoview.diagnose.simplest_name import wider_names
-from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
+from holoview.diagnose.search import InitialCandidates
+from holoview.diagnose.search_context import (
+    BestSoFar,
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    SearchEnd,
+    describe_so_far,
+    equivalent_effects,
+    field_samples,
+)
+from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
+from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
@@ -145,38 +155,54 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
 
 @dataclass(frozen=True)
-class _Prepared:
-    """A search before it begins. count: of all captures. useless: those that it leaves out. only: the others."""
+class _Preparation:
+    """What a diagnosis works with before its search begins.
 
-    context: SearchContext
+    whole: the pictures as they are. middle: of large ones; None where it would save little. count: of all captures.
+    useless: those that are left out. only: the others. notes: on what the captures can't show.
+    """
+
+    whole: SearchContext
+    middle: SearchContext | None
     count: int
     useless: Sequence[BadCapture]
     only: set[int]
     notes: list[str]
 
 
-def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Prepared:
+def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
     """What a search within a share of the time works with."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, config.judgement)
-    context, notes = prepare_search(
-        captures, useless, request.candidates, request.known, request.sampling, config, pool
-    )
-    time_s, stretch = request.time_s, 1.0
-    if time_s is None:
-        time_s, stretch = config.budget.time_for(field_samples(captures)), config.budget.max_stretch
-    end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin, stretch)
-    context = _limited(context, request.thorough, end, request.so_far)
+    whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
+    whole = _limited(whole, request, share)
+    middle = middle_of_context(whole)
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
-        context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
+        whole, notes = with_one_picture(whole, min(only)), [*notes, ONE_PICTURE_NOTE]
+        middle = None if middle is None else with_one_picture(middle, min(only))
+    shared = {} if middle is None else {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
     prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
     needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding) + CACHE_BYTES
-    pool.share(context.shared_objects(), prepare, needed)
+    pool.share(shared | whole.shared_objects(), prepare, needed)
     if pool.workers < request.workers:
         cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
-    return _Prepared(context, len(captures), useless, only, [*notes, *cut_notes])
+    return _Preparation(whole, middle, len(captures), useless, only, [*notes, *cut_notes])
+
+
+def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
+    """The context with what ends its search within a share of the time, and with what tells of it."""
+    budget, samples = request.config.budget, field_samples(context.data.captures)
+    time_s, stretch = request.time_s, 1.0
+    if time_s is None:
+        time_s, stretch = budget.time_for(samples), budget.max_stretch
+    end = SearchEnd(share * time_s, request.is_asked_to_end, budget.last_begin, stretch)
+    fields, so_far = math.inf if request.thorough else budget.fields_for(samples), request.so_far
+    best: BestSoFar[SearchResult] = BestSoFar(
+        None if so_far is None else lambda result: so_far(describe_so_far(result))
+    )
+    return dataclasses.replace(context, field_budget=fields, end=end, best_so_far=best)
 
 
 def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
@@ -185,8 +211,9 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
         return request, ()
     share, silent = request.config.known.time_share, dataclasses.replace(request, so_far=None)
     with request.start_workers() as pool:
-        context = _prepare(records, silent, pool, share).context
-        corrections = known_corrections(context.region or context, request.uncertain, request.progress)
+        prepared = _prepare(records, silent, pool, share)
+        context = prepared.middle or prepared.whole
+        corrections = known_corrections(context, request.uncertain, request.progress)
     known = add_effect_values(request.known, corrections or {})
     return dataclasses.replace(request, known=known), correction_notes(
         corrections, request.uncertain, request.config.known
@@ -197,9 +224,9 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
     """The diagnosis of captures whose records have been checked, within a share of the time."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
-        outcome = search_region_first(prepared.context, prepared.useless, prepared.count, request.progress)
+        outcome = _find_causes(prepared, request.progress)
         findings = _evaluate(outcome, prepared.notes, request.progress)
-        was_asked = prepared.context.end.was_asked
+        was_asked = prepared.whole.end.was_asked
         diagnosis = _assemble_diagnosis(findings, request.free_maps and not was_asked, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
         only = min(prepared.only)
@@ -208,15 +235,50 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
     return records.added_to(diagnosis)
 
 
+def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOutcome:
+    """The causes and the bad captures: searched in the middle of large pictures, refined and judged in whole ones."""
+    whole = prepared.whole
+    judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
+    if prepared.middle is None:
+        search = partial(search_once, whole, progress=progress)
+        return judge(whole, search(doubtful_captures(whole, progress)), search)
+    progress(0, 1, "light from beyond the middle")
+    missing = measure_missing_light(whole, prepared.middle)
+    middle = dataclasses.replace(prepared.middle, missing_light=missing)
+    search = partial(search_once, middle, progress=progress)
+    found = search(doubtful_captures(middle, progress))
+    where = describe_middle(middle)
+    if whole.end.was_asked:
+        outcome = judge(middle, found, search)
+        return dataclasses.replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
+    whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
+    torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
+    whole = dataclasses.replace(
+        whole,
+        missing_light=None if whole.data.captures.slm_frame is None else missing,  # at most that of a smaller part
+        prnu=found.context.prnu,
+        has_camera_jitter=found.context.has_camera_jitter,
+    )
+    named = (found.decision.best, *found.decision.rivals)
+    fits = tuple(score.fit for score in named if score is not None)
+    refine = partial(
+        search_once, whole, progress=progress, initial=InitialCandidates(fits, found.decision.verdict not in _OPEN)
+    )
+    outcome = judge(whole, refine(found.context.left_out), refine)
+    notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
+    return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
+
+
 @dataclass(frozen=True)
 class _Findings:
     """What a search found, and what follows from it.
 
-    gain: of every capture that is kept, under the best model. power_law: what the gains show. causes: as they are
-    reported. bad_captures: those that no fit used.
+    searched: where causes were searched, the middle of large pictures. gain: of every capture that is kept, under the
+    best model. power_law: what the gains show. causes: as they are reported. bad_captures: those that no fit used.
     """
 
     context: SearchContext
+    searched: SearchContext
     result: SearchResult
     decision: Decision
     gain: NDArray[np.float64]
@@ -224,17 +286,6 @@ class _Findings:
     causes: list[Cause]
     bad_captures: tuple[BadCapture, ...]
     notes: list[str]
-
-
-def _limited(
-    context: SearchContext, thorough: bool, end: SearchEnd, so_far: Callable[[str], None] | None
-) -> SearchContext:
-    """The context with what ends its search, and with what tells of it."""
-    budget = math.inf if thorough else context.config.budget.fields_for(field_samples(context.data.captures))
-    best: BestSoFar[SearchResult] = BestSoFar(
-        None if so_far is None else lambda result: so_far(describe_so_far(result))
-    )
-    return with_region(dataclasses.replace(context, field_budget=budget, end=end, best_so_far=best))
 
 
 def _prepare_worker(effect_files: Sequence[str]) -> None:
@@ -251,12 +302,13 @@ def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
 def _evaluate(outcome: SearchOutcome, notes: list[str], progress: ProgressCallback) -> _Findings:
     """What follows from a search. notes: on what the captures can't show."""
     context, result, decision = outcome.context, outcome.result, outcome.decision
-    near = context.region or context
-    gain = near.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
+    gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
-    causes = describe_causes(context, result, decision)
-    return _Findings(context, result, decision, gain, law, causes, outcome.bad_captures, [*notes, *outcome.notes])
+    causes = describe_causes(context, outcome.searched, result, decision)
+    return _Findings(
+        context, outcome.searched, result, decision, gain, law, causes, outcome.bad_captures, [*notes, *outcome.notes]
+    )
 
 
 def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit | None:
@@ -276,7 +328,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
     roughness = pattern_roughness(captures)
     wants_maps = free_maps and _is_open(findings, after.chi2_per_pixel)
-    pixels = find_pixel_maps(context.region or context, values) if wants_maps else ()
+    pixels = find_pixel_maps(findings.searched, values) if wants_maps else ()
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal, config.report),
@@ -309,10 +361,53 @@ def _is_open(findings: _Findings, chi2: float) -> bool:
 
 def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
     """The places of an error that no effect explains, with maps that are free there."""
-    context = findings.context
+    context = findings.searched
     progress(0, 1, "free maps at every place")
     base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
-    if context.region is not None:
-        context = context.region
+    if context is not findings.context:
         held_out = context.model_weighted_comparison(context.split.held_out, values)
     return likely_fits(fit_free_maps(context, base, held_out), context.config.free_maps)
+
+
+def prepare_search(
+    captures: Captures,
+    useless: Sequence[BadCapture],
+    effects: Sequence[Effect],
+    known: Values,
+    sampling: SamplingConfig,
+    config: SearchConfig,
+    pool: WorkerPool,
+) -> tuple[SearchContext, list[str]]:
+    """What a search works with, and notes on what these captures can't show.
+
+    useless: captures that are left out. effects: the candidates. known: effects that the nominal model has. Raises
+    UserError when no capture is left.
+    """
+    left_out = tuple(bad.index for bad in useless)
+    kept = [k for k in range(len(captures)) if k not in left_out]
+    if not kept:
+        raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
+    properties = (captures.subset(kept) if left_out else captures).data_properties()
+    unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
+    visible = {e.id: e for e in effects if not unmet[e.id]}
+    notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
+    if properties.wavelengths == 1:
+        notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
+    if properties.planes == 1 and not properties.is_fourier:
+        notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
+    options = {"captures": captures, "known_values": known, **dataclasses.asdict(sampling)}
+    data = prepare_captures(captures)
+    context = SearchContext(
+        data=data,
+        system=ActiveEffects(known).actual_system(captures.nominal_system()),
+        effects=visible,
+        split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
+        workers=pool,
+        variances=NeighbourVariances(data),
+        config=config,
+        sampling=sampling,
+        equivalents=equivalent_effects(visible, properties),
+        left_out=left_out,
+    )
+    return context, notes

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.free_parameters import FittedValues
-from holoview.diagnose.replacement_gains import line_gains, replacement_gains, significance
+from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of
+from holoview.diagnose.fit import FittedValues, FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import Interval
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 

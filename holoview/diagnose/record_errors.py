@@ -12,17 +12,17 @@ from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import FitQuality, neighbour_variance, prepare_captures
 from holoview.captures.records import Correction, RecordFindings, find_record_errors
-from holoview.captures.records.correction import Hypothesis, apply_corrections
+from holoview.captures.records.corrections import Hypothesis, apply_corrections
 from holoview.captures.records.power_order import PowerOrder
 from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.config.decision import VerdictConfig
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import fit_quality
-from holoview.diagnose.verdict import with_further_cause
+from holoview.diagnose.judge import with_further_cause
+from holoview.diagnose.likelihood import Comparison, Values
 from holoview.util.errors import UserError
 
 DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")

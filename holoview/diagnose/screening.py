@@ -1,13 +1,17 @@
 """First look at every effect, on the smoothest captures, on top of causes that are already known.
 
-How depends on the relative error of the model. Small: derivatives at the identity predict what each effect could gain,
-and only the most promising are fitted. Medium: every effect is fitted from its identity. Large: every effect is scanned
-over its range first, since decorrelated speckle has no derivative that points to the true value. Effects come in
-batches, the cheapest first, so that the caller can stop as soon as one explains everything.
+What is tried depends on the relative error of the model. Small: derivatives at the identity predict what each effect
+could gain, and only the most promising are fitted. Medium: every effect is fitted from its identity. Large: every
+effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true value.
+Effects come in batches, the cheapest first, so that the caller can stop as soon as one explains everything.
+
+The cost of a prediction is the number of fields that it adds incoherently: bandwidth, an extended source and flicker
+make one image of many fields, wavelengths × directions × moments.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -16,28 +20,105 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.capture_split import spread_over_wavelengths
-from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.dead_places import is_stuck_effect
-from holoview.diagnose.displacement_starts import DisplacementStarts, StartProvider
-from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, effect_jacobian, local_fit
-from holoview.diagnose.effect_scan import (
+from holoview.diagnose.fit import (
+    CandidateFit,
+    FittedValues,
     cost_at_identity,
+    cost_or_inf,
+    effect_jacobian,
     find_hard_edges,
     fit_from_scan,
     fit_rival_parameters,
+    has_list,
+    identity_values,
+    local_fit,
     scan_effect,
 )
-from holoview.diagnose.field_count import is_costly_effect, is_very_costly_effect, search_cost
-from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
-from holoview.diagnose.fringe_starts import FringeStarts
-from holoview.diagnose.ghost_starts import GhostStarts
-from holoview.diagnose.modulator_fringe_starts import ModulatorFringeStarts
-from holoview.diagnose.plane_starts import PlaneStarts
+from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.smear_starts import SmearStarts
-from holoview.diagnose.stuck_starts import StuckStarts
-from holoview.model.effects.effect import Effect
+from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
+from holoview.diagnose.starts.picture import DisplacementStarts, GhostStarts, PlaneStarts, SmearStarts, StartProvider
+from holoview.diagnose.starts.stuck import StuckStarts, is_stuck_effect
+from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
+from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
+
+
+def incoherent_field_count(context: SearchContext, values: Values) -> int:
+    """Fields of one capture with these effects; 1 for values that no bench can have."""
+    system, moments = context.system, 1
+    nominal_lines = len(system.wavelengths_m)
+    for name, own in values.items():
+        effect = context.effects[name]
+        try:
+            complete = effect.parameter_values(own)
+            system, moments = effect.actual_system(system, complete), moments * len(effect.exposure_samples(complete))
+        except UserError:
+            return 1
+    return len(system.wavelengths_m) // nominal_lines * len(system.source.directions_rad) * moments
+
+
+def max_field_count(context: SearchContext, effect: Effect) -> int:
+    """Fields of one capture at the last point of an effect's scan."""
+    points = list(effect.starting_points(context.system))
+    return incoherent_field_count(context, {effect.id: points[-1]}) if points else 1
+
+
+def search_cost(context: SearchContext, effect: Effect) -> float:
+    """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
+    config = context.config.screening
+    points = len(list(effect.starting_points(context.system))) + config.points_per_parameter * len(effect.parameters)
+    if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
+        return points * (config.upstream_cost * max_field_count(context, effect))
+    on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
+    return points * (config.camera_pose_cost if on_camera else config.downstream_cost)
+
+
+def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
+    """Whether predictions with this effect add many fields."""
+    return max_field_count(context, effect) >= context.config.budget.costly_fields
+
+
+def is_very_costly_effect(context: SearchContext, effect: Effect) -> bool:
+    """Whether predictions with this effect add very many fields."""
+    return max_field_count(context, effect) >= context.config.budget.very_costly_fields
+
+
+def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether predictions with these values add many fields."""
+    return incoherent_field_count(context, fit.values) >= context.config.budget.costly_fields
+
+
+def is_slow(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether a prediction with these values takes as long as a costly one of usual fields."""
+    budget = context.config.budget
+    size = max(1.0, field_samples(context.data.captures) / budget.usual_samples)
+    return size * incoherent_field_count(context, fit.values) >= budget.costly_fields
+
+
+def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether predictions with these values add very many fields."""
+    return incoherent_field_count(context, fit.values) >= context.config.budget.very_costly_fields
+
+
+def without_costly_fits(
+    context: SearchContext, fits: Sequence[CandidateFit], comparison: Comparison
+) -> list[CandidateFit]:
+    """The fits in their order; of the costly ones only those that leave clearly less than all others.
+
+    Lost contrast imitates whatever is unknown, so many fields are worth computing only where nothing simpler does as
+    well.
+    """
+    costly = {id(f): is_costly(context, f) for f in fits}
+    if not any(costly.values()):
+        return list(fits)
+    budget = context.config.budget
+    left = {id(f): cost_or_inf(comparison, f.values) - comparison.pixel_count for f in fits}
+    simple = [left[id(f)] for f in fits if not costly[id(f)]]
+    by_chance = budget.costly_chance * comparison.pixel_count**0.5
+    limit = max(budget.costly_excess_share * min(simple, default=math.inf), by_chance)
+    return [f for f in fits if left[id(f)] <= limit or not costly[id(f)]]
+
 
 EffectFitter = Callable[[Effect], CandidateFit]
 FitBatches = Iterator[list[CandidateFit]]
@@ -112,7 +193,7 @@ class _EffectFitter:
         """A local fit from the identity, together with the base; over its range, on top of the base, where some
         parameters show together with others only, or where an effect that is found over its range could stand for it.
         """
-        is_imitated = any(effect.id in other.imitates for other in self.context.effects.values())
+        is_imitated = any(effect.id in other.degenerate_limit for other in self.context.effects.values())
         if is_imitated or self._has_dormant_parameters(effect):
             return self.scan_and_fit(_no_starts, effect)
         return self.local_fit(effect, with_base=True)
@@ -226,7 +307,9 @@ class _Screening:
         seen, others = self._fits_of_seen(effects, self._quick_starts)
         yield seen
         promising, size = self._best_by_tangent(others), self._context.config.screening.tangent_fits_at_once
-        imitated = {name for effect in promising for name in effect.imitates} - {effect.id for effect in promising}
+        imitated = {name for effect in promising for name in effect.degenerate_limit} - {
+            effect.id for effect in promising
+        }
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")

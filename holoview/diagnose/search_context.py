@@ -1,13 +1,19 @@
-"""Everything that the stages of a diagnosis share: captures, nominal bench, effects, predictors, workers, settings."""
+"""What the stages of a search work with: captures, nominal bench, effects, predictors, workers, settings; and its end.
+
+SearchEnd      when a search has to end: after some time, or when somebody asks for it
+BestSoFar      what it has found until then
+SearchContext  all that the stages share
+"""
 
 from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +22,136 @@ from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures, add_model_error, neighbour_variance
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.comparison import Comparison, PredictorProtocol, Values
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.effect_fit import CandidateFit
+from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
+from holoview.util.processors import processor_share
 from holoview.util.progress import ProgressCallback
+
+
+class _Score(Protocol):
+    @property
+    def causes(self) -> tuple[str, ...]: ...
+    @property
+    def chi2_per_pixel(self) -> float: ...
+    @property
+    def excess(self) -> float: ...
+
+
+class _Result(Protocol):
+    @property
+    def nominal(self) -> _Score: ...
+    @property
+    def best(self) -> _Score: ...
+    @property
+    def candidates(self) -> tuple[Any, ...]: ...
+
+
+R = TypeVar("R", bound=_Result)
+
+
+class SearchEnded(Exception):
+    """Raised where light is predicted, once a search has to end."""
+
+
+class SearchEnd:
+    """When a search has to end.
+
+    time_s: after so long, counted from now. is_asked: whether somebody wants the search to end; only this process asks.
+    last_begin: share of the time after which nothing new is begun. max_stretch: where other programs use the processor
+    too, the time is divided by the share of it that the search gets, up to this factor.
+    """
+
+    def __init__(
+        self,
+        time_s: float = math.inf,
+        is_asked: Callable[[], bool] | None = None,
+        last_begin: float = 1.0,
+        max_stretch: float = 1.0,
+    ) -> None:
+        self._began = time.monotonic()  # the same clock in all processes of a machine
+        self.time_s, self._last_begin, self._max_stretch = time_s, last_begin, max_stretch
+        self._is_asked = is_asked
+
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_is_asked": None}
+
+    def after_share(self, share: float) -> SearchEnd:
+        """The end of a part of the search that may take this share of the time, from the same beginning."""
+        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin, self._max_stretch)
+        part._began = self._began
+        return part
+
+    def check(self) -> None:
+        """Raises SearchEnded once the time is over or somebody asked for the end."""
+        if self._is_after(self.time_s) or self.was_asked:
+            raise SearchEnded
+
+    @property
+    def is_near(self) -> bool:
+        """Whether too little time is left to begin something new."""
+        return self._is_after(self._last_begin * self.time_s)
+
+    def _is_after(self, time_s: float) -> bool:
+        """Whether this part of the time has passed, stretched where the processor is shared."""
+        passed = time.monotonic() - self._began
+        if passed <= time_s or self._max_stretch <= 1:
+            return passed > time_s
+        return passed > time_s * min(1 / processor_share(), self._max_stretch)
+
+    @property
+    def was_asked(self) -> bool:
+        """Whether somebody asked for the end."""
+        return self._is_asked is not None and self._is_asked()
+
+
+NEVER = SearchEnd()
+
+
+def describe_so_far(result: _Result) -> str:
+    """A sentence on what a search has found so far."""
+    before, after = result.nominal.chi2_per_pixel, result.best.chi2_per_pixel
+    if not result.best.causes:
+        return f"no cause yet (held-out captures: χ²/n {before:.4g}, noise: 1)"
+    return f"{' and '.join(result.best.causes)} (held-out captures: χ²/n {before:.4g} → {after:.4g}, noise: 1)"
+
+
+class BestSoFar(Generic[R]):
+    """The best that a search has found so far.
+
+    on_change: called with each result that names other causes than the last one, or leaves less than half its excess.
+    Once causes were named it isn't called where a search, begun anew, has found none yet.
+    """
+
+    def __init__(self, on_change: Callable[[R], None] | None = None) -> None:
+        self._on_change, self._has_named = on_change, False
+        self.result: R | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"_on_change": None, "_has_named": False, "result": None}  # another process has nothing to tell
+
+    def note(self, result: R) -> None:
+        """Keeps a result; one without candidates is kept only if there is no other."""
+        before, self.result = self.result, result if result.candidates or self.result is None else self.result
+        if self.result is before or self._on_change is None:
+            return
+        if self._has_named and not self.result.best.causes:
+            return
+        self._has_named |= bool(self.result.best.causes)
+        same = before is not None and before.best.causes == self.result.best.causes
+        if not same or before is None or 2 * self.result.best.excess < before.best.excess:
+            self._on_change(self.result)
+
+    def clear(self) -> None:
+        """Forgets what was found, for a search that begins anew."""
+        self.result = None
+
+
+# Everything that the stages of a diagnosis share: captures, nominal bench, effects, predictors, workers, settings.
+
 
 T = TypeVar("T")
 
@@ -92,19 +219,6 @@ class NeighbourVariances:
 
 
 @dataclass(frozen=True)
-class Leads:
-    """What the middle of the pictures suggests for whole ones.
-
-    fits: the best first, then its rivals. explains: whether the middle needs no further cause. doubted: captures that
-    stood out there, or weren't looked at.
-    """
-
-    fits: tuple[CandidateFit, ...]
-    explains: bool
-    doubted: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class SearchContext:
     """What the stages of a search work with.
 
@@ -114,10 +228,9 @@ class SearchContext:
     fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
     has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
     equivalents: for each effect the others that are the same physics on this bench. left_out: captures that no fit
-    uses, by index. end: when the search has to end. best_so_far: what it has found until then. region: the same session
-    cut to its middle, which was searched before, for what needs no full size. leads: what was found there. cut_error:
+    uses, by index. end: when the search has to end. best_so_far: what it has found until then. missing_light:
     (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut;
-    None for whole ones. is_region: whether this is the middle alone, which whole pictures judge.
+    None for whole ones.
     """
 
     data: PreparedCaptures
@@ -136,10 +249,7 @@ class SearchContext:
     left_out: tuple[int, ...] = ()
     end: SearchEnd = NEVER
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
-    region: SearchContext | None = None
-    leads: Leads | None = None
-    cut_error: NDArray[np.float64] | None = None
-    is_region: bool = False
+    missing_light: NDArray[np.float64] | None = None
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -168,15 +278,13 @@ class SearchContext:
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
-        region = {} if self.region is None else self.region.shared_objects()
-        of_region = {f"{name} of the region": shared for name, shared in region.items()}
         effects = {f"effect {name}": effect for name, effect in self.effects.items()}
-        return of_region | {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
+        return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
 
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
         """Weights from the images, for a model that is off by `relative_model_error` of the mean light."""
         light = self.data.light[indices]
-        variance = add_model_error(self.variances(indices), light, relative_model_error) + self._cut_variance(
+        variance = add_model_error(self.variances(indices), light, relative_model_error) + self._missing_variance(
             indices, light
         )
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison)
@@ -198,15 +306,15 @@ class SearchContext:
         variance = self.data.camera.noise_variance(expected)
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
-        variance = variance + self._cut_variance(indices, expected)
+        variance = variance + self._missing_variance(indices, expected)
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison, fit_shifts=shifts)
 
-    def _cut_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
-        """Variance (counts²) of what light from beyond a region adds: a weak field interferes with that of a pixel."""
-        if self.cut_error is None:
+    def _missing_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
+        """Variance (counts²) of light from beyond cut modulators: a weak field interferes with that of a pixel."""
+        if self.missing_light is None:
             return np.float32(0.0)
         positive = np.maximum(light, 0.0)
-        share = np.square(self.cut_error[indices]).astype(np.float32)[:, None, None]
+        share = np.square(self.missing_light[indices]).astype(np.float32)[:, None, None]
         return np.asarray(share * positive * positive.mean((1, 2), keepdims=True), dtype=np.float32)
 
     def relative_model_error(self, values: Values, indices: NDArray[np.intp] | None = None) -> float:

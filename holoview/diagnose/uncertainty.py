@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import SearchConfig, StepConfig
-from holoview.diagnose.effect_fit import CandidateFit, residual_function
-from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
+from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
+from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
-from holoview.numerics.least_squares import Minimum, jacobian, profile_half_width
+from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
 
 Slopes = NDArray[np.float32]
 
@@ -114,7 +113,7 @@ def confidence_intervals(
         sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
         away = abs(value - parameter.identity) if math.isfinite(parameter.identity) else abs(value)
         sigma = float(np.hypot(sigma, config.intervals.model_accuracy * away))
-        if parameter.sharp:
+        if parameter.non_smooth:
             sigma = max(sigma, edges[effect] * abs(scale[i]) / factor)
         result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
     return result
@@ -143,7 +142,7 @@ def _edge_half_widths(
     """
     squares: dict[str, float] = {}
     for axis, (effect, parameter) in enumerate(at.parameters.entries):
-        if parameter.sharp:
+        if parameter.non_smooth:
             half_width = _profile_of_edge(fit, at, axis, comparison, config)
             squares[effect] = squares.get(effect, 0.0) + half_width**2
     return {effect: float(np.sqrt(total)) for effect, total in squares.items()}
@@ -194,5 +193,5 @@ def _orthonormal(slopes: Slopes) -> Slopes:
 def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameters:
     """Without fine parameters at their identity, which the fit never varied."""
     return FreeParameters(
-        tuple((e, p) for e, p in free.entries if not p.fine or p.read(fit.values.get(e, {})) != p.identity)
+        tuple((e, p) for e, p in free.entries if not p.secondary or p.read(fit.values.get(e, {})) != p.identity)
     )

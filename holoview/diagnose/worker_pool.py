@@ -2,8 +2,8 @@
 
 Computing a field is many short calls, for which Python lets one thread at a time, so that threads gain nothing. The
 processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for a whole diagnosis, so that each keeps
-the cache of its predictor, and large objects that jobs refer to are sent once, with arrays that exist once
-(`shared_arrays`).
+the cache of its predictor, and large objects that jobs refer to are sent once, with large arrays that all
+processes read from the same memory.
 
 Starting the processes costs 3 s of processor time, for the import of torch. So jobs run here until `start_after_s` is
 over, and on until the processes are ready: a session without a fault takes 1 s, one with a small fault 4 s (128 × 96
@@ -15,23 +15,25 @@ is never forked. Measured on two cores beside other programs, the median of four
 from __future__ import annotations
 
 import io
+import mmap
 import multiprocessing
 import os
 import pickle
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
-from holoview.diagnose.shared_arrays import ArrayStore, SharedObjects
 from holoview.util.errors import UserError
-from holoview.util.freed_memory import give_back_freed_memory
-from holoview.util.memory_limit import VARIABLE, worker_share, workers_within_memory
-from holoview.util.signals import leave_signals_to_parent, signals_blocked
+from holoview.util.memory import VARIABLE, give_back_freed_memory, worker_share, workers_within_memory
+from holoview.util.processes import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
@@ -254,3 +256,80 @@ def _picklable(error: Exception) -> Exception:
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
+
+
+_MIN_BYTES = 1 << 20  # smaller arrays are copied
+_ALIGNMENT = 64  # of an array in the file, bytes
+
+
+@dataclass(frozen=True)
+class SharedObjects:
+    """Pickled objects by name, as another process gets them.
+
+    pickled: all but the large arrays. path: of the file that holds these, with the (first byte, bytes) of each in
+    `spans`; None where there are none.
+    """
+
+    pickled: bytes
+    path: str | None
+    spans: tuple[tuple[int, int], ...]
+
+    def load(self) -> dict[str, Any]:
+        """The objects. Their large arrays lie in pages that are common until they are written to."""
+        if self.path is None:
+            return dict(pickle.loads(self.pickled))
+        with Path(self.path).open("rb") as file:
+            pages = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
+        return dict(pickle.loads(self.pickled, buffers=[pages[first : first + n] for first, n in self.spans]))
+
+
+class ArrayStore:
+    """Holds the file of shared objects until it is closed."""
+
+    def __init__(self) -> None:
+        self._file: BinaryIO | None = None
+        self._name: str | None = None
+
+    def store(self, objects: Mapping[str, Any]) -> SharedObjects:
+        """The objects, to be sent to other processes; what was stored before is dropped.
+
+        Raises what pickle raises for objects that can't be pickled.
+        """
+        large: list[memoryview] = []
+
+        def stays_in_pickle(buffer: pickle.PickleBuffer) -> bool:
+            raw = buffer.raw()
+            if raw.nbytes >= _MIN_BYTES:
+                large.append(raw)
+            return raw.nbytes < _MIN_BYTES
+
+        pickled = pickle.dumps(dict(objects), protocol=5, buffer_callback=stays_in_pickle)
+        self.close()
+        if not large:
+            return SharedObjects(pickled, None, ())
+        self._file, path = self._new_file()
+        spans = [self._write(buffer) for buffer in large]
+        self._file.flush()
+        return SharedObjects(pickled, path, tuple(spans))
+
+    def close(self) -> None:
+        """Frees the file; processes that have loaded the objects keep them."""
+        if self._file is not None:
+            self._file.close()
+        if self._name is not None:
+            Path(self._name).unlink(missing_ok=True)
+        self._file = self._name = None
+
+    def _new_file(self) -> tuple[BinaryIO, str]:
+        if sys.platform != "linux":
+            number, self._name = tempfile.mkstemp(prefix="holoview-")
+            return os.fdopen(number, "wb"), self._name
+        file = os.fdopen(os.memfd_create("holoview"), "wb")
+        return file, f"/proc/{os.getpid()}/fd/{file.fileno()}"
+
+    def _write(self, buffer: memoryview) -> tuple[int, int]:
+        assert self._file is not None
+        self._file.write(b"\0" * (-self._file.tell() % _ALIGNMENT))
+        first = self._file.tell()
+        self._file.write(buffer)
+        return first, buffer.nbytes

@@ -29,7 +29,7 @@ def _term(noll: int) -> Parameter:
 
 def _slope(noll: int) -> Parameter:
     doc = f"What term {noll} gains for each 100 nm of wavelength."
-    return Parameter(f"z{noll}_slope", doc, "nm", low=-2e-6, high=2e-6, prior=20e-9, fine=True)
+    return Parameter(f"z{noll}_slope", doc, "nm", low=-2e-6, high=2e-6, prior=20e-9, secondary=True)
 
 
 class Aberration(Effect):

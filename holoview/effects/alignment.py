@@ -86,7 +86,7 @@ class CameraAlignment(Alignment):
             low=0.0,
             high=1.0,
             prior=0.5,
-            fine=True,
+            secondary=True,
         ),
     )
     acts_on = ("camera",)

@@ -35,13 +35,13 @@ class Bandwidth(Effect):
             high=30e-9,
             prior=1e-9,
             scan=(1e-9, 9e-9, 1e-9),
-            even=True,
+            even_symmetric=True,
         ),
-        Parameter("top", "Share of a rectangle in the line.", low=0.0, high=1.0, prior=0.5, fine=True),
+        Parameter("top", "Share of a rectangle in the line.", low=0.0, high=1.0, prior=0.5, secondary=True),
     )
     acts_on = ("source",)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         if v["sigma"] == 0:
             return system
         nodes, weights = line_quadrature(_point_count(v["sigma"]), v["top"])

@@ -37,7 +37,7 @@ class Calibrated(Effect):
             raise UserError(f"effects.{self.id}: {file}", "no such file", expected=expected)
         return _read_cached(file, Path(file).stat().st_mtime_ns)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         learned = self.maps(v)
         count, known = len(system.modulators), learned.layout.modulators
         if count != known:

@@ -28,7 +28,7 @@ class CameraBlur(Effect):
             high=20.0,
             prior=0.5,
             scan=(0.4, 3.0, 0.2),
-            even=True,
+            even_symmetric=True,
         ),
     )
     acts_on = ("camera",)

@@ -34,7 +34,7 @@ class Crosstalk(Effect):
             high=4.0,
             prior=0.3,
             scan=(0.15, 1.2, 0.15),
-            even=True,
+            even_symmetric=True,
         ),
         Parameter(
             "coupling",

@@ -27,12 +27,12 @@ class DcBlock(Effect):
             high=50e-3,
             prior=1e-3,
             scan=(0.5e-3, 5.5e-3, 0.5e-3),
-            sharp=True,
+            non_smooth=True,
         ),
     )
     acts_on = ("relay 2",)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         relay = system.relay2
         radius = max(v["radius"], relay.dc_block_na or 0.0)
         if relay.has_aperture:

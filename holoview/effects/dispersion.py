@@ -31,8 +31,8 @@ class Dispersion(Effect):
         Parameter(
             "slope", "Relative rise of the path for each 100 nm.", low=-0.8, high=0.8, prior=0.1, scan=(-0.3, 0.3, 0.05)
         ),
-        Parameter("curvature", "Its quadratic part.", low=-0.5, high=0.5, prior=0.03, fine=True),
-        Parameter("offset", "Relative error of the path at 550 nm.", low=-0.5, high=0.5, prior=0.05, fine=True),
+        Parameter("curvature", "Its quadratic part.", low=-0.5, high=0.5, prior=0.03, secondary=True),
+        Parameter("offset", "Relative error of the path at 550 nm.", low=-0.5, high=0.5, prior=0.05, secondary=True),
     )
     acts_on = ("modulator 1", "modulator 2")
     needs = Needs(wavelengths=2)

@@ -38,7 +38,7 @@ class Distance(Effect):
     def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
         return ("slm_flatness",) if properties.is_fourier else self.degenerate_with
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         return system.with_(planes=np.maximum(system.planes_m + v["distance_error"], 0.0))
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:

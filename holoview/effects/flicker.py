@@ -25,7 +25,7 @@ class Flicker(Effect):
             high=0.5,
             prior=0.05,
             scan=(0.03, 0.3, 0.03),
-            even=True,
+            even_symmetric=True,
         ),
     )
     acts_on = ("modulator 1", "modulator 2")

@@ -172,7 +172,7 @@ class CameraFringes(Effect):
     )
     acts_on = ("camera",)
     start_kinds = (StartKind.CAMERA_FRINGES,)
-    imitates = ("vignetting",)
+    degenerate_limit = ("vignetting",)
     order = 3
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:

@@ -26,7 +26,7 @@ class Gap(Effect):
     degenerate_with: ClassVar = ("aberration1",)
     needs = Needs(modulators=2, fourier=False)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         assert system.gap_m is not None
         return system.with_(gap=system.gap_m + v["gap_error"])
 

@@ -22,10 +22,14 @@ PARAMETERS = (
         high=4.0,
         prior=0.1,
         scan=(-0.5, 0.5, 0.1),
-        sharp=True,
+        non_smooth=True,
     ),
-    Parameter("decentre_y", "Shift in y, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, sharp=True),
-    Parameter("decentre_x", "Shift in x, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, sharp=True),
+    Parameter(
+        "decentre_y", "Shift in y, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, non_smooth=True
+    ),
+    Parameter(
+        "decentre_x", "Shift in x, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, non_smooth=True
+    ),
 )
 
 
@@ -42,7 +46,7 @@ class Iris(Effect):
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         relay: Relay = getattr(system, self.relay)
         (_, na), factor = self._narrower_stop(system), 1 + v["radius_error"]
         shift = na * v["decentre_y"], na * v["decentre_x"]

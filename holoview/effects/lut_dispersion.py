@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
-from holoview.numerics.power_law import power_law
+from holoview.numerics.tensors import power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
@@ -36,7 +36,7 @@ def _of_modulator(number: int) -> tuple[Parameter, Parameter]:
             low=-0.7,
             high=2.0,
             prior=0.1,
-            fine=True,
+            secondary=True,
         ),
     )
 

@@ -41,12 +41,12 @@ class SecondLine(Effect):
         ),
     )
     acts_on = ("source",)
-    imitates = ("wavelength_offset",)
+    degenerate_limit = ("wavelength_offset",)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"share": _SEARCHED_SHARE, "offset": offset} for offset in _SEARCHED_OFFSETS_M]
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         if v["share"] == 0 or v["offset"] == 0:
             return system
         lines = (system.wavelengths_m[:, None] + np.array([0.0, v["offset"]])).ravel()

@@ -29,7 +29,7 @@ def _terms(modulator: int) -> tuple[Parameter, ...]:
             high=5e-6,
             prior=100e-9,
             scan=(-300e-9, 300e-9, 100e-9) if noll in _COMMON else None,
-            fine=noll not in _COMMON,
+            secondary=noll not in _COMMON,
         )
         for noll in _TERMS
     )

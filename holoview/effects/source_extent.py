@@ -36,13 +36,15 @@ class SourceExtent(Effect):
             high=20e-3,
             prior=1e-3,
             scan=(0.5e-3, 5.5e-3, 0.5e-3),
-            even=True,
+            even_symmetric=True,
         ),
-        Parameter("outline", "From a Gaussian spot over a disc to a square.", low=-1.0, high=1.0, prior=0.5, fine=True),
+        Parameter(
+            "outline", "From a Gaussian spot over a disc to a square.", low=-1.0, high=1.0, prior=0.5, secondary=True
+        ),
     )
     acts_on = ("source",)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         if v["radius"] == 0:
             return system
         spread = v["radius"] * spot_directions(self.directions_per_side(system, v["radius"]), v["outline"])

@@ -26,13 +26,18 @@ class Stroke(Effect):
             "stroke_error", "Relative error of the stroke.", low=-0.9, high=2.0, prior=0.1, scan=(-0.5, 0.5, 0.05)
         ),
         Parameter(
-            "difference", "Half the relative difference of the two strokes.", low=-0.5, high=0.5, prior=0.05, fine=True
+            "difference",
+            "Half the relative difference of the two strokes.",
+            low=-0.5,
+            high=0.5,
+            prior=0.05,
+            secondary=True,
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
     degenerate_with: ClassVar = ("stroke_map",)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         modulators = tuple(
             dataclasses.replace(m, stroke_m=m.stroke_m * (1 + v["stroke_error"] + sign * v["difference"]))
             for m, sign in zip(system.modulators, (1, -1), strict=False)
@@ -40,7 +45,7 @@ class Stroke(Effect):
         return dataclasses.replace(system, modulators=modulators)
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
-        strokes = [format_rounded(m.stroke_m, "nm") for m in self.bench(system, v).modulators]
+        strokes = [format_rounded(m.stroke_m, "nm") for m in self.actual_system(system, v).modulators]
         return {
             "strokes": " and ".join(dict.fromkeys(strokes)),
             "nominal": format_rounded(system.modulators[0].stroke_m, "nm"),

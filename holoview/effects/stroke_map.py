@@ -26,7 +26,7 @@ def _terms(modulator: int) -> tuple[Parameter, ...]:
             high=0.5,
             prior=0.03,
             scan=(-0.15, 0.15, 0.05) if noll in _COMMON else None,
-            fine=noll not in _COMMON,
+            secondary=noll not in _COMMON,
         )
         for noll in _TERMS
     )

@@ -31,6 +31,6 @@ class Tilt(Effect):
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return square_grid("tilt_y", "tilt_x", reach=7.5e-3, step=1.5e-3)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         directions = system.source.directions_rad + np.array([v["tilt_y"], v["tilt_x"]])
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))

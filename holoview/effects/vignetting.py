@@ -37,7 +37,12 @@ class Vignetting(Effect):
         Parameter("slope_y", "Share more at the lower edge, less at the upper edge.", low=-1.0, high=1.0, prior=0.05),
         Parameter("slope_x", "Share more at the right edge, less at the left edge.", low=-1.0, high=1.0, prior=0.05),
         Parameter(
-            "bend", "From a parabola, 0, over a Gaussian, 1, to cos⁴, 1.5.", low=-2.0, high=3.0, prior=1.0, fine=True
+            "bend",
+            "From a parabola, 0, over a Gaussian, 1, to cos⁴, 1.5.",
+            low=-2.0,
+            high=3.0,
+            prior=1.0,
+            secondary=True,
         ),
     )
     acts_on = ("camera",)

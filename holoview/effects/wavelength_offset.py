@@ -20,5 +20,5 @@ class WavelengthOffset(Effect):
     )
     acts_on = ("source",)
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         return system.with_(wavelengths=system.wavelengths_m + v["offset"])

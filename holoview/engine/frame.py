@@ -22,22 +22,18 @@ Field = TypeVar("Field")
 """A complex field or spectrum in the representation of an executor."""
 
 
-class Executor(Protocol[Field]):
-    """The stages of a frame.
+class Propagation(Protocol[Field]):
+    """The stages that light passes: the elements of the bench.
 
     A `Field` covers the modulator's area in space. As a spectrum it has the frequencies of `Plan.band` of the relay
-    that follows: no others pass that relay's stops. An executor may keep the field behind the first modulator as one
-    sample for each pixel, from which the others follow.
+    that follows: no others pass that relay's stops. The field behind the first modulator may be kept as one sample for
+    each pixel, from which the others follow.
 
     Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes.
-    A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane. `run`
-    computes all stages of a wavelength with the result of `run_stages`, but may fuse them.
+    A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane.
     """
 
     plan: Plan
-
-    def run(self, wavelength: int) -> None:
-        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
 
     def illuminate(self, wavelength: int, source: int) -> Field:
         """The plane wave of unit amplitude that illuminates the first modulator."""
@@ -53,6 +49,16 @@ class Executor(Protocol[Field]):
 
     def field(self, spectrum: Field, relay: int) -> Field:
         """Inverse FFT of the spectrum behind a relay, valid on the modulator's area."""
+
+
+class Executor(Propagation[Field], Protocol[Field]):
+    """All stages of a frame, with the sums of intensities and colours.
+
+    `run` computes all stages of a wavelength with the result of `run_stages`, but may fuse them.
+    """
+
+    def run(self, wavelength: int) -> None:
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
@@ -78,14 +84,14 @@ def relay_behind(plan: Plan, modulator: int) -> int:
     return 1 if modulator == len(plan.system.modulators) - 1 else 0
 
 
-def spectrum_behind_modulators(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
+def spectrum_behind_modulators(stages: Propagation[Field], wavelength: int, frame: int, source: int) -> Field:
     """The spectrum behind the last modulator, from which every focal plane is computed."""
-    system = executor.plan.system
-    field = executor.modulate(executor.illuminate(wavelength, source), frame, 0, wavelength)
+    system = stages.plan.system
+    field = stages.modulate(stages.illuminate(wavelength, source), frame, 0, wavelength)
     if system.gap_m is not None:
-        spectrum = executor.transmit(executor.spectrum(field, 0), 0, wavelength, system.gap_m)
-        field = executor.modulate(executor.field(spectrum, 0), frame, 1, wavelength)
-    return executor.spectrum(field, len(system.modulators) - 1)
+        spectrum = stages.transmit(stages.spectrum(field, 0), 0, wavelength, system.gap_m)
+        field = stages.modulate(stages.field(spectrum, 0), frame, 1, wavelength)
+    return stages.spectrum(field, len(system.modulators) - 1)
 
 
 def run_stages(executor: Executor[Field], wavelength: int) -> None:

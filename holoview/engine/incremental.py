@@ -37,12 +37,12 @@ from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import check_plan
-from holoview.optics.plain_inputs import plain_frame_inputs
+from holoview.model.validity import check_plan
+from holoview.optics.frame_inputs import FrameInputs
 
 BUDGET_BYTES = 2**30
 """Default budget of device memory for stored fields and intensities."""
@@ -67,7 +67,7 @@ class IncrementalRenderer:
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
     a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with one that
     is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
-    called regularly. Raises UserError as `make_plan`, `check_plan` and `make_frame_inputs` do, and if the grid
+    called regularly. Raises UserError as `make_plan`, `check_plan` and `FrameInputs` do, and if the grid
     exceeds the device's limits.
     """
 
@@ -93,7 +93,7 @@ class IncrementalRenderer:
         self._plan = check_plan(make_plan(system, [*system.planes_m, self.plane_m]))
         self._selector = StrategySelector(device, strategy)
         kernels = self._precompile(self._plan)  # before the inputs, since these may have to import torch
-        self._inputs = _make_inputs(self._plan, drive)
+        self._inputs = FrameInputs(self._plan, drive)
         self._results = self._open_cache(self._plan, self._inputs, kernels)
         self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
 
@@ -164,7 +164,7 @@ class IncrementalRenderer:
         if system is not None or plane_m is not None:
             plan = check_plan(make_plan(new_system, [*new_system.planes_m, plane]))
         if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
-            inputs = _make_inputs(plan, self._drive if drive is None else drive)
+            inputs = FrameInputs(plan, self._drive if drive is None else drive)
         if _structure(plan, inputs) == _structure(self._plan, self._inputs) and self._kernels_fit(plan, inputs):
             self._results.set_plan(plan, inputs, float(plan.planes_m[-1]))
         else:
@@ -277,16 +277,6 @@ class IncrementalRenderer:
             return False
         self._results.use_strategy(strategy)
         return True
-
-
-def _make_inputs(plan: Plan, drive: Any) -> ShaderInputs:
-    """The inputs of a plan for a drive, made without PyTorch if possible."""
-    plain = plain_frame_inputs(plan, drive) if isinstance(drive, np.ndarray) else None
-    if plain is not None:
-        return plain
-    from holoview.optics.frame_inputs import make_frame_inputs  # slow start: it imports torch, which takes a second
-
-    return make_frame_inputs(plan, drive)
 
 
 def _structure(plan: Plan, inputs: ShaderInputs) -> Fingerprint:

@@ -1,7 +1,4 @@
-"""What the shaders read from the inputs of a frame, as a protocol: its users don't have to import PyTorch (a second).
-
-`FrameInputs` (PyTorch) and `PlainFrameInputs` (numpy) in `holoview.optics` implement it.
-"""
+"""What the shaders read from the inputs of a frame, as a protocol that `holoview.optics.frame_inputs` fulfils."""
 
 from __future__ import annotations
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -10,17 +12,23 @@ from numpy.typing import NDArray
 
 from holoview.engine.frame import relay_behind, run_stages
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
+from holoview.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.numerics.resample import upsample_nearest
+from holoview.optics.bench import (
+    PixelAxis,
+    has_pixel_spectra,
+    modulated,
+    pixel_wave,
+    plane_wave,
+    relay_response,
+    spectrum_of_pixels,
+)
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.propagate import transfer_function_at
-from holoview.optics.slm import phasor, pixel_spectrum
-from holoview.optics.source import pixel_wave, plane_wave
 
 
 @dataclass(frozen=True)
 class TorchField:
-    """A field (y, x), or a spectrum (rows, columns) in the order of `TorchExecutor.frequencies`.
+    """A field (y, x), or a spectrum (rows, columns) in the order of `TorchPropagation.frequencies`.
 
     pixels_of: wavelength and source of light behind the first modulator, if `values` holds only the first sample of
     each of its pixels. The other samples differ by the phase slope of the illumination.
@@ -30,63 +38,65 @@ class TorchField:
     pixels_of: tuple[int, int] | None = None
 
 
-class TorchExecutor:
-    """Computes a frame in PyTorch. Transfer functions are evaluated in float64.
+class ModulatorInputs(Protocol):
+    """What the patterns are: the part of `FrameInputs` that the modulators need."""
 
-    double: complex128 instead of complex64. device: name of a torch device.
+    def path_m(self, frame: int, modulator: int) -> torch.Tensor:
+        """Optical path (y, x) of a modulator's pixels, m, without effects on modulators."""
+
+    def is_sampled(self, modulator: int) -> bool:
+        """Whether the transmission of a modulator isn't exp(2πi·opd/λ) of its pixels."""
+
+    def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
+        """The transmission (y, x) of a modulator's samples; None if it is exp(2πi·opd/λ) of its pixels."""
+
+
+class TorchPropagation(ABC):
+    """The stages that light passes, in PyTorch; differentiable with respect to the optical paths of the inputs.
+
+    double: complex128 instead of complex64. device: of torch.
     """
 
-    def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False, device: str = "cpu") -> None:
-        self.plan = plan
-        self.inputs = inputs
+    def __init__(
+        self,
+        plan: Plan,
+        modulators: ModulatorInputs,
+        *,
+        double: bool = False,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.plan, self._modulators = plan, modulators
         self._device = torch.device(device)
         self._dtype = torch.complex128 if double else torch.complex64
-        self._real = torch.float64 if double else torch.float32
-        self._transfers: dict[tuple[int, float], torch.Tensor] = {}
-        self._cached_wavelength = -1
-        self._transforms = [PrunedTransform(_axes(plan, relay, 1)) for relay in (0, 1)]
-        self._intensity = [self._zero_intensity() for _ in plan.planes_m]
-        self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
-
-    def run(self, wavelength: int) -> None:
-        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
-        run_stages(self, wavelength)
+        self._transforms = [PrunedTransform(_axes(plan, relay)) for relay in (0, 1)]
 
     def illuminate(self, wavelength: int, source: int) -> TorchField:
         """The plane wave of unit amplitude that illuminates the first modulator."""
         arguments = (self.plan, wavelength, source, self._dtype, self._device)
-        if self._has_plain_pixels:
+        if has_pixel_spectra(self.plan.grid) and not self._modulators.is_sampled(0):
             return TorchField(pixel_wave(*arguments), (wavelength, source))
         return TorchField(plane_wave(*arguments))
 
     def modulate(self, field: TorchField, frame: int, modulator: int, wavelength: int) -> TorchField:
         """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one."""
-        sampled = self.inputs.transmission(frame, modulator, wavelength)
+        sampled = self._modulators.transmission(frame, modulator, wavelength)
         if sampled is not None:
             return TorchField(field.values * sampled.to(self._dtype).to(self._device))
-        opd = self.inputs.opd_m[frame, modulator].to(self._device)
-        pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
-        samples = pixels if field.pixels_of else upsample_nearest(pixels, self.plan.grid.upsample)
-        return TorchField(field.values * samples, field.pixels_of)
+        opd, λ = self._modulators.path_m(frame, modulator), float(self.plan.system.wavelengths_m[wavelength])
+        upsample = 1 if field.pixels_of else self.plan.grid.upsample
+        return TorchField(modulated(field.values, opd.to(self._device), λ, upsample), field.pixels_of)
 
     def spectrum(self, field: TorchField, modulator: int) -> TorchField:
         """Forward FFT of the zero-padded field behind a modulator, at the frequencies of the next relay's band."""
         relay = relay_behind(self.plan, modulator)
         if field.pixels_of is None:
             return TorchField(self._transforms[relay].forward(field.values))
-        (ky, kx), axes = self.frequencies(relay), _axes(self.plan, relay, self.plan.grid.upsample)
-        rows, columns = (
-            torch.from_numpy((k - axis.lowest) % axis.padded).to(self._device)
-            for k, axis in zip((ky, kx), axes, strict=True)
-        )
-        repeated = PrunedTransform(axes).forward(field.values)[rows][:, columns]
-        one_pixel_y, one_pixel_x = (
-            pixel_spectrum(padded, self.plan.grid.upsample, float(slope))[k % padded].to(self._dtype).to(self._device)
-            for padded, slope, k in zip(
-                self.plan.grid.padded, self.plan.slopes[field.pixels_of[1], field.pixels_of[0]], (ky, kx), strict=True
-            )
-        )
-        return TorchField(repeated * one_pixel_y[:, None] * one_pixel_x)
+        (wavelength, source), grid = field.pixels_of, self.plan.grid
+        axes = [
+            PixelAxis.at(grid, axis, float(self.plan.slopes[source, wavelength, axis]), k, self._dtype, first)
+            for axis, (k, first) in enumerate(zip(self._frequency_tensors(relay), grid.offset, strict=True))
+        ]
+        return TorchField(spectrum_of_pixels(field.values, axes))
 
     def transmit(self, spectrum: TorchField, relay: int, wavelength: int, distance_m: float) -> TorchField:
         """spectrum × transfer function × pupil."""
@@ -95,6 +105,39 @@ class TorchExecutor:
     def field(self, spectrum: TorchField, relay: int) -> TorchField:
         """Inverse FFT of the spectrum behind a relay, cropped to the modulator's area."""
         return TorchField(self._transforms[relay].inverse(spectrum.values))
+
+    @abstractmethod
+    def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+        """Transfer function × pupil at the frequencies of a relay, (rows, columns)."""
+
+    def frequencies(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Signed frequency indices of the rows and of the columns of a relay's spectra: those of `Plan.band`."""
+        y, x = self._transforms[relay].axes
+        return y.indices, x.indices
+
+    def _frequency_tensors(self, relay: int) -> tuple[torch.Tensor, torch.Tensor]:
+        ky, kx = (torch.from_numpy(k).to(self._device) for k in self.frequencies(relay))
+        return ky, kx
+
+
+class TorchExecutor(TorchPropagation):
+    """Computes a frame in PyTorch. Transfer functions are evaluated in float64.
+
+    double: complex128 instead of complex64. device: name of a torch device.
+    """
+
+    def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False, device: str = "cpu") -> None:
+        super().__init__(plan, inputs, double=double, device=device)
+        self.inputs = inputs
+        self._real = torch.float64 if double else torch.float32
+        self._transfers: dict[tuple[int, float], torch.Tensor] = {}
+        self._cached_wavelength = -1
+        self._intensity = [self._zero_intensity() for _ in plan.planes_m]
+        self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
+
+    def run(self, wavelength: int) -> None:
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
+        run_stages(self, wavelength)
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
@@ -138,20 +181,9 @@ class TorchExecutor:
             self._cached_wavelength = wavelength
         key = (relay, distance_m)
         if key not in self._transfers:
-            ky, kx = (torch.from_numpy(k).to(self._device) for k in self.frequencies(relay))
-            pupil = self.inputs.pupils[relay][wavelength]
-            precise = self._dtype if pupil is None else torch.complex128
-            found = transfer_function_at(self.plan.transfer(relay, wavelength, distance_m), ky, kx, precise)
-            if pupil is not None:
-                rows, columns = (k % n for k, n in zip((ky, kx), self.plan.grid.padded, strict=True))
-                found = (found * pupil.to(self._device)[rows][:, columns]).to(self._dtype)
-            self._transfers[key] = found
+            pupil, transfer = self.inputs.pupils[relay][wavelength], self.plan.transfer(relay, wavelength, distance_m)
+            self._transfers[key] = relay_response(transfer, *self._frequency_tensors(relay), pupil, self._dtype)
         return self._transfers[key]
-
-    def frequencies(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Signed frequency indices of the rows and of the columns of a relay's spectra: those of `Plan.band`."""
-        y, x = self._transforms[relay].axes
-        return y.indices, x.indices
 
     def upload_field(self, values: NDArray[np.complexfloating]) -> TorchField:
         """A field (y, x), or a spectrum of a relay's band, as the input of a single stage."""
@@ -165,21 +197,15 @@ class TorchExecutor:
         samples = upsample_nearest(field.values / wave[1], self.plan.grid.upsample) * wave[0]
         return samples.cpu().numpy()
 
-    @property
-    def _has_plain_pixels(self) -> bool:
-        """Whether the field behind the first modulator follows from one sample for each pixel."""
-        grid = self.plan.grid
-        return not self.inputs.is_sampled(0) and all(padded % grid.upsample == 0 for padded in grid.padded)
-
     def _zero_intensity(self) -> torch.Tensor:
         return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
 
 
-def _axes(plan: Plan, relay: int, spacing: int) -> tuple[PrunedAxis, PrunedAxis]:
-    """The axes of a relay's transform of each `spacing`-th sample."""
+def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
+    """The axes (y, x) of a relay's transform."""
     grid, band = plan.grid, plan.band(relay)
     y, x = (
-        PrunedAxis.for_band(padded // spacing, offset // spacing, count // spacing, lowest, highest)
+        PrunedAxis.for_band(padded, offset, count, lowest, highest)
         for padded, offset, count, lowest, highest in zip(
             grid.padded, grid.offset, grid.shape, band.lowest, band.highest, strict=True
         )

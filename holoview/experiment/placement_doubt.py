@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from holoview.diagnose.calibration_prior import is_within
 from holoview.diagnose.config import KnownConfig
-from holoview.diagnose.known_refinement import is_within
 from holoview.rig.placement import Placement
 
 _MOST_DEVIATIONS = KnownConfig().max_deviations

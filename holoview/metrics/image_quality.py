@@ -13,14 +13,14 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.io.hologram import Hologram
 from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
-from holoview.metrics.ms_ssim import MsSsim, ms_ssim
+from holoview.metrics.perceptual import MsSsim, ms_ssim
 from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
 from holoview.model.plan import make_plan
-from holoview.numerics.image_region import Region
 from holoview.numerics.structural_similarity import scale_count
+from holoview.numerics.tensors import Region
 from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import View
 
 
@@ -85,7 +85,7 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
     """
     system = hologram.system.with_(eye=None)
     plan = make_plan(system, system.planes_m[:1])
-    executor = TorchExecutor(plan, make_frame_inputs(plan, hologram.drive))
+    executor = TorchExecutor(plan, FrameInputs(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)
     band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
     for wavelength in range(len(plan.system.wavelengths_m)):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Relay
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 Integers = NDArray[np.int32]
 RowsColumns = tuple[int, int]
@@ -46,7 +46,8 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
 
     1/(λ·√((2·Δu·z)² + 1)) with Δu = 1/(P·dx): Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), eq. 13.
     """
-    return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
+    slope = 2 * distance_m / (padded * pitch_m)
+    return 1.0 / (wavelength_m * math.sqrt(slope * slope + 1.0))  # not hypot, which differs between libraries
 
 
 def stop_rows(padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float) -> Integers:

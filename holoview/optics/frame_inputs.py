@@ -1,40 +1,78 @@
-"""The inputs of a frame: optical paths, sampled transmissions and pupils, computed in torch for both executors.
+"""The inputs of a frame: optical paths, sampled transmissions and pupils, the same for all executors.
 
-Levels, aberrations and effects are applied here, so that executors know nothing of them.
+Levels, aberrations and effects are applied here, so that executors know nothing of them. All is computed in torch when
+it is asked for; shaders read the drive of a bench without levels, pupils and effects as it is. Importing torch takes a
+second, for which the first picture of the viewer doesn't wait.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from holoview.model.eye import Eye
 from holoview.model.plan import Plan
-from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
-from holoview.optics.propagate import eye_pupil, nominal_pupil
-from holoview.optics.slm import optical_path
-from holoview.optics.torch_effects import SampledTransmissions, effects_pupil
 from holoview.util.errors import UserError
 
+if TYPE_CHECKING:
+    import torch
 
-@dataclass(frozen=True)
+    from holoview.optics.torch_effects import SampledTransmissions
+
+
 class FrameInputs:
-    """What a frame is computed from.
+    """What the frames of a plan are computed from.
 
-    opd_m: (frame, modulator, y, x) float64 optical path of each modulator pixel, m; without effects on modulators.
-    pupils: pupils[relay][wavelength], (P_y, P_x) complex128, or None without aberration and apodisation.
-    sampled_transmissions: of modulators whose transmission isn't exp(2πi·opd/λ) of their pixels; None if there is none.
+    drive: (frame, modulator, y, x) in 0…1 of the stroke; an array, or a tensor, which may require a gradient. Raises
+    UserError when it has another shape than `plan.nominal.drive_shape`, or values outside 0…1.
     """
 
-    opd_m: torch.Tensor
-    pupils: tuple[tuple[torch.Tensor | None, ...], ...]
-    sampled_transmissions: SampledTransmissions | None = None
+    def __init__(self, plan: Plan, drive: torch.Tensor | NDArray[np.generic]) -> None:
+        self.plan = plan
+        self._drive: Any = drive if hasattr(drive, "detach") else np.asarray(drive)
+        check_drive(plan, self._drive)
+
+    @cached_property
+    def opd_m(self) -> torch.Tensor:
+        """Optical path (frame, modulator, y, x) of each modulator pixel, m, float64; without effects on modulators.
+
+        For all frames of `plan.system`, with its strokes and the factors `plan.moments`.
+        """
+        from holoview.optics.bench import exposure_optical_paths  # slow start: it imports torch
+
+        return exposure_optical_paths(self.plan, self._drive_tensor)
+
+    def path_m(self, frame: int, modulator: int) -> torch.Tensor:
+        """The optical path (y, x) of one modulator's pixels in a frame."""
+        return self.opd_m[frame, modulator]
+
+    @cached_property
+    def pupils(self) -> tuple[tuple[torch.Tensor | None, ...], ...]:
+        """pupils[relay][wavelength], (P_y, P_x) complex128, or None without aberration and apodisation."""
+        wavelengths = range(len(self.plan.system.wavelengths_m))
+        if not _has_pupils(self.plan):
+            return ((None,) * len(wavelengths),) * 2
+        from holoview.optics.bench import pupil_with_effects
+
+        return tuple(tuple(pupil_with_effects(self.plan, relay, i) for i in wavelengths) for relay in (0, 1))
+
+    @cached_property
+    def sampled_transmissions(self) -> SampledTransmissions | None:
+        """Of modulators whose transmission isn't exp(2πi·opd/λ) of their pixels; None if there is none."""
+        if not self.plan.nominal.effects:
+            return None
+        from holoview.optics.torch_effects import SampledTransmissions
+
+        transmissions = SampledTransmissions(self.plan, self._drive_tensor)
+        return transmissions if transmissions.is_any_sampled else None
 
     def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
         """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke, which keeps a drive exact."""
+        is_plain = self.plan.moments == (1.0,) and all(m.levels is None for m in self.plan.system.modulators)
+        if is_plain and isinstance(self._drive, np.ndarray) and not self.plan.nominal.effects:
+            return np.ascontiguousarray(self._drive[frame, modulator], dtype=np.float32)
         return np.ascontiguousarray((self.opd_m[frame, modulator] / stroke_m).float().cpu().numpy())
 
     def is_sampled(self, modulator: int) -> bool:
@@ -47,65 +85,36 @@ class FrameInputs:
             return None
         return self.sampled_transmissions.sampled_transmission(frame, modulator, wavelength)
 
+    @cached_property
+    def _drive_tensor(self) -> torch.Tensor:
+        """The drive in float64."""
+        from holoview.optics.bench import drive_tensor
 
-def make_frame_inputs(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> FrameInputs:
-    """The inputs of a plan's frames for a drive (frame, modulator, y, x) in 0…1 of the stroke.
-
-    Raises UserError when the drive has another shape than `plan.nominal.drive_shape`, or values outside 0…1.
-    """
-    patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
-    check_drive(plan, patterns)
-    patterns = patterns.double()
-    pupils = tuple(tuple(pupil_with_effects(plan, r, i) for i in range(len(plan.system.wavelengths_m))) for r in (0, 1))
-    transmissions = SampledTransmissions(plan, patterns) if plan.nominal.effects else None
-    sampled = transmissions if transmissions is not None and transmissions.is_any_sampled else None
-    return FrameInputs(exposure_optical_paths(plan, patterns), pupils, sampled)
+        return drive_tensor(self._drive) if isinstance(self._drive, np.ndarray) else self._drive.double()
 
 
-def pupil_with_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None = None) -> torch.Tensor | None:
-    """The pupil (P_y, P_x) complex128 of a relay with its effects, behind relay 2 also that of the eye.
-
-    None where light is only stopped. eye: that of the plan when None.
-    """
-    pupil = pupil_without_effects(plan, relay, wavelength, eye)
-    return _product(pupil, effects_pupil(plan, relay, wavelength)) if plan.nominal.effects else pupil
-
-
-def pupil_without_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None = None) -> torch.Tensor | None:
-    """The same without effects."""
-    pupil = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
-    return _product(pupil, eye_pupil(plan, wavelength, eye or plan.nominal.eye)) if relay == 1 else pupil
-
-
-def _product(first: torch.Tensor | None, second: torch.Tensor | None) -> torch.Tensor | None:
-    """The product of two pupils, of which None passes everything."""
-    if first is None or second is None:
-        return second if first is None else first
-    return first * second
+def check_drive(plan: Plan, drive: Any) -> None:
+    """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1."""
+    if isinstance(drive, np.ndarray):
+        values, size = drive, drive.size
+        if drive.dtype.kind not in "fiub":
+            raise UserError("drive", f"values of type {drive.dtype}", expected="real numbers, 0 to 1 of the stroke")
+    else:
+        values, size = drive.detach(), drive.numel()
+        if drive.is_complex():
+            raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
+    shape, expected = tuple(drive.shape), plan.nominal.drive_shape
+    if shape != expected:
+        raise UserError("drive", f"an array of shape {shape}", expected=f"(frame, modulator, y, x) = {expected}")
+    low, high = (float(values.min()), float(values.max())) if size else (0.0, 0.0)
+    if not (low >= 0.0 and high <= 1.0):
+        raise UserError(
+            "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"
+        )
 
 
-def exposure_optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
-    """Optical paths (frame, modulator, y, x) of a drive in m, for all frames of `plan.system`.
-
-    They have the strokes of `plan.system` and the factors `plan.moments`, but no effects on modulators.
-    """
-    modulators = plan.system.modulators
-    paths = torch.stack([optical_path(drive[:, i], modulator) for i, modulator in enumerate(modulators)], dim=1)
-    if plan.moments == (1.0,):
-        return paths
-    factors = torch.tensor(plan.moments, dtype=paths.dtype, device=paths.device)
-    return (paths[:, None] * factors[:, None, None, None]).flatten(0, 1)
-
-
-def _as_tensor(drive: NDArray[np.floating]) -> torch.Tensor:
-    values = np.asarray(drive)
-    check_drive_dtype(values)
-    return torch.from_numpy(np.array(values, order="C"))
-
-
-def check_drive(plan: Plan, drive: torch.Tensor) -> None:
-    """Raises UserError unless the drive is real, has the system's shape and lies in 0…1."""
-    if drive.is_complex():
-        raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
-    low, high = (float(x) for x in torch.aminmax(drive.detach())) if drive.numel() else (0.0, 0.0)
-    check_drive_range(plan, tuple(drive.shape), low, high)
+def _has_pupils(plan: Plan) -> bool:
+    """Whether a relay, the eye or an effect may have a pupil that does more than stop light."""
+    relays, eye = (plan.nominal.relay1, plan.nominal.relay2), plan.nominal.eye
+    has_pupils = any(relay.aberration_m or relay.apodisation_na is not None for relay in relays)
+    return has_pupils or bool(plan.nominal.effects) or (eye is not None and eye.has_pupil_function)

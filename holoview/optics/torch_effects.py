@@ -143,17 +143,25 @@ class SampledTransmissions:
 
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
         """What hooks are told about a modulator at the wavelength of an index."""
-        system = self.plan.system
-        slm = system.modulators[modulator]
-        λ = float(system.wavelengths_m[wavelength])
-        upsample, laser = self.plan.grid.upsample, self._laser_number(wavelength)
-        return ModulatorContext(modulator, λ, slm.stroke_m, slm.pitch_m, slm.shape, upsample, laser)
+        return modulator_context(self.plan, modulator, wavelength, self._laser_number(wavelength))
 
     def _laser_number(self, wavelength: int) -> int:
         """The number, from the shortest wavelength, of the nominal laser that emits a wavelength of the plan."""
         nominal_m = self.plan.nominal.wavelengths_m
         lines = len(self.plan.system.wavelengths_m) // len(nominal_m)
         return int(np.count_nonzero(nominal_m < nominal_m[wavelength // lines]))
+
+
+def modulator_context(
+    plan: Plan, number: int, wavelength: int, laser: int, frame: tuple[int, int] | None = None
+) -> ModulatorContext:
+    """What hooks are told about modulator `number` at the wavelength of an index.
+
+    laser: its number, 0 for the shortest wavelength of the bench. frame: (rows, columns) of the modulator that the
+    plan's is the middle of; its own where None.
+    """
+    slm, λ = plan.system.modulators[number], float(plan.system.wavelengths_m[wavelength])
+    return ModulatorContext(number, λ, slm.stroke_m, slm.pitch_m, slm.shape, plan.grid.upsample, laser, frame)
 
 
 def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:

@@ -1,25 +1,23 @@
 """The forward model with torch's automatic differentiation, for benches whose effects change the modulators' light.
 
-    t₁ ─▶ V = H_gap·F[s·t₁] ─▶ E = F⁻¹V ─▶ W = F[E·t₂]
-
-with the illumination s and the transmissions t that the effects make of the optical paths. From W on, planes and
-gradients are those of `ForwardModel`; torch differentiates W with respect to the paths, so that effects need no adjoint
-of their own. An evaluation with its gradient takes 1.3 to 1.6 times as long as that of a bench without effects
-(holochrome-8 at 512×384 samples, 5 planes, one thread), and torch holds the intermediate fields in addition.
+The spectra W behind the last modulator come from the stages of the reference executor (`engine.frame`), which torch
+differentiates with respect to the optical paths, so that effects need no adjoint of their own. From W on, planes and
+gradients are those of `ForwardModel`.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
+from holoview.engine.frame import spectrum_behind_modulators
+from holoview.engine.torch_executor import TorchPropagation
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedTransform
-from holoview.numerics.resample import upsample_nearest
-from holoview.optics.slm import phasor
-from holoview.optics.source import plane_wave
 from holoview.optics.torch_effects import SampledTransmissions
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.level_gradients import LevelSteps
+from holoview.optimise.transfer_functions import TransferFunctions
 
 Tensor = torch.Tensor
 
@@ -34,9 +32,11 @@ class AutogradModel(ForwardModel):
     def set_plan(self, plan: Plan) -> None:
         """Changes to a plan of the same grid, lasers and planes."""
         super().set_plan(plan)
-        self._transmissions = SampledTransmissions(plan, torch.empty(0))
-        strokes = [modulator.stroke_m for modulator in plan.nominal.modulators]
-        self._strokes = torch.tensor(strokes, dtype=torch.float64, device=self.device)[:, None, None]
+        self._patterns = _Patterns(plan, self.complex_dtype)
+        unshifted = replace(plan, grid=replace(plan.grid, offset=(0, 0)))  # where `beams` places the field
+        is_double = self.complex_dtype == torch.complex128
+        self._stages = _Stages(unshifted, self._patterns, double=is_double, device=self.device)
+        self._stages.transfer_functions = self.transfer_functions
 
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
         """Computes the spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
@@ -44,9 +44,10 @@ class AutogradModel(ForwardModel):
         self.opd_m = opd_m.detach().requires_grad_()
         self._graph_spectra = []
         with torch.enable_grad():
+            self._patterns.nominal_opd_m = self.opd_m
             for i, (frame, wavelength) in enumerate(self.lasers):
                 for source in range(self.source_count):
-                    spectrum = self._spectrum(frame, wavelength, source)
+                    spectrum = spectrum_behind_modulators(self._stages, wavelength, frame, source).values
                     self._graph_spectra.append((spectrum, i, source))
                     self.spectrum(i, source).write(slice(0, spectrum.shape[1]), spectrum.detach())
         self._clear_adjoints(False)
@@ -62,29 +63,44 @@ class AutogradModel(ForwardModel):
             path_gradient += gradient
         self._graph_spectra = []
 
-    def _spectrum(self, frame: int, wavelength: int, source: int) -> Tensor:
-        """W of a beam (frequency_y, frequency_x)."""
-        field = self._modulator_transmission(frame, 0, wavelength)
-        if self.plan.slopes[source, wavelength].any():
-            field = field * plane_wave(self.plan, wavelength, source, self.complex_dtype, self.device)
-        y, x = self.axes
-        spectrum = PrunedTransform((y.undisplaced_gap, x.undisplaced_gap)).forward(field)
-        if not self.has_second_modulator:
-            return spectrum
-        field = PrunedTransform((y.gap, x.gap)).inverse(spectrum * self.transfer_functions.across_gap(wavelength))
-        return PrunedTransform((y.last, x.last)).forward(field * self._modulator_transmission(frame, 1, wavelength))
 
-    def _modulator_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
-        """Complex transmission (y, x) of a modulator on the simulation grid."""
-        if self._transmissions.is_sampled(modulator):
-            drive, before, first = (
-                (self.opd_m[f, modulator] / self._strokes[modulator]).to(self.real_dtype) for f in (frame, frame - 1, 0)
-            )
-            return self._transmissions.transmission_for(drive, before, first, modulator, wavelength, self.complex_dtype)
-        scale = self.plan.system.modulators[modulator].stroke_m / float(self._strokes[modulator])
-        λ = float(self.plan.system.wavelengths_m[wavelength])
-        pixels = phasor(self.opd_m[frame, modulator] * scale, λ, self.complex_dtype)
-        return upsample_nearest(pixels, self.plan.grid.upsample)
+class _Stages(TorchPropagation):
+    """The stages up to the spectrum behind the last modulator."""
+
+    transfer_functions: TransferFunctions
+
+    def transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
+        """Transfer function × pupil of the gap."""
+        assert relay == 0
+        return self.transfer_functions.across_gap(wavelength)
+
+
+class _Patterns:
+    """The patterns of modulators with effects. nominal_opd_m: their nominal paths (frame, modulator, y, x), m."""
+
+    nominal_opd_m: Tensor
+
+    def __init__(self, plan: Plan, dtype: torch.dtype) -> None:
+        self._transmissions, self._dtype = SampledTransmissions(plan, torch.empty(0)), dtype
+        self._strokes_m = [modulator.stroke_m for modulator in plan.nominal.modulators]
+        pairs = zip(plan.system.modulators, self._strokes_m, strict=True)
+        self._factors = [modulator.stroke_m / nominal_m for modulator, nominal_m in pairs]
+
+    def path_m(self, frame: int, modulator: int) -> Tensor:
+        """Optical path (y, x) of a modulator's pixels, m, with the stroke that it really has."""
+        return self.nominal_opd_m[frame, modulator] * self._factors[modulator]
+
+    def is_sampled(self, modulator: int) -> bool:
+        """Whether an effect changes a modulator so that its transmission isn't exp(2πi·opd/λ) of its pixels."""
+        return self._transmissions.is_sampled(modulator)
+
+    def transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor | None:
+        """The transmission (y, x) of a modulator's samples; None if it is exp(2πi·opd/λ) of its pixels."""
+        if not self.is_sampled(modulator):
+            return None
+        real, stroke_m = torch.empty(0, dtype=self._dtype).real.dtype, self._strokes_m[modulator]
+        drive, before, first = ((self.nominal_opd_m[f, modulator] / stroke_m).to(real) for f in (frame, frame - 1, 0))
+        return self._transmissions.transmission_for(drive, before, first, modulator, wavelength, self._dtype)
 
 
 def make_forward_model(

@@ -10,7 +10,7 @@ import torch
 
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan
-from holoview.optics.frame_inputs import pupil_with_effects, pupil_without_effects
+from holoview.optics.bench import pupil_with_effects, pupil_without_effects, wave_axes
 from holoview.optics.propagate import (
     free_space_at,
     phase_per_metre,
@@ -19,7 +19,6 @@ from holoview.optics.propagate import (
     transfer_function_at,
 )
 from holoview.optics.slm import pixel_spectrum
-from holoview.optics.source import wave_axes
 from holoview.optimise.beams import SpectralAxis, samples_a_pixel, slices
 
 Tensor = torch.Tensor

@@ -26,8 +26,8 @@ from scipy.optimize import isotonic_regression
 from holoview.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
 from holoview.model.plan import Plan
 from holoview.numerics.resample import upsample_nearest
+from holoview.optics.bench import plane_wave
 from holoview.optics.slm import phasor
-from holoview.optics.source import plane_wave
 from holoview.optimise.settings import LossSpace, Settings
 from holoview.optimise.transfer_functions import TransferFunctions
 from holoview.util.errors import UserError

@@ -47,13 +47,13 @@ from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
 from holoview.captures.patterns import random_levels
 from holoview.captures.validation import check_settings
-from holoview.model.field_types import Array, FieldType, Number
+from holoview.model.fields import Array, FieldType, Number
 from holoview.rig.devices import Counts, Levels
 from holoview.rig.limits import SafetyLimits
 from holoview.rig.placement import Placement, placement_path, read_placement
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import check_keys, parse_toml
 
 _EXPECTED = "a description of a rig in TOML"

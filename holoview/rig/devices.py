@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 
 Levels = NDArray[np.unsignedinteger]
 Counts = NDArray[np.uint16]

@@ -1,6 +1,6 @@
 """Where the devices of a rig are: the file RIG.placement.toml beside rig.toml, which `holoview rig align` writes.
 
-    [turned]                          # one of `captures.turns`, against what modulator 1 displays
+    [turned]                          # one of `captures.orientations`, against what modulator 1 displays
     camera = "rotate_90"              # and slm2
     [picture]                         # the part of the raw picture, turned back, that shows modulator 1
     first = [24, 31]                  # row and column
@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.turns import TURNS, turned_shape, undone
-from holoview.model.field_types import Array, Number
+from holoview.captures.orientations import ORIENTATIONS, oriented_shape, undone
+from holoview.model.fields import Array, Number
 from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera, WrappedModulator, WrappedStage
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import check_keys, parse_toml
 
 _EXPECTED = "the placement of a rig's devices in TOML"
@@ -164,7 +164,7 @@ def read_placement(path: Path) -> Placement:
         camera_shape=_whole_pair(found_for, "camera_shape", f"{where}: found_for", 1),
         values=_values(tables["values"], two, f"{where}: values"),
     )
-    raw = turned_shape(placement.camera_shape, placement.camera_turn)
+    raw = oriented_shape(placement.camera_shape, placement.camera_turn)
     if any(first + n > whole for first, n, whole in zip(placement.first, placement.shape, raw, strict=True)):
         raise UserError(f"{where}: picture", "reaches beyond the camera's picture", remedy=_REMEDY)
     return placement
@@ -187,8 +187,8 @@ def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measur
 
 
 def _turn(table: Mapping[str, Any], key: str, where: str) -> str:
-    if table.get(key) not in TURNS:
-        remedy = suggest_matches(str(table.get(key)), TURNS)
+    if table.get(key) not in ORIENTATIONS:
+        remedy = suggest_matches(str(table.get(key)), ORIENTATIONS)
         raise UserError(f"{where}: turned.{key}", f"{table.get(key)!r}", remedy=remedy)
     return str(table[key])
 

@@ -12,6 +12,7 @@ rescue            another place for a result that can't be written where it was 
 text              text from files: a line that is safe to show, a plain name of a file
 optional_library  imports of libraries that a plain installation leaves out
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
+latest_task       a worker thread that runs only the latest request
 progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it
 signals           signals that ask the program to end; processes that end with their parent

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures import Camera, Captures, SlmSpec, read_captures
+from holoview.captures.capture_file import read_captures
+from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.predictor import Predictor
+from holoview.captures.predictor import Predictor, check_known_effects
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
@@ -51,7 +54,7 @@ NEAR: dict[str, dict[str, float]] = {
 }
 
 
-def _session(count: int = 3, modulators: int = 2) -> Captures:
+def _captures(count: int = 3, modulators: int = 2) -> Captures:
     rng = np.random.default_rng(5)
     return Captures(
         levels=rng.integers(0, 16, (count, modulators, *SHAPE), dtype=np.uint8),
@@ -77,7 +80,7 @@ def _executed(captures: Captures, k: int, effects: dict[str, dict[str, float]]) 
 
 @pytest.mark.parametrize("name", ["none", *NEAR])
 def test_it_is_what_the_reference_executor_computes(name: str) -> None:
-    captures, effects = _session(), {name: NEAR[name]} if name in NEAR else {}
+    captures, effects = _captures(), {name: NEAR[name]} if name in NEAR else {}
     found = Predictor(captures, double_precision=True)([1], effects).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 1, effects), rtol=1e-9, atol=1e-9 * found.max())
 
@@ -86,7 +89,7 @@ def test_it_is_what_the_reference_executor_computes(name: str) -> None:
     "name", [n for n in NEAR if n not in ("gap", "slm_alignment", "slm2_fringes", "iris1", "aberration1")]
 )
 def test_one_modulator_too(name: str) -> None:
-    captures = _session(modulators=1)
+    captures = _captures(modulators=1)
     found = Predictor(captures, double_precision=True)([0], {name: NEAR[name]}).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
 
@@ -103,7 +106,7 @@ STOPS = {
 @pytest.mark.parametrize("name", ["none", "iris1", "iris2", "aberration1", "aberration2", "dc_block", "tilt"])
 @pytest.mark.parametrize("stops", STOPS)
 def test_square_and_displaced_stops_too(stops: str, name: str) -> None:
-    captures = dataclasses.replace(_session(), relay1=Relay(square=0.027), relay2=STOPS[stops])
+    captures = dataclasses.replace(_captures(), relay1=Relay(square=0.027), relay2=STOPS[stops])
     effects = {name: NEAR[name]} if name in NEAR else {}
     found = Predictor(captures, double_precision=True)([1], effects).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 1, effects), rtol=1e-9, atol=1e-9 * found.max())
@@ -111,7 +114,7 @@ def test_square_and_displaced_stops_too(stops: str, name: str) -> None:
 
 def test_all_of_a_preset_s_relay_counts() -> None:
     relay = Relay(square=0.027, dc_block_na=2e-3, apodisation_na=0.02, aberration_m={"Z5": 1e-7}, centre_na=(0, 2e-3))
-    captures = dataclasses.replace(_session(), relay2=relay)
+    captures = dataclasses.replace(_captures(), relay2=relay)
     found = Predictor(captures, double_precision=True)([0]).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 0, {}), rtol=1e-9, atol=1e-9 * found.max())
 
@@ -120,7 +123,7 @@ def test_all_of_a_preset_s_relay_counts() -> None:
 def test_a_square_stop_of_a_fourier_bench_has_straight_edges_where_its_direction_sines_are(square: float | str) -> None:
     f, pixel, relay = 0.1, 10e-6, Relay(square=square, centre_na=(0.00313, -0.00487))
     plain = dataclasses.replace(
-        _session(2, 1),
+        _captures(2, 1),
         images=np.full((2, 601, 801), 500, np.uint16),
         distance_m=np.zeros(2),
         camera=Camera(pixel, 12, 4.0, 3.0, 64.0),
@@ -139,7 +142,7 @@ def test_a_square_stop_of_a_fourier_bench_has_straight_edges_where_its_direction
 
 
 def test_all_effects_together() -> None:
-    captures = _session()
+    captures = _captures()
     some = {name: NEAR[name] for name in ("gap", "lut", "crosstalk", "slm_alignment", "undiffracted", "iris2", "tilt")}
     found = Predictor(captures, double_precision=True)([2], some).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 2, some), rtol=1e-9, atol=1e-9 * found.max())
@@ -147,7 +150,7 @@ def test_all_effects_together() -> None:
 
 def test_what_is_kept_never_stands_for_something_else() -> None:
     """Effects called in a random order give, to the bit, what each gives alone."""
-    captures = _session()
+    captures = _captures()
     camera = {
         "camera_blur": {"sigma": 1.0},
         "camera_alignment": {"shift_y": 2e-6},
@@ -165,7 +168,7 @@ def test_what_is_said_of_another_laser_changes_nothing_and_computes_nothing(monk
     computed: list[int] = []
     intensity = NearFieldModel.intensity
     monkeypatch.setattr(NearFieldModel, "intensity", lambda *given: computed.append(1) or intensity(*given))
-    predictor = Predictor(_session())
+    predictor = Predictor(_captures())
     fringes = {"path_y": 2e-6, "cos1": 0.1, "cos2": 0.1}
     plain, first = (predictor([0, 1, 2], effects).signal for effects in ({}, {"slm1_fringes": fringes}))
     many = len(computed)
@@ -179,7 +182,7 @@ def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkey
     computed: list[int] = []
     intensity = NearFieldModel.intensity
     monkeypatch.setattr(NearFieldModel, "intensity", lambda *given: computed.append(1) or intensity(*given))
-    predictor, effects = Predictor(_session(), cache_mb=1), {"source_extent": {"radius": 2e-3}}
+    predictor, effects = Predictor(_captures(), cache_mb=1), {"source_extent": {"radius": 2e-3}}
     first = predictor([0, 1, 2], effects).signal
     many = len(computed)
     assert many > 40
@@ -222,7 +225,7 @@ def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equatio
     levels = np.zeros((1, 1, 32, 64), np.uint8)
     levels[..., np.arange(64) % 4 >= 2] = 1
     captures = dataclasses.replace(
-        _session(1, 1),
+        _captures(1, 1),
         levels=levels,
         images=np.full((1, 401, 401), 500, np.uint16),
         wavelength_m=np.array([λ]),
@@ -258,7 +261,7 @@ def test_gradients_reach_what_an_own_effect_holds() -> None:
         def optical_path(self, path_m, context, v):  # type: ignore[no-untyped-def]
             return path_m + self.values_m
 
-    predictor = Predictor(_session(), extra_effects=[Map()], double_precision=True)
+    predictor = Predictor(_captures(), extra_effects=[Map()], double_precision=True)
     loss = predictor([0], {"map": {"on": 1.0}}, grad=True).signal.square().sum()
     (gradient,) = torch.autograd.grad(loss, Map.values_m)
     step = torch.randn(SHAPE, generator=torch.Generator().manual_seed(2)).double() * 1e-12
@@ -272,7 +275,7 @@ def test_gradients_reach_what_an_own_effect_holds() -> None:
 
 def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
     """Pixels twice as large have the mean of four; a picture cut out is part of the whole."""
-    captures = _session(1)
+    captures = _captures(1)
     whole = Predictor(captures, double_precision=True)([0]).signal[0]
     coarse = dataclasses.replace(
         captures, images=np.zeros((1, *SHAPE), np.uint16), camera=dataclasses.replace(captures.camera, pitch_m=8e-6)
@@ -287,12 +290,12 @@ def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
 
 def test_a_bench_that_cant_be_names_the_effect() -> None:
     with pytest.raises(UserError, match=r"effects\.gap"):
-        Predictor(_session())([0], {"gap": {"gap_error": -2e-3}})
+        Predictor(_captures())([0], {"gap": {"gap_error": -2e-3}})
 
 
 def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
     """By a tiny angle the picture is the same, out to the corners of a camera larger than the modulator."""
-    captures = _session(1)
+    captures = _captures(1)
     large = dataclasses.replace(captures, images=np.zeros((1, 56, 72), np.uint16))
     straight = Predictor(large, double_precision=True)([0]).signal[0]
     turned = Predictor(large, double_precision=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
@@ -304,16 +307,36 @@ def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
 
 
 def test_beyond_what_is_computed_there_is_no_light() -> None:
-    captures = dataclasses.replace(_session(1), images=np.zeros((1, 120, 150), np.uint16))
+    captures = dataclasses.replace(_captures(1), images=np.zeros((1, 120, 150), np.uint16))
     signal = Predictor(captures, double_precision=True)([0]).signal[0]
     assert not bool(signal[:20].any()) and not bool(signal[:, -15:].any())  # of 80 × 120 padded samples
     assert bool(signal[40:80, 50:100].all())
 
 
-def test_a_part_of_a_session_is_predicted_like_the_whole_by_what_differs_from_laser_to_laser() -> None:
-    captures, fringes = _session(), {"camera_fringes": {"path_x": 5e-6, "cos1": 0.1, "cos2": 0.2, "cos3": 0.3}}
+def test_a_part_of_captures_is_predicted_like_the_whole_by_what_differs_from_laser_to_laser() -> None:
+    captures, fringes = _captures(), {"camera_fringes": {"path_x": 5e-6, "cos1": 0.1, "cos2": 0.2, "cos3": 0.3}}
     whole = Predictor(captures)(range(len(captures)), fringes).signal
     last = int(captures.wavelength_m.argmax())
     assert captures.laser_number[last] > 0
     part = captures.subset([last, 0]).subset([0])
     assert torch.equal(Predictor(part)([0], fringes).signal[0], whole[last])
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        ({"gap": {"gap_error": 1e-4}}, "effects.gap: it needs 2 modulators, there are 1"),
+        ({"slm_alignment": {"shift_x": 1e-6}}, "effects.slm_alignment: it needs 2 modulators"),
+        ({"distance": {"distance_error": 1e38}}, "effects.distance.distance_error: .*out of range"),
+        ({"distance": {"nothing": 1.0}}, "effects.distance.nothing: unknown parameter"),
+        ({"nosuch": {}}, "nosuch"),
+    ],
+)
+def test_a_known_effect_that_the_bench_cannot_have_is_refused(
+    make_captures: Callable[..., Captures], known: Mapping[str, Mapping[str, float]], message: str
+) -> None:
+    two = make_captures()
+    captures = replace(two, levels=two.levels[:, :1], slms=two.slms[:1], gap_m=None, relay1=Relay())
+    check_known_effects(captures, {"distance": {"distance_error": 1e-4}, "laser_power": {}})
+    with pytest.raises(UserError, match=message):
+        check_known_effects(captures, known)

@@ -1,4 +1,4 @@
-"""Virtual sessions: exposed as a laboratory would, noisy as the camera is, and jittered as asked."""
+"""Virtual captures: exposed as a laboratory would, noisy as the camera is, and jittered as asked."""
 
 from __future__ import annotations
 
@@ -117,10 +117,10 @@ def test_finer_data_need_the_finer_model() -> None:
 
 def test_a_fourier_bench_is_measured_too() -> None:
     one = _system(**{"modulators": _system().modulators[:1], "gap": None, "relay1.iris_na": None})
-    session = AcquisitionSettings(
+    settings = AcquisitionSettings(
         captures_per_condition=2, focal_length_m=0.2, camera_pitch_m=10e-6, camera_shape=(61, 81)
     )
-    captures = make_captures(one, {"distance": {"distance_error": 1e-3}}, session)
+    captures = make_captures(one, {"distance": {"distance_error": 1e-3}}, settings)
     assert captures.is_fourier and captures.shape == (61, 81) and not captures.distance_m.any()
     found = _chi2(captures, {"distance": {"distance_error": 1e-3}})
     assert found == pytest.approx(np.ones(4), abs=5 * (2 / (61 * 81)) ** 0.5)

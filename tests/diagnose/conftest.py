@@ -17,12 +17,7 @@ from holoview.captures.virtual_measurement import make_captures as measure
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.search_context import (
-    NeighbourVariances,
-    PerThreadPredictor,
-    SearchContext,
-    equivalent_effects,
-)
+from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects

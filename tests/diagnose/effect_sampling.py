@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.parameter import ListParameter, Parameter
 from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned
@@ -27,7 +26,7 @@ def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Ge
         return _sample_planes(system, size, rng)
     if any(isinstance(p, ListParameter) for p in effect.parameters):
         return _sample_lines(effect, system, size, rng)
-    open_ones = [p for p in effect.parameters if not p.fine]
+    open_ones = [p for p in effect.parameters if not p.secondary]
     if len(open_ones) > 3 and effect.id not in _WHOLE:
         chosen = rng.choice(len(open_ones), size=int(rng.integers(1, _MOST_TERMS + 1)), replace=False)
         open_ones = [open_ones[k] for k in sorted(chosen)]
@@ -67,7 +66,7 @@ def _scan_extents(effect: Effect, system: System) -> dict[str, float]:
 
 def _sample_parameter(p: Parameter, reach: float, size: float, rng: np.random.Generator) -> float:
     amount = reach * size * rng.uniform(0.8, 1.1)
-    signs = [s for s in (1.0, -1.0) if p.low <= p.identity + s * amount <= p.high and (not p.even or s > 0)]
+    signs = [s for s in (1.0, -1.0) if p.low <= p.identity + s * amount <= p.high and (not p.even_symmetric or s > 0)]
     lowest = p.scan_values()
     inside = [s for s in signs if not p.scan or s > 0 or min(lowest, default=0.0) < p.identity] or signs
     value = p.identity + float(rng.choice(inside or [1.0])) * amount

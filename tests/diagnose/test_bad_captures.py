@@ -17,10 +17,10 @@ from holoview.diagnose.bad_captures import BadCapture, bad_share, find_useless_c
 from holoview.diagnose.capture_judgement import find_suspects
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import NeighbourVariances
-from holoview.diagnose.verdict import Decision, Verdict, limited_by_bad_captures
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import MakeContext, small_system

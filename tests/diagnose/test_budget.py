@@ -13,12 +13,17 @@ import pytest
 from holoview.captures import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import BudgetConfig, SearchConfig
-from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.field_count import incoherent_field_count, is_costly, max_field_count, without_costly_fits
+from holoview.diagnose.fit import CandidateFit
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.screening import screen_effects
+from holoview.diagnose.screening import (
+    incoherent_field_count,
+    is_costly,
+    max_field_count,
+    screen_effects,
+    without_costly_fits,
+)
 from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.verdict import Verdict
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system

@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
-from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import ComparisonConfig
+from holoview.diagnose.likelihood import Comparison
 from holoview.numerics.subpixel_shift import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
 

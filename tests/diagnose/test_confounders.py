@@ -7,9 +7,8 @@ import pytest
 
 from holoview.diagnose.config import FitConfig
 from holoview.diagnose.confounders import best_separating_capture, proposed_captures
-from holoview.diagnose.effect_fit import CandidateFit, effect_jacobian
-from holoview.diagnose.free_parameters import identity_values
-from holoview.diagnose.held_out_ranking import HeldOutScore
+from holoview.diagnose.fit import CandidateFit, effect_jacobian, identity_values
+from holoview.diagnose.judge import HeldOutScore
 from holoview.diagnose.search_context import SearchContext, equivalent_effects
 from holoview.diagnose.uncertainty import canonical_correlation
 from holoview.model.effects.registry import listed_effects

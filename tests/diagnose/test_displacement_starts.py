@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from holoview.diagnose.displacement_starts import measure_displacement
+from holoview.diagnose.starts.picture import measure_displacement
 from holoview.numerics.subpixel_shift import image_gradient, shift_images
 
 SINC_ERROR = 0.005

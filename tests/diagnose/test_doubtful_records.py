@@ -12,9 +12,9 @@ from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config.decision import VerdictConfig
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.record_errors import CheckedRecords
-from holoview.diagnose.verdict import Verdict
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System

@@ -11,8 +11,8 @@ import pytest
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.diagnose.fringe_starts import FringeStarts
-from holoview.diagnose.modulator_fringe_starts import ModulatorFringeStarts
 from holoview.diagnose.screening import fit_over_range
+from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, make_context_of
 

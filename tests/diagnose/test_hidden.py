@@ -11,8 +11,8 @@ import pytest
 
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.sealed import TURN, Sealed, Truth, taken
@@ -72,7 +72,7 @@ def _check_causes(found: Diagnosis, truth: Truth) -> None:
     assert {cause.effect for cause in found.causes} == set(truth)
     assert found.verdict is Verdict.EXPLAINED
     for cause in found.causes:
-        even = {p.name for p in listed_effects()[cause.effect].parameters if p.even}
+        even = {p.name for p in listed_effects()[cause.effect].parameters if p.even_symmetric}
         for name, true in truth[cause.effect].items():
             interval = cause.intervals[name]
             seen, wanted = (abs(interval.value), abs(true)) if name in even else (interval.value, true)

@@ -16,10 +16,10 @@ from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.free_maps import FreeMapFit, ShownMap
 from holoview.diagnose.html_report import write_report
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.pixel_maps import PixelMap
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.chromium import check_document, needs_chromium
 

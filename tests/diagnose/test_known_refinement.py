@@ -9,8 +9,8 @@ import torch
 from holoview.captures import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.verdict import Verdict
 from holoview.model.bench_parts import Modulator
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import CameraContext

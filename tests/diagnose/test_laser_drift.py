@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.diagnose.config import LaserDriftConfig
-from holoview.diagnose.laser_drift import estimate_laser_drift
+from holoview.diagnose.nuisances import estimate_laser_drift
 
 CURVATURE = 1e22  # Δχ² of a capture a square metre: 0.1 nm costs 100
 

@@ -10,12 +10,11 @@ import pytest
 
 from holoview.captures.prepared_captures import PreparedCaptures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.effect_fit import CandidateFit, local_fit
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.held_out_ranking import rank_on_held_out
-from holoview.diagnose.last_fit import fit_to_the_end
+from holoview.diagnose.fit import CandidateFit, local_fit
+from holoview.diagnose.judge import chance_excess, rank_on_held_out
+from holoview.diagnose.refine import fit_to_the_end
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
-from holoview.diagnose.verdict import chance_excess
 from tests.diagnose.conftest import MakeContext
 
 TRUE = {"sigma": 0.58, "coupling": 0.3}

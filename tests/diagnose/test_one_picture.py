@@ -14,10 +14,10 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import OnePictureConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.one_picture import config_for_one_picture, held_out_blocks, speckle_width_px
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.independent import Faults, Laboratory, write_session

@@ -8,12 +8,11 @@ import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import SearchConfig, SelectionConfig
-from holoview.diagnose.effect_fit import local_fit
-from holoview.diagnose.forward_selection import select_causes
-from holoview.diagnose.free_parameters import identity_values
+from holoview.diagnose.fit import identity_values, local_fit
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.screening import screen_effects
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search import select_causes
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
 

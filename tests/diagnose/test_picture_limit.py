@@ -10,7 +10,7 @@ import pytest
 
 from holoview.captures import Captures
 from holoview.diagnose.config import RegionConfig
-from holoview.diagnose.picture_limit import grid_samples, within_limits
+from holoview.diagnose.crop import grid_samples, within_limits
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError

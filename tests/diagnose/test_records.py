@@ -8,8 +8,8 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.captures.records import RecordFindings, find_record_errors, plausible_units
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.captures.records.mistakes import Name, all_mistakes, names, spoil_file, spoiled
 from tests.diagnose.independent import Faults, Laboratory, write_session

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.diagnose.effect_fit import CandidateFit
+from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.search_context import SearchContext
 from tests.diagnose.conftest import MakeContext

@@ -18,14 +18,19 @@ from holoview.captures.records.central_region import central_region, central_sli
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
+from holoview.diagnose.crop import middle_of_context
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.held_out_ranking import rank_on_held_out
+from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.region_search import with_region
-from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext
-from holoview.diagnose.search_end import SearchEnd, SearchEnded
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search import InitialCandidates
+from holoview.diagnose.search_context import (
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    SearchEnd,
+    SearchEnded,
+)
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
@@ -104,8 +109,8 @@ def test_the_middle_of_a_far_field_names_what_whole_pictures_do() -> None:
 
 def test_of_a_displaced_far_field_more_is_searched(make_far_context: Callable[[float], SearchContext]) -> None:
     """Light that is tilted by 5 mrad moves it by 50 µm, which are 2.1 speckles along y, beyond an eighth of twelve."""
-    widths = [with_region(make_far_context(tilt)).region for tilt in (0.0, 5e-3)]
-    straight, tilted = (region.data.captures.shape for region in widths if region is not None)
+    widths = [middle_of_context(make_far_context(tilt)) for tilt in (0.0, 5e-3)]
+    straight, tilted = (middle.data.captures.shape for middle in widths if middle is not None)
     assert straight == (72, 58) and tilted == (106, 86)  # 12 and 12 + 2·3 speckles
 
 
@@ -119,21 +124,21 @@ def test_a_search_that_somebody_ends_in_the_middle_says_so() -> None:
 
 def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], SearchContext]) -> None:
     context = replace(make_far_context(0.0), end=SearchEnd(1000.0, last_begin=0.5))
-    region = with_region(context).region
-    assert region is not None and region.is_region
-    assert region.end.time_s == pytest.approx(RegionConfig().max_time_share * 1000.0)
-    assert not region.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
+    middle = middle_of_context(context)
+    assert middle is not None
+    assert middle.end.time_s == pytest.approx(RegionConfig().max_time_share * 1000.0)
+    assert not middle.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
 
 
 def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look-alikes are computed in the middle afterwards."""
 
-    def end(context: SearchContext, leads: Leads, *_: object) -> None:
+    def end(context: SearchContext, initial: InitialCandidates, *_: object) -> None:
         context.workers.start()
-        rank_on_held_out(context, leads.fits)
+        rank_on_held_out(context, initial.fits)
         raise SearchEnded
 
-    monkeypatch.setattr("holoview.diagnose.forward_selection._follow_leads", end)
+    monkeypatch.setattr("holoview.diagnose.outlier_rejection.refine_candidates", end)
     budget = replace(FAR_CONFIG.budget, worker_start_s=0.0)
     captures = _far_session("stroke", "stroke_error", 0.08)
     found = diagnose(captures, FAR_EFFECTS, free_maps=False, workers=2, config=replace(FAR_CONFIG, budget=budget))
@@ -170,9 +175,8 @@ def make_far_context(make_context: MakeContext) -> Callable[[float], SearchConte
     return make
 
 
-def test_small_sessions_have_no_region(make_context: MakeContext) -> None:
-    context = make_context()
-    assert with_region(context) is context
+def test_of_few_pixels_all_are_searched(make_context: MakeContext) -> None:
+    assert middle_of_context(make_context()) is None
 
 
 def test_the_middle_is_predicted_like_the_whole() -> None:

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose import search_end
+from holoview.diagnose import search_context
 from holoview.diagnose.config import BudgetConfig, SearchConfig
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search_context import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
@@ -68,8 +68,8 @@ def test_the_time_is_stretched_where_others_use_the_processor(
 ) -> None:
     """Ten seconds, divided by the share that the search gets, but fourfold at most; not without being asked for."""
     now = [100.0]
-    monkeypatch.setattr(search_end, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(search_end, "processor_share", lambda: share)
+    monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(search_context, "processor_share", lambda: share)
     plain, stretched = SearchEnd(10.0), SearchEnd(20.0, max_stretch=4.0).after_share(0.5)
     now[0] += passed_s
     assert stretched.is_near == is_over

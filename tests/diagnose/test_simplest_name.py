@@ -7,14 +7,12 @@ from collections.abc import Mapping
 import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult, rank_on_held_out
+from holoview.diagnose.fit import CandidateFit
+from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.refine import refine_fit
+from holoview.diagnose.refine import prefer_fewer_numbers, refine_fit, wider_names
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.simplest_name import prefer_fewer_numbers, wider_names
-from holoview.diagnose.verdict import Decision, Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.diagnose.smear_starts import SmearStarts
+from holoview.diagnose.starts.picture import SmearStarts
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 

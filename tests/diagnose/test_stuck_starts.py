@@ -9,11 +9,18 @@ import pytest
 
 from holoview.diagnose import screening
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.dead_places import DeadPlace, Shows, as_values, is_stuck_effect, likely_span, spans_near
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
-from holoview.diagnose.replacement_gains import line_gains, replacement_gains, significance
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.stuck_starts import StuckStarts
+from holoview.diagnose.starts.stuck import (
+    DeadPlace,
+    Shows,
+    StuckStarts,
+    as_values,
+    is_stuck_effect,
+    likely_span,
+    spans_near,
+)
+from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
+from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import (
     LocalInformation,
     LocalJacobian,
@@ -103,7 +102,10 @@ def test_of_a_few_captures_at_a_time_information_is_that_of_all() -> None:
 class Aperture(Effect):
     id = "aperture"
     cause = finding = "Its size and its centre."
-    parameters = (Parameter("size", "Half.", prior=1.0, sharp=True), Parameter("centre", "At.", prior=1.0, sharp=True))
+    parameters = (
+        Parameter("size", "Half.", prior=1.0, non_smooth=True),
+        Parameter("centre", "At.", prior=1.0, non_smooth=True),
+    )
     acts_on = ("relay 1",)
 
 

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from holoview.diagnose.config import VerdictConfig
-from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult
-from holoview.diagnose.verdict import Decision, Verdict, decide
+from holoview.diagnose.fit import CandidateFit
+from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, decide
 
 PIXELS = 100_000.0
 EQUIVALENTS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}

@@ -19,7 +19,7 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("top", [0.0, 0.4, 1.0])
 def test_each_wavelength_becomes_a_line_of_that_width(sigma: float, top: float) -> None:
     effect, system = get_effect("bandwidth"), hv.load("holochrome-8")
-    found = effect.bench(system, effect.parameter_values({"sigma": sigma, "top": top}))
+    found = effect.actual_system(system, effect.parameter_values({"sigma": sigma, "top": top}))
     lines = found.wavelengths_m.reshape(8, -1)
     weights = found.amplitudes[0].reshape(8, -1)
     assert weights.sum(axis=1) == pytest.approx(system.amplitudes[0])

@@ -25,8 +25,8 @@ def test_the_light_straight_ahead_is_gone(make_fourier: Make, predicted: Predict
 
 def test_it_is_the_stop_of_relay_2(make_session: Make) -> None:
     effect, system = get_effect("dc_block"), make_session().nominal_system()
-    assert effect.bench(system, effect.parameter_values({"radius": 2e-3})).relay2.dc_block_na == 2e-3
-    assert effect.bench(system, effect.parameter_values({"radius": 1e-7})) == system
+    assert effect.actual_system(system, effect.parameter_values({"radius": 2e-3})).relay2.dc_block_na == 2e-3
+    assert effect.actual_system(system, effect.parameter_values({"radius": 1e-7})) == system
 
 
 @pytest.mark.parametrize(
@@ -43,5 +43,5 @@ def test_it_is_the_stop_of_relay_2(make_session: Make) -> None:
 def test_it_leaves_light_at_the_edge_of_the_other_stops(make_session: Make, relay: Relay, farthest: float) -> None:
     captures = make_session(wavelength_m=np.array([450e-9, 600e-9]), relay2=relay)
     effect = get_effect("dc_block")
-    blocked = effect.bench(captures.nominal_system(), effect.parameter_values({"radius": 0.05}))
+    blocked = effect.actual_system(captures.nominal_system(), effect.parameter_values({"radius": 0.05}))
     assert blocked.relay2.dc_block_na == pytest.approx(min(0.05, 0.99 * farthest))

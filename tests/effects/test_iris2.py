@@ -24,7 +24,7 @@ def test_it_changes_the_radius(make_session: Make, predicted: Predicted) -> None
 
 def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
     values = get_effect("iris2").parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
-    relay = get_effect("iris2").bench(make_session().nominal_system(), values).relay2
+    relay = get_effect("iris2").actual_system(make_session().nominal_system(), values).relay2
     assert relay.iris_na == pytest.approx(0.033)
     assert relay.centre_na == pytest.approx((0.015, -0.0075))
 
@@ -33,7 +33,7 @@ def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
 def test_a_square_stop_grows_and_moves_in_its_own_half_sides(make_session: Make, square: float | str) -> None:
     system = make_session().nominal_system().edit({"relay2": {"square": square, "centre_na": [0.001, 0.0]}})
     values = get_effect("iris2").parameter_values({"radius_error": -0.2, "decentre_x": 0.5})
-    relay = get_effect("iris2").bench(system, values).relay2
+    relay = get_effect("iris2").actual_system(system, values).relay2
     pitch_m = system.modulators[0].pitch_m
     before, after = (r.square.half_side_sine(550e-9, pitch_m) for r in (system.relay2, relay))
     assert after == pytest.approx(0.8 * before)

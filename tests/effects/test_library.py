@@ -77,7 +77,7 @@ def test_an_effect_states_what_others_need_to_know(name: str) -> None:
     assert effect.id == name
     assert effect.cause.endswith(".") and set(effect.acts_on) <= PLACES
     assert all(other in listed_effects() for other in (*effect.degeneracies(RICH), *effect.degenerate_with))
-    assert all(len(listed_effects()[other].parameters) < len(effect.parameters) for other in effect.imitates)
+    assert all(len(listed_effects()[other].parameters) < len(effect.parameters) for other in effect.degenerate_limit)
     for p in effect.parameters:
         assert p.has_sound_bounds and p.doc.endswith(".")
         assert p.parse(p.to_toml(p.identity), name) == p.identity

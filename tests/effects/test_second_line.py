@@ -18,7 +18,7 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize(("share", "offset"), [(0.1, 2e-9), (0.5, -6e-9), (0.45, 20e-9)])
 def test_each_laser_becomes_two_lines(share: float, offset: float) -> None:
     effect, system = get_effect("second_line"), hv.load("holochrome-8")
-    found = effect.bench(system, effect.parameter_values({"share": share, "offset": offset}))
+    found = effect.actual_system(system, effect.parameter_values({"share": share, "offset": offset}))
     lines, power = found.wavelengths_m.reshape(8, 2), found.amplitudes[0].reshape(8, 2)
     assert power.sum(axis=1) == pytest.approx(system.amplitudes[0])
     weight = power / power.sum(axis=1, keepdims=True)

@@ -15,7 +15,7 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.torch_effects import TorchEffects
 from tests.diagnose.conftest import small_system
 
@@ -91,7 +91,7 @@ def test_frames_repeat_so_that_the_last_comes_before_the_first(frames: int) -> N
     plans = [make_plan(system.edit({"effects": effects})) for effects in (HALF, {})]
     drives = drive, (drive + np.roll(drive, 1, axis=0)) / 2
     found, expected = (
-        compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, given), double=True))[0]
+        compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, given), double=True))[0]
         for plan, given in zip(plans, drives, strict=True)
     )
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * float(expected.max()))

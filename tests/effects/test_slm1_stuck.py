@@ -19,7 +19,7 @@ from holoview.model import preset
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.effects.registry import get_effect
 from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 
 Make = Callable[..., Captures]
@@ -87,7 +87,7 @@ def test_frames_keep_the_first_one_and_show_the_one_before() -> None:
     shown[:, 0, 2], shown[:, 0, 5] = drive[0, 0, 2], np.roll(drive[:, 0, 5], 1, axis=0)
     plans = make_plan(system.edit(lines)), make_plan(system)
     one, two = (
-        compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, sent)))[1]
+        compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, sent)))[1]
         for plan, sent in zip(plans, (drive, shown), strict=True)
     )
     assert one == pytest.approx(two, rel=1e-4, abs=1e-5 * float(np.max(two)))  # complex64
@@ -105,7 +105,7 @@ def test_an_observer_sees_nothing_of_what_is_sent_to_a_dead_line() -> None:
     other = drive.copy()
     other[:, 0, :, 3] = 0.9
     plan = make_plan(system)
-    one, two = (compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, sent)))[1] for sent in (drive, other))
+    one, two = (compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, sent)))[1] for sent in (drive, other))
     assert np.array_equal(one, two)
 
 

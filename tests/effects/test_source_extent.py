@@ -20,7 +20,7 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("outline", [-1.0, -0.3, 0.0, 0.5, 1.0])
 def test_directions_have_the_mean_and_variance_of_a_disc(radius: float, outline: float, make_session: Make) -> None:
     effect = get_effect("source_extent")
-    system = effect.bench(
+    system = effect.actual_system(
         make_session().nominal_system(), effect.parameter_values({"radius": radius, "outline": outline})
     )
     found = system.source.directions_rad

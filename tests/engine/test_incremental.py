@@ -18,7 +18,7 @@ from holoview.gpu.line_fft import Strategy, supported_strategies
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 
@@ -159,7 +159,7 @@ def test_a_stop_can_be_narrowed_widened_and_moved(device: Device, strategy: Stra
         renderer.edit(system=system)
         renderer.update()
         plan = make_plan(system, [renderer.plane_m])
-        inputs = make_frame_inputs(plan, random_drive(SYSTEM.edit(STOPS)))
+        inputs = FrameInputs(plan, random_drive(SYSTEM.edit(STOPS)))
         expected = compute_focal_stack(TorchExecutor(plan, inputs, double=True))[1][0]
         assert np.linalg.norm(renderer.xyz() - expected) <= 1e-6 * np.linalg.norm(expected), change
 
@@ -207,7 +207,7 @@ def _error(actual: np.ndarray, expected: np.ndarray) -> float:
 def _reference(system: System, planes_m: list[float]) -> np.ndarray:
     """XYZ (plane, y, x, 3) by torch in complex128."""
     plan = make_plan(system, planes_m)
-    return compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True))[1]
+    return compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, random_drive(system)), double=True))[1]
 
 
 @pytest.mark.parametrize("together", [1, 2, 3])

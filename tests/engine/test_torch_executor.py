@@ -13,7 +13,7 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 
 SINGLE_TOLERANCE = 1e-6  # relative L2 of intensity; measured 3e-7 … 5e-7
 DOUBLE_TOLERANCE = 1e-13  # measured up to 2e-14
@@ -37,7 +37,7 @@ def _drive(system: System, seed: int = 0) -> np.ndarray:
 
 def _simulated(system: System, drive: np.ndarray, double: bool = True) -> np.ndarray:
     plan = make_plan(system)
-    return compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=double))[0]
+    return compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=double))[0]
 
 
 # --- the formulas ---------------------------------------------------------------------------------------------------
@@ -184,7 +184,7 @@ def test_a_constant_added_to_a_pattern_changes_nothing() -> None:
 def test_one_wavelength_can_be_recomputed_alone_in_any_order() -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)))
+    executor = TorchExecutor(plan, FrameInputs(plan, _drive(system)))
     whole, _ = compute_focal_stack(executor)
     for wavelength in (1, 0, 1):
         executor.run(wavelength)
@@ -196,7 +196,7 @@ def test_progress_counts_the_wavelengths() -> None:
     system, calls = _system(), []
     plan = make_plan(system)
     compute_focal_stack(
-        TorchExecutor(plan, make_frame_inputs(plan, _drive(system))), lambda done, total: calls.append((done, total))
+        TorchExecutor(plan, FrameInputs(plan, _drive(system))), lambda done, total: calls.append((done, total))
     )
     assert calls == [(1, 2), (2, 2)]
 
@@ -205,7 +205,7 @@ def test_progress_counts_the_wavelengths() -> None:
 def test_the_composite_is_the_observers_sum_over_wavelengths(double: bool, tolerance: float) -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)), double=double)
+    executor = TorchExecutor(plan, FrameInputs(plan, _drive(system)), double=double)
     intensity, xyz = compute_focal_stack(executor)
     expected = np.moveaxis(intensity.astype(float), 1, -1) @ plan.colour_weights
     assert np.linalg.norm(xyz - expected) <= tolerance * np.linalg.norm(expected)
@@ -214,7 +214,7 @@ def test_the_composite_is_the_observers_sum_over_wavelengths(double: bool, toler
 
 def test_transmitting_leaves_the_spectrum_for_the_next_plane() -> None:
     plan = make_plan(_system())
-    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(plan.system)))
+    executor = TorchExecutor(plan, FrameInputs(plan, _drive(plan.system)))
     spectrum = executor.spectrum(executor.illuminate(0, 0), 1)
     before = spectrum.values.clone()
     executor.transmit(spectrum, 1, 0, 3e-3)
@@ -226,7 +226,7 @@ def test_gradients_reach_the_drive() -> None:
     plan, start = make_plan(system), torch.from_numpy(_drive(system))
 
     def total(drive: torch.Tensor) -> torch.Tensor:
-        inputs = make_frame_inputs(plan, drive)
+        inputs = FrameInputs(plan, drive)
         return TorchExecutor(plan, inputs, double=True).intensity_tensor().square().sum()
 
     drive = start.clone().requires_grad_()
@@ -242,5 +242,5 @@ def test_gradients_reach_the_drive() -> None:
 def test_what_gradients_flow_through_is_the_intensity_itself() -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)), double=True)
+    executor = TorchExecutor(plan, FrameInputs(plan, _drive(system)), double=True)
     np.testing.assert_array_equal(executor.intensity_tensor().numpy(), compute_focal_stack(executor)[0])

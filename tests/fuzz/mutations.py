@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.study.store import ResultStore
+from holoview.study.runner import ResultStore
 from holoview.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
 from tests.fuzz.trial import Case
@@ -124,7 +124,7 @@ def damaged_session(rng: Random) -> Case:
     file = files[int(rng.integers(len(files)))]
 
     def read() -> None:
-        from holoview.session.archive import read_session
+        from holoview.document.archive import read_session
 
         read_session(Path("session"))
 

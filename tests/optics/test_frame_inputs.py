@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +14,7 @@ import torch
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 
 
@@ -37,14 +39,14 @@ def _drive(seed: int = 0) -> np.ndarray:
 
 def test_each_modulator_turns_its_own_drive_into_its_own_path() -> None:
     drive = _drive()
-    opd = make_frame_inputs(_plan(), drive).opd_m.numpy()
+    opd = FrameInputs(_plan(), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], drive[:, 1] * 600e-9, rtol=1e-15)
 
 
 def test_a_modulator_with_levels_shows_the_nearest_ones() -> None:
     drive = _drive()
-    opd = make_frame_inputs(_plan(**{"modulators.1.levels": 3}), drive).opd_m.numpy()
+    opd = FrameInputs(_plan(**{"modulators.1.levels": 3}), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], np.round(drive[:, 1] * 2) / 2 * 600e-9, rtol=1e-15)
 
@@ -61,9 +63,9 @@ def test_any_kind_of_array_will_do_and_becomes_double_precision(kind: str) -> No
         "frozen": frozen,
         "reversed": drive[::-1].copy()[::-1],
     }
-    opd = make_frame_inputs(_plan(), kinds[kind]).opd_m
+    opd = FrameInputs(_plan(), kinds[kind]).opd_m
     assert opd.dtype == torch.float64
-    torch.testing.assert_close(opd, make_frame_inputs(_plan(), drive).opd_m, rtol=0, atol=0)
+    torch.testing.assert_close(opd, FrameInputs(_plan(), drive).opd_m, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +74,7 @@ def test_any_kind_of_array_will_do_and_becomes_double_precision(kind: str) -> No
 )
 def test_a_drive_of_another_shape_is_refused_with_the_shape_expected(shape: tuple[int, ...], found: str) -> None:
     with pytest.raises(UserError, match=rf"drive: an array of shape {found}; .*\(2, 2, 3, 4\)"):
-        make_frame_inputs(_plan(), np.full(shape, 0.5))
+        FrameInputs(_plan(), np.full(shape, 0.5))
 
 
 @pytest.mark.parametrize(("value", "found"), [(-0.01, "-0.01"), (1.01, "1.01"), (np.nan, "nan"), (np.inf, "inf")])
@@ -80,20 +82,81 @@ def test_a_drive_outside_the_stroke_is_refused(value: float, found: str) -> None
     drive = _drive()
     drive[1, 0, 2, 3] = value
     with pytest.raises(UserError, match=rf"drive: values from .*{found}.*; expected 0 to 1"):
-        make_frame_inputs(_plan(), drive)
+        FrameInputs(_plan(), drive)
 
 
 @pytest.mark.parametrize("drive", [np.full((2, 2, 3, 4), 0.5j), "noise"], ids=["complex", "text"])
 def test_a_drive_that_is_no_real_array_is_refused(drive: Any) -> None:
     with pytest.raises(UserError, match="drive"):
-        make_frame_inputs(_plan(), drive)
+        FrameInputs(_plan(), drive)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda drive: drive[..., 1:],
+        lambda drive: drive[:0],
+        lambda drive: drive + 0.5,
+        lambda drive: drive - 0.5,
+        lambda drive: np.where(drive < 0.1, np.nan, drive),
+    ],
+    ids=["shape", "empty", "above", "below", "NaN"],
+)
+def test_arrays_and_tensors_are_refused_alike(spoil: Any) -> None:
+    drive = spoil(_drive())
+    with pytest.raises(UserError) as array:
+        FrameInputs(_plan(), drive)
+    with pytest.raises(UserError) as tensor:
+        FrameInputs(_plan(), torch.from_numpy(drive))
+    assert str(array.value) == str(tensor.value)
 
 
 def test_the_ends_of_the_stroke_are_allowed() -> None:
-    assert float(make_frame_inputs(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
+    assert float(FrameInputs(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
 
 
 def test_only_relays_with_aberration_or_apodisation_have_pupils() -> None:
-    inputs = make_frame_inputs(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
+    inputs = FrameInputs(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
     assert inputs.pupils[0] == (None, None)
     assert all(pupil is not None and pupil.dtype == torch.complex128 for pupil in inputs.pupils[1])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
+@pytest.mark.parametrize("change", [{}, {"modulators.0.levels": 16}, {"effects.crosstalk.sigma": 0.5}], ids=str)
+def test_shaders_read_the_same_of_arrays_and_of_tensors(dtype: type, change: dict[str, Any]) -> None:
+    drive = np.round(_drive(3)).astype(dtype) if dtype is np.int64 else _drive(3).astype(dtype)
+    plan = _plan(**change)
+    array, tensor = FrameInputs(plan, drive), FrameInputs(plan, torch.from_numpy(drive))
+    for frame in range(2):
+        for modulator, description in enumerate(plan.system.modulators):
+            np.testing.assert_array_equal(
+                array.stroke_fractions(frame, modulator, description.stroke_m),
+                tensor.stroke_fractions(frame, modulator, description.stroke_m),
+            )
+
+
+_WITHOUT_TORCH = """
+import sys; from holoview.model import preset; from holoview.view import random_drive
+system = preset.load("holochrome-8").edit({"shape": [12, 16]})
+"""
+
+
+def test_a_bench_without_levels_pupils_and_effects_needs_no_torch() -> None:
+    program = _WITHOUT_TORCH + (
+        "from holoview.model.plan import make_plan; from holoview.optics.frame_inputs import FrameInputs\n"
+        "inputs = FrameInputs(make_plan(system), random_drive(system, 0))\n"
+        "assert inputs.stroke_fractions(0, 1, 1e-6).shape == (12, 16) and not inputs.is_sampled(0)\n"
+        "assert inputs.pupils == ((None,) * 8,) * 2 and 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.mark.gpu
+def test_a_first_picture_doesn_t_wait_for_torch() -> None:
+    program = _WITHOUT_TORCH + (
+        "from holoview.engine.incremental import IncrementalRenderer; from holoview.gpu.device import open_device\n"
+        "renderer = IncrementalRenderer(system, random_drive(system, 0), open_device())\n"
+        "renderer.update(); renderer.srgb8()\n"
+        "assert 'torch' not in sys.modules and 'colour' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)

@@ -12,7 +12,7 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.optimise.autograd_model import AutogradModel
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import Problem
@@ -65,7 +65,7 @@ def test_intensities_and_gradients_are_those_of_the_reference_executor(name: str
     system = _system({name: EFFECTS[name]})
     plan = make_plan(system)
     drive = _drive(system).requires_grad_()
-    shown = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True).intensity_tensor()
+    shown = TorchExecutor(plan, FrameInputs(plan, drive), double=True).intensity_tensor()
     wanted = torch.rand(shown.shape, generator=torch.Generator().manual_seed(5)).double()
     (expected,) = torch.autograd.grad((shown - wanted).square().sum(), drive)
 

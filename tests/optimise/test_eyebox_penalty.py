@@ -15,8 +15,8 @@ from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import frequency_indices
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.numerics.sampling import frequency_indices
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.propagate import nominal_pupil, relay_transfer_function
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.forward_model import ForwardModel
@@ -94,7 +94,7 @@ def _columns(band: torch.Tensor) -> tuple[torch.Tensor, ...]:
 def test_the_variation_is_that_of_the_score(name: str, bench: Bench) -> None:
     system = _system(bench, name)
     drive, model = hv.random_drive(system), _model(system)
-    model.forward(make_frame_inputs(model.plan, drive).opd_m)
+    model.forward(FrameInputs(model.plan, drive).opd_m)
     eyebox = EyeboxPenalty(model)
     found = eyebox.variation(eyebox.block_means(system.amplitudes))
     expected = eyebox_uniformity_of(Hologram(drive, system)).coefficient_of_variation

@@ -13,7 +13,7 @@ import torch
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.plan import Plan, make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.optimise.forward_model import ForwardModel
 from tests.optimise.conftest import carry_back, intensity_at
 
@@ -130,7 +130,7 @@ def test_the_adjoint_in_single_precision_is_near_that_in_double(
 
 def test_the_model_sees_what_the_executor_simulates(case: str, plan_of: Callable[[str], Plan], noise: Noise) -> None:
     plan = plan_of(case)
-    slots = make_frame_inputs(plan, noise(2, *plan.system.drive_shape))
+    slots = FrameInputs(plan, noise(2, *plan.system.drive_shape))
     expected, _ = compute_focal_stack(TorchExecutor(plan, slots, double=True))
     model = ForwardModel(plan, double=True)
     found = np.zeros_like(expected)

@@ -14,7 +14,7 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.effects.registry import listed_effects
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 from tests.second_device import SecondDevice
 
@@ -70,9 +70,9 @@ def test_the_optimiser_keeps_to_its_device(bench: str, settings: str) -> None:
 def test_with_each_effect_the_executor_keeps_to_its_device(name: str) -> None:
     plan = make_plan(_with_effect(name))
     drive = random_drive(plan.nominal)
-    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive)))[1]
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive)))[1]
     with SecondDevice():
-        executor = TorchExecutor(plan, make_frame_inputs(plan, drive), device="cuda")
+        executor = TorchExecutor(plan, FrameInputs(plan, drive), device="cuda")
         assert np.array_equal(compute_focal_stack(executor)[1], expected)
 
 

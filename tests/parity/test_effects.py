@@ -12,7 +12,7 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu
@@ -69,6 +69,6 @@ def test_a_renderer_continues_when_effects_are_edited(bench: Opened, device: Any
         assert renderer.system == system
         renderer.update()
         plan = make_plan(system, [3e-3])
-        expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
+        expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[1][0]
         found = renderer.xyz()
         assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), effects

@@ -15,7 +15,7 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.line_fft import supported_strategies
 from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu
@@ -112,7 +112,7 @@ def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, d
     """
     system = bench(**{"shape": [64, 128], "propagation": "periodic"} | STOPS[case])
     plan, drive = make_plan(system, [3e-3]), random_drive(system)
-    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[1][0]
     for strategy in supported_strategies(device, plan.grid.padded):
         renderer = IncrementalRenderer(system, drive, device, plane_m=3e-3, strategy=strategy)
         renderer.update()

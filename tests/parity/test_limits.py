@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.commands.system_info import info_rows
+from holoview.commands.info import info_rows
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
@@ -20,7 +20,7 @@ from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 
@@ -41,7 +41,7 @@ def _limited(device: Device, **limits: int) -> Device:
 
 def _shaders(system: System, device: Device) -> WgpuExecutor:
     plan = make_plan(system)
-    return WgpuExecutor(plan, make_frame_inputs(plan, random_drive(system)), device)
+    return WgpuExecutor(plan, FrameInputs(plan, random_drive(system)), device)
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_a_periodic_size_that_has_no_transform_is_padded_to_the_next_one_in_both
     plan, drive = make_plan(system), random_drive(system)
     assert plan.grid.padded == (24, 64) and plan.grid.shape == (22, 64)
     assert "24 (periodic, padded to the next sizes" in str(info_rows(system))
-    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[0]
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[0]
     found = compute_focal_stack(_shaders(system, device))[0]
     assert np.linalg.norm(found - expected) <= 1e-6 * np.linalg.norm(expected)
 

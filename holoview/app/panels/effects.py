@@ -85,8 +85,8 @@ class EffectsPanel(Panel):
             self._switch(context, effect, is_on)
         elif values is not None:
             imgui.indent()
-            self._draw_sliders(context, effect, [p for p in effect.parameters if not p.fine], values)
-            self._draw_fine(context, effect, [p for p in effect.parameters if p.fine], values)
+            self._draw_sliders(context, effect, [p for p in effect.parameters if not p.secondary], values)
+            self._draw_fine(context, effect, [p for p in effect.parameters if p.secondary], values)
             imgui.unindent()
 
     def _draw_fine(self, context: AppContext, effect: Effect, fine: list[Parameter], values: dict[str, float]) -> None:

@@ -20,12 +20,12 @@ from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import with_preset_geometry
 from holoview.diagnose.search_context import NeighbourVariances
+from holoview.document.editing_session import EditingSession
 from holoview.model.system import System
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
-from holoview.session.editing_session import EditingSession
-from holoview.session.latest_task import LatestTask
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
 
 Image = NDArray[np.float32]
 _BINS = 64

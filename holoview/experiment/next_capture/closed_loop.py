@@ -17,10 +17,10 @@ import numpy as np
 from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.search_end import SearchEnd, SearchEnded
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
 from holoview.experiment.next_capture.proposals import START_COUNT, Proposal, draw_proposals, starting_proposals

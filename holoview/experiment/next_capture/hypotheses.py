@@ -32,12 +32,20 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.comparison import Comparison, Values
+from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, refit, residual_function
+from holoview.diagnose.effect_fit import cost_or_inf, refit
+from holoview.diagnose.fit import (
+    CandidateFit,
+    FittedValues,
+    FreeParameters,
+    free_parameters_of,
+    identity_values,
+    residual_function,
+)
 from holoview.diagnose.forward_selection import select_causes
-from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of, identity_values
 from holoview.diagnose.held_out_ranking import NOMINAL_FIT, first_per_cause_set
+from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.picture_middle import middle_of, saving
 from holoview.diagnose.power_law import changes_only_power
@@ -51,7 +59,7 @@ from holoview.diagnose.search_preparation import prepare_search
 from holoview.diagnose.verdict import explained_excess, jitter_excess
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
-from holoview.numerics.least_squares import jacobian
+from holoview.numerics.minimise import jacobian
 from holoview.util.errors import UserError
 from holoview.util.progress import no_progress
 

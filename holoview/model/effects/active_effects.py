@@ -81,9 +81,9 @@ class ActiveEffects:
             value = call_hook(effect, hook, value, *context, v)
         return value
 
-    def bench(self, system: System) -> System:
-        """The system with the hooks `bench`. Raises UserError, with the effect's id, for a system that can't be."""
-        changed: System = self.applied("bench", system)
+    def actual_system(self, system: System) -> System:
+        """The system with the hooks `actual_system`. Raises UserError, with an effect's id, if none can be."""
+        changed: System = self.applied("actual_system", system)
         return changed
 
     def camera_distance(self, distance_m: float) -> float:
@@ -117,7 +117,7 @@ class ActiveEffects:
         UserError when the system lacks what an effect changes.
         """
         self._check_requirements(system)
-        system = self.bench(system)
+        system = self.actual_system(system)
         amplitudes = self.laser_power(system.amplitudes)
         weights = np.array([weight for weight, _ in self.exposure_samples()])
         rows = (amplitudes[:, None, :] * (weights * len(weights))[None, :, None]).reshape(-1, amplitudes.shape[1])

@@ -4,7 +4,7 @@ An effect states its cause and its parameters, and overrides the hooks of the qu
 called only when a parameter differs from its identity, so that an effect that is off changes no bit of a result. In the
 order in which light meets them:
 
-    bench               System → System: distances, angles, wavelengths, irises, laser powers
+    actual_system       System → System: distances, angles, wavelengths, irises, laser powers
     laser_power         relative laser power that was set → that is emitted
     exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
     stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
@@ -41,7 +41,7 @@ if TYPE_CHECKING:  # torch takes seconds to import; a System holds the values of
 ExposureSample = tuple[float, float]
 """(weight, factor of the optical paths) of a sample of an exposure."""
 
-BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
+BENCH_HOOKS = ("actual_system", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
 CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
 
@@ -120,8 +120,8 @@ class Effect:
     parameters: what may vary, and by how much.
     acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
     degenerate_with: ids of effects that no data can tell from this one.
-    imitates: ids of effects of fewer numbers that this one comes near to where it is large; a diagnosis that names it
-    tries them in its place.
+    degenerate_limit: ids of effects with fewer parameters whose images this effect's images approach where it is large;
+    a diagnosis that names this effect tries those in its place.
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
@@ -139,7 +139,7 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     acts_on: ClassVar[tuple[str, ...]]
     degenerate_with: ClassVar[tuple[str, ...]] = ()
-    imitates: ClassVar[tuple[str, ...]] = ()
+    degenerate_limit: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     varies_over_field: ClassVar[bool] = False
@@ -149,7 +149,7 @@ class Effect:
 
     # --- hooks ------------------------------------------------------------------------------------------------------
 
-    def bench(self, system: System, v: Values) -> System:
+    def actual_system(self, system: System, v: Values) -> System:
         """The system as it really is. May raise UserError when such a system can't be."""
         return system
 

@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.turns import inverse_turn, nearest_turn, turn_matrix, turned_shape, undone
+from holoview.captures.orientations import (
+    inverse_orientation,
+    nearest_orientation,
+    orientation_matrix,
+    oriented_shape,
+    undone,
+)
 from holoview.rig.align.dots import DotPicture, brightest_dot, dot_bias, find_dots
 from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
 from holoview.rig.align.probes import (
@@ -51,7 +57,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """Where everything is. Turns are those of `captures.turns`, against what modulator 1 displays.
+    """Where everything is. Turns are those of `captures.orientations`, against what modulator 1 displays.
 
     slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
     the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
@@ -142,7 +148,7 @@ class _Alignment:
     @property
     def _picture_shape(self) -> tuple[int, int]:
         """Of the picture turned back."""
-        return turned_shape(self._raw_shape, inverse_turn(self._pictures.camera_turn))
+        return oriented_shape(self._raw_shape, inverse_orientation(self._pictures.camera_turn))
 
     def _rough_values(self, setting: float) -> Floats:
         """Finds the turns; returns the first values of a fit."""
@@ -352,9 +358,9 @@ def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
     assert best is not None
     misfit, solution = best
     matrix = solution[:2].T
-    turn, extent = nearest_turn(matrix), float(np.ptp(seen_px, axis=0).max())
-    scale = float((turn_matrix(turn) * matrix).sum()) / 2
-    skew = float(np.abs(matrix - scale * turn_matrix(turn)).max())
+    turn, extent = nearest_orientation(matrix), float(np.ptp(seen_px, axis=0).max())
+    scale = float((orientation_matrix(turn) * matrix).sum()) / 2
+    skew = float(np.abs(matrix - scale * orientation_matrix(turn)).max())
     if scale <= 0 or misfit > _LARGEST_MISFIT * extent or skew > 2 * _LARGEST_MISFIT * scale:
         raise DeviceError(
             "camera",
@@ -367,8 +373,8 @@ def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
 def rectified_centre(centre_px: Floats, raw_shape: Sequence[int], camera_turn: str) -> Floats:
     """A place (y, x) on the raw picture as one on the picture turned back."""
     middle = (np.array(raw_shape) - 1) / 2
-    turned_back = turn_matrix(camera_turn).T @ (centre_px - middle)
-    shape = np.abs(turn_matrix(camera_turn).T) @ np.array(raw_shape)
+    turned_back = orientation_matrix(camera_turn).T @ (centre_px - middle)
+    shape = np.abs(orientation_matrix(camera_turn).T) @ np.array(raw_shape)
     return np.asarray(turned_back + (shape - 1) / 2)
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.dataset import Captures
+from holoview.captures.orientations import turned
 from holoview.captures.predictor import Predictor
-from holoview.captures.turns import turned
 from holoview.rig.align.geometry import NAMES, BenchFacts, Dots, predicted_px, rotation_matrix
 from holoview.rig.align.probes import Probes
 from holoview.rig.description import RigDescription

@@ -10,7 +10,7 @@ import numpy as np
 from holoview.captures.dataset import join_captures
 from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.captures.records import RecordFindings, find_record_errors
-from holoview.captures.records.orientation import TURN_WORDS
+from holoview.captures.records.corrections import ORIENTATION_WORDS
 from holoview.rig.align.alignment import FoundGeometry
 from holoview.rig.align.geometry import Geometry
 from holoview.rig.description import RigDescription
@@ -129,7 +129,7 @@ def sentences(placement: Placement) -> list[str]:
 
 
 def _turned(turn: str) -> str:
-    return TURN_WORDS.get(turn, "the right way up")
+    return ORIENTATION_WORDS.get(turn, "the right way up")
 
 
 def _pm(placement: Placement, name: str, unit: str) -> str:

@@ -29,7 +29,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, call_device
 from holoview.rig.kinds.checks import (
@@ -46,7 +46,7 @@ from holoview.rig.kinds.checks import (
     texts,
 )
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _COMMON: dict[str, Parse] = {"config": text, "adapters": text, "timeout": Number(low=0.0, high=1e4).parse}
 _CAMERA: dict[str, Parse] = {**_COMMON, "label": text}

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, Levels, call_device
 from holoview.rig.kinds.checks import (

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from holoview.io.plm import CELL_MAPS, memory_cells
-from holoview.model.field_types import Choice, Number, Truth
+from holoview.io.pictures import CELL_MAPS, memory_cells
+from holoview.model.fields import Choice, Number, Truth
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, Levels, call_device
 from holoview.rig.kinds.checks import (
@@ -43,7 +43,7 @@ from holoview.rig.kinds.checks import (
     text,
 )
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _REMEDY = "see that it is on and connected, and that no other program uses it"
 _COMMON: dict[str, Parse] = {"class": text, "arguments": table}

@@ -28,14 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import BLUR_SIGMAS_PX
-from holoview.model.field_types import Array, FieldType, Integer, Number
+from holoview.model.fields import Array, FieldType, Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Levels
 from holoview.rig.measure.camera_pictures import DARK_PICTURES
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_schema import NumberSchema
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.memory_limit import format_size, require_memory
 from holoview.util.tables import parse_toml, read_table
 from holoview.util.units import format_duration

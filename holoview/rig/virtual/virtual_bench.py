@@ -24,7 +24,7 @@ rig.toml:
     repeated = 0.01               # the picture before, again: a trigger was dropped
     disconnect = 0.001            # of all messages: the connection is cut
     power_off = 0.001             # of all messages: everything goes dark at once
-    [placement]                   # how modulators and camera are turned: one of `captures.turns`
+    [placement]                   # how modulators and camera are turned: one of `captures.orientations`
     slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
@@ -44,8 +44,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.orientations import ORIENTATIONS, inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
-from holoview.captures.turns import TURNS, inverse_turn, turned, turned_shape
 from holoview.captures.virtual_measurement import Nuisances, jittered_effects, read_out
 from holoview.model.effects.effect_table import EffectTable
 from holoview.model.field_types import Integer, Number
@@ -73,8 +73,8 @@ class PlacementTable:
             raise UserError(where, f"{value!r}", expected='a table such as [placement] camera = "flip_x"')
         check_keys(value, _TURNED, f"{where}.", noun="device")
         for key, turn in value.items():
-            if turn not in TURNS:
-                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), TURNS))
+            if turn not in ORIENTATIONS:
+                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), ORIENTATIONS))
         return {key: str(turn) for key, turn in value.items()}
 
 
@@ -170,7 +170,7 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
     values = read_table(table, _KEYS, f"{where}.")
     turns = values.get("placement", {})
     slm_turns = tuple(turns.get(f"slm{n}", "none") for n in range(1, len(rig.bench.slms) + 1))
-    if len({turned_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
+    if len({oriented_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
         expected = "turns that leave both modulators the same shape"
         raise UserError(f"{where}.placement", f"{slm_turns[0]} and {slm_turns[1]}", expected=expected)
     return VirtualSettings(
@@ -247,7 +247,7 @@ class VirtualBench:
         lasers = rig.wavelengths_m
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
         self._scale: dict[float, float] = {}
-        self._picture_shape = turned_shape(rig.camera_shape, inverse_turn(settings.camera_turn))
+        self._picture_shape = oriented_shape(rig.camera_shape, inverse_orientation(settings.camera_turn))
         dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
         self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
         self.time_s, self.exposure_s = 0.0, max(rig.limits.exposures_s[0], 1e-3)

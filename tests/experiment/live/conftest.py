@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from tests.session.conftest import small_system
 
+from holoview.document.editing_session import EditingSession
 from holoview.experiment.live.bench_state import random_pattern
 from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.rig_bench import rig_system
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
-from holoview.session.editing_session import EditingSession
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
-from tests.session.conftest import small_system
 
 LASER_M = 638e-9
 

@@ -10,8 +10,8 @@ import pytest
 
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.search_end import NEVER
-from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.search_context import NEVER
 from holoview.experiment.next_capture.capture_choice import (
     BenchTime,
     CaptureChooser,

@@ -11,20 +11,22 @@ import holoview as hv
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.passband import band_limit
-from holoview.model.sampled_distance import frequencies_left
-from holoview.model.validity.checks import LIGHT_LEFT, STOPS_RESOLVED, check_plan
-from holoview.model.validity.limit import Limit
-from holoview.model.validity.sampling_limits import (
+from holoview.model.transfer import frequencies_left
+from holoview.model.validity import (
     BAND_LEFT,
     BAND_LIMIT,
+    LIGHT_LEFT,
     OBLIQUE_LIGHT,
     SAMPLES_A_PIXEL,
     SINGLE_PRECISION,
     STOPS,
+    STOPS_RESOLVED,
     WRAP_AROUND,
+    Limit,
+    check_plan,
     envelope_excess,
 )
-from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.frame_inputs import FrameInputs
 
 _GREEN = {"wavelengths": ["550 nm"], "amplitudes": [[1.0]], "observer": "mono"}
 
@@ -46,7 +48,7 @@ def _is_kept(limit: Limit, system: hv.System) -> bool:
 def _intensity(system: hv.System) -> np.ndarray:
     """The intensity of random patterns, whatever the limits say."""
     plan = hv.make_plan(system)
-    executor = TorchExecutor(plan, make_frame_inputs(plan, hv.random_drive(system, 1)), double=True)
+    executor = TorchExecutor(plan, FrameInputs(plan, hv.random_drive(system, 1)), double=True)
     return np.asarray(compute_focal_stack(executor)[0][0, 0])
 
 

@@ -1,0 +1,125 @@
+"""Known effects that were measured: their errors are fitted before causes are searched, within their uncertainties.
+
+An alignment finds planes to a few µm; captures show a tenth of that. Left alone, such errors look like causes.
+Fitted to the nominal bench they go wrong where there is a fault. So they are fitted beside the nominal bench and beside
+each of the best single causes, with the uncertainties as a Gaussian prior; what predicts held-out captures best counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from holoview.diagnose.config import KnownConfig
+from holoview.diagnose.fit import (
+    CandidateFit,
+    FittedValues,
+    FreeParameters,
+    free_parameters_of,
+    has_list,
+    residual_function,
+)
+from holoview.diagnose.formatting import format_number
+from holoview.diagnose.judge import NOMINAL_FIT, first_per_cause_set, rank_on_held_out
+from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.screening import screen_effects, without_costly_fits
+from holoview.diagnose.search_context import SearchContext, SearchEnded
+from holoview.numerics.minimise import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
+from holoview.util.progress import ProgressCallback
+
+Uncertainties = Mapping[str, Mapping[str, float]]
+"""{effect id: {parameter: standard deviation}}, SI units."""
+
+
+def known_corrections(
+    context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback
+) -> FittedValues | None:
+    """What known effects are to be corrected by, {effect: {parameter: value}}; empty where nothing asks for it.
+
+    context: with the known effects in its nominal bench. None where the context's time ended before.
+    """
+    placed = {name: own for name, own in uncertain.items() if name in context.effects}
+    end, context.predictor.end = context.predictor.end, context.end
+    try:
+        if not placed or rank_on_held_out(context, []).best.chi2_per_pixel < context.config.verdict.jitter_chi2:
+            return {}
+        bases = [NOMINAL_FIT, *_single_causes(context, placed, progress)]
+        fits = context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
+        best = rank_on_held_out(context, fits).best.fit
+    except SearchEnded:
+        return None
+    finally:
+        context.predictor.end = end
+    return {
+        name: own
+        for name, own in best.values.items()
+        if name in placed and is_within(own, placed[name], context.config.known.max_deviations)
+    }
+
+
+def correction_notes(
+    corrections: FittedValues | None, uncertain: Uncertainties, config: KnownConfig
+) -> tuple[str, ...]:
+    """A sentence on the corrections, if there are any, with the largest ones in standard deviations."""
+    if corrections is None:
+        return ("Known effects stayed as they were measured: the time for their correction was over; give it more.",)
+    deviations = {
+        (name, parameter): abs(value) / uncertain[name][parameter]
+        for name, own in corrections.items()
+        for parameter, value in own.items()
+    }
+    if not deviations:
+        return ()
+    largest = sorted(deviations, key=lambda one: -deviations[one])[: config.listed]
+    texts = [f"{name}.{p} by {format_number(name, p, corrections[name][p])}" for name, p in largest]
+    return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}, others by less.",)
+
+
+def _single_causes(context: SearchContext, placed: Uncertainties, progress: ProgressCallback) -> list[CandidateFit]:
+    """The best single causes at a first look, but for those that are the physics of an uncertain effect."""
+    alike = {other for name in placed for other in (name, *context.equivalents.get(name, ()))}
+    effects = [e for e in context.effects.values() if not (e.id in alike or changes_only_power(e) or has_list(e))]
+    first_look = next(iter(screen_effects(context, {}, effects, progress, "known effects")))
+    fits = first_per_cause_set(sorted((fit for batch in first_look for fit in batch), key=lambda f: f.cost))
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    config = context.config.known
+    cheap = without_costly_fits(context, fits, unbiased)[: config.bases]
+    return [fit for fit in cheap if fit.cost < config.as_good_cost * cheap[0].cost]
+
+
+def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertainties) -> CandidateFit:
+    """A cause and the errors of known effects, fitted together: tolerant of what both leave, then not."""
+    config, indices, values = context.config.fits, context.split.fine, dict(base.values)
+    causes = (*base.causes, *placed)
+    error = context.relative_model_error(values)
+    listed = free_parameters_of([context.effects[name] for name in causes], values).entries
+    free = FreeParameters(tuple((e, p) for e, p in listed if e not in placed or p.name in placed[e]))
+    bounds, cost = free.bounds(config.steps), base.cost
+    for is_tolerant in (True, False) if error > config.tolerant_min_error else (False,):
+        comparison = (
+            context.half_tolerant_comparison(indices, error)
+            if is_tolerant
+            else context.model_weighted_comparison(indices, values)
+        )
+        function = _with_prior(residual_function(free, values, comparison), free, placed)
+        iterations, tolerance = config.final_iterations, config.final_tolerance
+        minimum = levenberg_marquardt(function, free.pack(values), bounds, iterations=iterations, tolerance=tolerance)
+        values, cost = free.unpack(minimum.x, values), minimum.cost
+    return CandidateFit(causes, values, cost)
+
+
+def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncertainties) -> ResidualFunction:
+    """The residuals, and behind them the errors of known effects over their standard deviations."""
+    prior = np.array([placed[e][p.name] / p.prior if e in placed else np.inf for e, p in free.entries])
+
+    def extended(x: Vector) -> ResidualVector:
+        return np.concatenate([function(x).ravel(), ((x - free.identity) / prior).astype(np.float32)])
+
+    return extended
+
+
+def is_within(values: Mapping[str, float], sigmas: Mapping[str, float], deviations: float) -> bool:
+    """Whether all values are within so many standard deviations of zero; one without a deviation only where it is 0."""
+    return all(abs(value) <= deviations * sigmas.get(name, 0.0) for name, value in values.items())

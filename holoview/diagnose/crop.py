@@ -1,0 +1,177 @@
+"""Large pictures: their middle is searched; whole pictures polish and judge what was found there.
+
+A field of 1024 × 768 modulator pixels takes a hundred times as long as one of 128 × 96, and a search needs thousands.
+But most effects act everywhere alike. So the session is cut to its middle and searched. What was found is fitted once
+more to whole pictures, which then rank and judge it. Only effects that show more towards the edges
+(`Effect.varies_over_field`) are searched in whole pictures.
+
+In the near field modulators and pictures are cut, with as much margin as light walks off sideways. Hard edges of stops
+spread a little light further; what of it reaches the middle from beyond is measured with the nominal bench and counts
+as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; displaced ones are cut less.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.dataset import Captures
+from holoview.captures.patterns import pattern_roughness
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.records.central_region import central_region, central_slices, speckle_px
+from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.config import RegionConfig
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
+from holoview.diagnose.starts.picture import measure_displacement
+from holoview.util.errors import UserError
+
+
+def middle_of_context(context: SearchContext) -> SearchContext | None:
+    """What a search of the middle of the pictures works with; None where it would save little."""
+    captures, config, budget = context.data.captures, context.config.region, context.config.budget
+    cut = middle_of(captures, config)
+    if saving(captures, cut) < config.min_saving:
+        return None
+    if captures.is_fourier and (further := _displaced_speckles(context, cut)):
+        cut = middle_of(captures, config, further)
+        if saving(captures, cut) < config.min_saving:
+            return None
+    data, fields = prepare_captures(cut), math.inf
+    if math.isfinite(context.field_budget):
+        fields = budget.fields_for(field_samples(cut)) * budget.time_for(field_samples(captures)) / budget.time_s
+    return replace(
+        context,
+        data=data,
+        system=cut.nominal_system(),
+        field_budget=fields,
+        split=split_captures(cut, pattern_roughness(cut), context.config.split, context.left_out),
+        predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
+        variances=NeighbourVariances(data),
+        end=context.end.after_share(config.max_time_share),
+    )
+
+
+def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
+    """By how many speckles far fields lie beside their prediction; 0 where the middle holds most of them still."""
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    predicted = np.asarray(comparison.predictor(comparison.indices, {}).signal)
+    light = np.where(comparison.weight > 0, comparison.light, np.float32(0.0))
+    moved = np.abs(measure_displacement(light, predicted))
+    if (moved <= context.config.region.max_displacement * np.array(cut.shape)).all():
+        return 0
+    return math.ceil((moved / speckle_px(context.data.captures)).max())
+
+
+def measure_missing_light(context: SearchContext, middle: SearchContext) -> NDArray[np.float64]:
+    """The middle's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
+
+    A few captures that a search looks at, from smooth to rough, are predicted whole and cut; the others take the error
+    of the next rougher one.
+    """
+    if context.data.captures.is_fourier:
+        return np.zeros(len(context.data.captures))
+    used, roughness = np.array(sorted(middle.split.used)), pattern_roughness(context.data.captures)
+    used = used[np.argsort(-roughness[used], kind="stable")]
+    few = np.linspace(0, len(used) - 1, min(len(used), context.config.region.cut_captures)).round().astype(int)
+    known = used[few]
+    jobs = [partial(_error_of, context, middle, np.array([k])) for k in known]
+    errors = np.array(context.run_parallel(jobs))
+    order = np.argsort(roughness[known], kind="stable")
+    place = np.minimum(np.searchsorted(roughness[known][order], roughness), len(known) - 1)
+    found = np.asarray(errors[order][place], dtype=np.float64)
+    found[known] = errors
+    return found
+
+
+def _error_of(context: SearchContext, middle: SearchContext, index: NDArray[np.intp]) -> float:
+    whole, cut = (np.asarray(c.predictor(index, {}).signal)[0] for c in (context, middle))
+    seen = whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))]
+    scaled = cut * (np.vdot(cut, seen) / np.vdot(cut, cut))
+    return float(np.sqrt(np.square(seen - scaled).mean()) / seen.mean())
+
+
+def describe_middle(middle: SearchContext) -> str:
+    """A sentence on where causes were searched, without its end."""
+    captures = middle.data.captures
+    of, shape = ("camera", captures.shape) if captures.is_fourier else ("modulator", captures.levels.shape[2:])
+    return f"Causes were searched in the middle of the pictures, {shape[1]} × {shape[0]} {of} pixels"
+
+
+def middle_of(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
+    """The middle of a session, whatever it saves.
+
+    In the near field some pixels of the modulators across, with a margin for light that walks off. On a Fourier bench
+    some speckles across, fewer the more captures there are, and `further_speckles` on either side.
+    """
+    if not captures.is_fourier:
+        return central_region(captures, config.side_px, config.further_px)
+    enough = math.ceil(math.sqrt(config.all_speckles / len(captures)))
+    side = min(config.side_px, max(config.min_side_speckles, enough))
+    return central_region(captures, side, further_speckles)
+
+
+def saving(whole: Captures, cut: Captures) -> float:
+    """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
+    parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
+    return parts[0].size / parts[1].size
+
+
+_STEP = 0.95  # between two sizes that are tried
+_COMPLEX64 = 8  # bytes
+
+
+def within_limits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> tuple[Captures, list[str]]:
+    """The session, or its middle if whole pictures are beyond the limits of `config`; with a note on what was cut.
+
+    Raises UserError, with the numbers, where even the smallest middle that a search works with is too large.
+    """
+    cut, side_px = captures, float(max(captures.levels.shape[2:]))
+    if captures.is_fourier:
+        side_px = max(n / px for n, px in zip(captures.shape, speckle_px(captures), strict=True))
+    while not _fits(cut, sampling, config):
+        side_px *= _STEP
+        if side_px < config.side_px:
+            raise _too_large(cut, sampling, config)
+        cut = central_region(captures, math.floor(side_px))
+    if cut is captures:
+        return captures, []
+    shapes = "{1} × {0} of {3} × {2} camera pixels".format(*cut.shape, *captures.shape)
+    gigabytes = grid_samples(captures, sampling) * _COMPLEX64 / 1e9
+    pixels = math.prod(captures.shape) / 1e6
+    note = (
+        f"Only the middle of the pictures was diagnosed, {shapes}: whole ones have {pixels:.3g} million pixels, and a "
+        f"light field takes {gigabytes:.2g} GB of memory; up to {config.max_picture_pixels / 1e6:.3g} million and "
+        f"{config.max_grid_samples * _COMPLEX64 / 1e9:.2g} GB are taken whole."
+    )
+    return replace(cut, images=cut.images.copy()), [note]
+
+
+def grid_samples(captures: Captures, sampling: SamplingConfig) -> int:
+    """Samples of the largest grid on which light fields are computed."""
+    rows, columns = captures.levels.shape[2:]
+    if captures.is_fourier:
+        seen_rows, seen_columns = captures.shape
+        return max(columns * (rows + seen_rows), seen_rows * (columns + seen_columns))
+    return rows * columns * (captures.upsample * sampling.finer * sampling.padding) ** 2
+
+
+def _fits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> bool:
+    is_small = math.prod(captures.shape) <= config.max_picture_pixels
+    return is_small and grid_samples(captures, sampling) <= config.max_grid_samples
+
+
+def _too_large(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> UserError:
+    rows, columns = captures.levels.shape[2:]
+    needed, most = (n * _COMPLEX64 / 1e9 for n in (grid_samples(captures, sampling), config.max_grid_samples))
+    return UserError(
+        "captures",
+        f"a light field takes {needed:.2g} GB of memory, even with {columns} x {rows} pixels of each modulator, of "
+        "which light walks off to the camera's middle",
+        expected=f"at most {most:.2g} GB",
+        remedy="bin the camera's pixels, or take planes nearer to the modulators",
+    )

@@ -1,0 +1,229 @@
+"""How candidates are accepted: ranked on captures that no fit has used, and the verdict on the best of them.
+
+All candidates are ranked with the same frozen weights. The share of the excess that is explained misleads: of a large
+error a blur often explains nine tenths. What separates the true cause from others is how close it comes to the noise
+floor on held-out captures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TypeVar
+
+import numpy as np
+
+from holoview.diagnose.config import SearchConfig, VerdictConfig
+from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf
+from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.search_context import SearchContext
+
+
+@dataclass(frozen=True)
+class HeldOutScore:
+    """A fit and its χ²/n on held-out captures.
+
+    tolerant_chi2: the same with weights that tolerate the present error of the model.
+    """
+
+    fit: CandidateFit
+    chi2_per_pixel: float
+    tolerant_chi2: float
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """The effects that are on."""
+        return self.fit.causes
+
+    @property
+    def excess(self) -> float:
+        """χ²/n beyond the noise floor."""
+        return self.chi2_per_pixel - 1.0
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found. nominal: the nominal bench. candidates: best first, all with the same frozen weights."""
+
+    nominal: HeldOutScore
+    candidates: tuple[HeldOutScore, ...]
+    comparison: Comparison
+    tolerant_comparison: Comparison
+
+    @property
+    def best(self) -> HeldOutScore:
+        """The best candidate; the nominal bench where there is none."""
+        return self.candidates[0] if self.candidates else self.nominal
+
+    @property
+    def pixel_count(self) -> float:
+        """Number of held-out pixels."""
+        return self.comparison.pixel_count
+
+
+NOMINAL_FIT = CandidateFit((), {}, float("inf"))
+
+HasCauses = TypeVar("HasCauses", CandidateFit, HeldOutScore)
+
+
+def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> SearchResult:
+    """All fits on the held-out captures, with weights frozen at the prediction of the best of them.
+
+    Weights from a wrong prediction favour similar errors. So while even the best fit is far off, the order is by
+    weights that tolerate its error.
+    """
+    indices, all_fits = context.split.held_out, [NOMINAL_FIT, *fits]
+    rough = context.data_weighted_comparison(indices, context.config.fits.max_tolerated_error)
+    first = min(all_fits, key=lambda f: cost_or_inf(rough, f.values))
+    tolerant = context.tolerant_comparison(indices, context.relative_model_error(first.values, indices))
+    first = min(all_fits, key=lambda f: cost_or_inf(tolerant, f.values))
+    comparison = context.model_weighted_comparison(indices, first.values)
+    scores = [score_on_held_out(f, comparison, tolerant) for f in fits]
+    near = min((s.chi2_per_pixel for s in scores), default=np.inf) < context.config.ranking.near_chi2
+    if near:
+        ordered = sorted(scores, key=lambda s: s.chi2_per_pixel)
+        ordered = _simpler_first(ordered, comparison.pixel_count, context.config)
+    else:
+        ordered = sorted(scores, key=lambda s: s.tolerant_chi2)
+    nominal = score_on_held_out(NOMINAL_FIT, comparison, tolerant)
+    result = SearchResult(nominal, tuple(first_per_cause_set(ordered)), comparison, tolerant)
+    context.best_so_far.note(result)
+    return result
+
+
+def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_comparison: Comparison) -> HeldOutScore:
+    """One fit, with weights that were frozen before."""
+    tolerant = cost_or_inf(tolerant_comparison, fit.values) / tolerant_comparison.pixel_count
+    return HeldOutScore(fit, comparison.chi2_per_pixel(fit.values), tolerant)
+
+
+def first_per_cause_set(items: Sequence[HasCauses]) -> list[HasCauses]:
+    """The first of each set of causes."""
+    seen: dict[frozenset[str], HasCauses] = {}
+    for item in items:
+        seen.setdefault(frozenset(item.causes), item)
+    return list(seen.values())
+
+
+def _simpler_first(scores: Sequence[HeldOutScore], pixels: float, config: SearchConfig) -> list[HeldOutScore]:
+    """Scores sorted by χ²/n; among those that tie with the best, fewer causes and parameters come first.
+
+    Ties are within a share of the excess, an excess, and the Δχ² that a cause must gain.
+    """
+    if not scores:
+        return []
+    best, ties = scores[0], config.ranking
+    excess = max(best.excess, 0.0)
+    tolerance = ties.tie_excess_share * excess
+    limit = best.chi2_per_pixel + tolerance + min(ties.tie_excess, ties.tie_near_share * excess)
+    limit += config.verdict.min_delta_chi2 / pixels
+    leaders = [s for s in scores if s.chi2_per_pixel <= limit]
+    rest = [s for s in scores if s.chi2_per_pixel > limit]
+    return sorted(leaders, key=lambda s: (len(s.causes), s.fit.parameter_count, s.chi2_per_pixel)) + rest
+
+
+Equivalents = Mapping[str, frozenset[str]]
+
+
+class Verdict(StrEnum):
+    """What can be said."""
+
+    CONSISTENT = "consistent"
+    EXPLAINED = "explained"
+    PARTLY = "partly-explained"
+    AMBIGUOUS = "ambiguous"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict, the candidate that it rests on (None: no cause is named), and rivals that can't be excluded."""
+
+    verdict: Verdict
+    best: HeldOutScore | None
+    rivals: tuple[HeldOutScore, ...] = ()
+
+    @property
+    def values(self) -> FittedValues:
+        """The effects of the candidate; none where no cause is named."""
+        return self.best.fit.values if self.best else {}
+
+
+def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig) -> Decision:
+    """The verdict on a search. equivalents: for each effect those that are the same physics."""
+    nominal, best, n = result.nominal, result.best, result.pixel_count
+    excess = nominal.excess
+    gain = (nominal.chi2_per_pixel - best.chi2_per_pixel) * n
+    share = _share_explained(nominal, best)
+    if not (result.candidates and gain > config.min_delta_chi2 and share >= config.min_explained_share):
+        is_consistent = excess < jitter_excess(n, config)
+        return Decision(Verdict.CONSISTENT if is_consistent else Verdict.UNEXPLAINED, None)
+    if best.excess > explained_excess(excess, n, config):
+        return Decision(Verdict.PARTLY, best)
+    rivals = _rivals_of(best, result, equivalents, config)
+    return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
+
+
+def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: float) -> Decision:
+    """The decision where a share of the captures is bad: beyond `max_share`, no bench is cleared or explained."""
+    if bad_share <= max_share:
+        return decision
+    lower = {
+        Verdict.CONSISTENT: Verdict.UNEXPLAINED,
+        Verdict.EXPLAINED: Verdict.PARTLY,
+        Verdict.AMBIGUOUS: Verdict.PARTLY,
+    }
+    return replace(decision, verdict=lower.get(decision.verdict, decision.verdict))
+
+
+def with_further_cause(verdict: Verdict) -> Verdict:
+    """The verdict once a cause is named as well that the search for effects doesn't know."""
+    return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)
+
+
+def chance_excess(pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
+    return float(config.chance_sigmas * (2.0 / pixels) ** 0.5)
+
+
+def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that causes may leave and count as an explanation."""
+    max_excess = min(config.explained_excess, config.explained_max_share * nominal_excess)
+    return max(chance_excess(pixels, config), max_excess)
+
+
+def jitter_excess(pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance, which don't depend on each other, leave."""
+    return math.hypot(config.jitter_excess, chance_excess(pixels, config))
+
+
+def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:
+    """Share of the excess that is gone, 0 … 1."""
+    if nominal.excess <= 0:
+        return 0.0
+    return min(1.0, max(0.0, (nominal.chi2_per_pixel - best.chi2_per_pixel) / nominal.excess))
+
+
+def _rivals_of(
+    best: HeldOutScore, result: SearchResult, equivalents: Equivalents, config: VerdictConfig
+) -> tuple[HeldOutScore, ...]:
+    """Other causes, not more numerous, that come about as close to the floor as the best.
+
+    A candidate that contains all of the best's causes, or the same physics under another name, isn't a rival.
+    """
+    accuracy = min(config.rival_excess, config.rival_excess_share * result.nominal.excess)
+    limit = config.rival_factor * max(best.excess, max(config.min_delta_chi2 / result.pixel_count, accuracy))
+    return tuple(
+        c
+        for c in result.candidates
+        if len(c.causes) <= len(best.causes)
+        and c.excess < limit
+        and not _are_equivalent(c.causes, best.causes, equivalents)
+    )
+
+
+def _are_equivalent(a: Sequence[str], b: Sequence[str], equivalents: Equivalents) -> bool:
+    """Whether each cause in `a` is one of `b` or the same physics as one of them."""
+    return all(any(x == y or y in equivalents.get(x, ()) or x in equivalents.get(y, ()) for y in b) for x in a)

@@ -1,0 +1,136 @@
+"""A search among the good captures: what stands out is left out, and every capture is judged by the final model.
+
+A capture that isn't what its record says must neither be fitted nor judge others, and every capture must be judged. So
+captures that stand out far are left out of the search; its result judges all of them; and where it finds that bad ones
+were used, the search is repeated without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+from holoview.diagnose.bad_captures import BadCapture, bad_share
+from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
+from holoview.diagnose.capture_reasons import explain_suspects
+from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
+from holoview.diagnose.nuisances import drop_sampling_artefacts, excuse_laser_drift
+from holoview.diagnose.search import InitialCandidates, find_causes, refine_candidates
+from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, SearchEnded
+from holoview.util.progress import ProgressCallback
+
+
+@dataclass(frozen=True)
+class SearchOutcome:
+    """What a search found, the decision on it, notes, and the captures that are bad.
+
+    context: as it ended. was_ended: whether it was ended before it was done, by its time or by somebody. middle: of
+    large pictures, in which causes were searched before whole ones were looked at.
+    """
+
+    context: SearchContext
+    result: SearchResult
+    decision: Decision
+    notes: list[str]
+    bad_captures: tuple[BadCapture, ...] = ()
+    was_ended: bool = False
+    middle: SearchContext | None = None
+
+    @property
+    def searched(self) -> SearchContext:
+        """In what causes were searched; what needs no full size is computed there."""
+        return self.middle or self.context
+
+
+def doubtful_captures(context: SearchContext, progress: ProgressCallback) -> Collection[int]:
+    """The captures that stand out far under the nominal bench, beside those that are useless whatever the model."""
+    progress(0, 1, "every capture")
+    return find_suspects(context, {}, context.left_out, is_final=False).indices
+
+
+def search_once(
+    context: SearchContext,
+    left_out: Collection[int],
+    progress: ProgressCallback,
+    initial: InitialCandidates | None = None,
+) -> SearchOutcome:
+    """One search without some captures, and the decision on it. The end of its time ends nothing but the search itself.
+
+    initial: what the middle of these pictures suggests; then this is refined, and nothing else is searched.
+    """
+    context.best_so_far.clear()
+    context = replace(context, field_budget=context.predictor.fields_requested + context.field_budget)
+    context = leave_out(context, {*context.left_out, *left_out})
+    end, context.predictor.end = context.end, context.end
+    was_ended = False
+    result: SearchResult | None
+    try:
+        if initial is None:
+            context, result = find_causes(context, progress)
+        else:
+            result = refine_candidates(context, initial, progress)
+    except SearchEnded:
+        context.workers.close(kill=True)
+        result, was_ended = context.best_so_far.result, True
+    is_out_of_budget = context.budget_exhausted
+    context = replace(context, end=NEVER)
+    context.predictor.end = NEVER
+    result = result or rank_on_held_out(context, initial.fits if initial else ())
+    decision = decide(result, context.equivalents, context.config.verdict)
+    decision, notes = excuse_laser_drift(context, result, decision)
+    if initial is None:
+        decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
+        notes = [*notes, *sampling_notes]
+    notes = [*notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
+    return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
+
+
+def judge_captures(
+    context: SearchContext,
+    found: SearchOutcome,
+    search: Callable[[Collection[int]], SearchOutcome],
+    useless: Sequence[BadCapture],
+    count: int,
+    progress: ProgressCallback,
+) -> SearchOutcome:
+    """The outcome of a search that used no bad captures, and what is wrong with these.
+
+    context: of the search. found: what it has found. search: repeats it without some captures. useless: those that are
+    bad whatever the model. count: of all captures.
+    """
+    for searches_left in reversed(range(context.config.judgement.rounds)):
+        progress(0, 1, "every capture")
+        suspects = judge_by_search(found.context, found.decision.values, found.result, context.left_out)
+        if found.was_ended or found.context.split.used.isdisjoint(suspects.indices) or not searches_left:
+            break
+        found = search(suspects.indices)
+    explained = explain_suspects(found.context, suspects)
+    left_out = tuple(sorted({*found.context.left_out, *suspects.indices}))
+    found = replace(found, context=replace(found.context, left_out=left_out))
+    return _with_bad_captures(found, tuple(sorted([*useless, *explained], key=lambda bad: bad.index)), count)
+
+
+def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
+    """The outcome with the bad ones of `count` captures, and with the verdict and the notes that they allow."""
+    share, max_share = bad_share(bad, count), outcome.context.config.judgement.bad_share
+    notes = list(outcome.notes)
+    if bad:
+        notes.append(f"The verdict speaks of {count - len(bad)} of {count} captures; the others are bad.")
+    if share > max_share:
+        notes.append(f"{share:.0%} of the captures are bad: the others can neither clear nor explain the bench.")
+    decision = limited_by_bad_captures(outcome.decision, share, max_share)
+    return replace(outcome, decision=decision, notes=notes, bad_captures=bad)
+
+
+def _end_notes(end: SearchEnd, decision: Decision, was_ended: bool, is_out_of_budget: bool) -> list[str]:
+    """A note where a search that found no full explanation was ended."""
+    if was_ended and end.was_asked:
+        return ["The search was interrupted; this is the best that it had found."]
+    if not (was_ended or is_out_of_budget) or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
+        return []
+    if was_ended:
+        return [
+            f"The search was ended after {end.time_s:.0f} s with causes left to try; give it more time (--time 10min), "
+            "or all that it needs (--thorough)."
+        ]
+    return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]

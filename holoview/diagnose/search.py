@@ -1,0 +1,336 @@
+"""Forward selection: the cause, or the causes together, that predict held-out captures best.
+
+Every effect is screened on the smoothest captures; the best few are refined on more of them, first with weights that
+tolerate errors of the model, then with those of the noise; all are ranked on captures that no fit has used, with frozen
+weights. While much stays unexplained, each of the best is taken as a base and every effect is tried on top of it; a
+cause that the others make superfluous is dropped again. Once the budget of fields is spent, nothing further is begun.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from holoview.diagnose.fit import CandidateFit, cost_or_inf, local_fit
+from holoview.diagnose.judge import (
+    HeldOutScore,
+    SearchResult,
+    Verdict,
+    decide,
+    first_per_cause_set,
+    jitter_excess,
+    rank_on_held_out,
+    score_on_held_out,
+)
+from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.refine import (
+    RefinementQueue,
+    explains_everything,
+    fit_to_the_end,
+    free_fine_parameters,
+    is_at_floor,
+    is_settled,
+    prefer_fewer_numbers,
+    refine_fit,
+    refine_leaders_along_axes,
+)
+from holoview.diagnose.screening import is_costly, is_costly_effect, screen_effects, without_costly_fits
+from holoview.diagnose.search_context import SearchContext
+from holoview.model.effects.effect import Effect
+from holoview.util.progress import ProgressCallback
+
+
+@dataclass(frozen=True)
+class InitialCandidates:
+    """What the middle of the pictures suggests for whole ones.
+
+    fits: the best first, then its rivals. explains: whether the middle needs no further cause.
+    """
+
+    fits: tuple[CandidateFit, ...]
+    explains: bool
+
+
+def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
+    """The context with the nuisances found, and the candidates ranked with them.
+
+    No search is begun where movements of the camera alone explain the captures.
+    """
+    context = detect_nuisances(context, {})
+    nothing = rank_on_held_out(context, [])
+    if context.has_camera_jitter and _is_consistent(context, nothing):
+        return context, nothing
+    result = select_causes(context, _visible_effects(context), progress)
+    result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
+    settled = detect_nuisances(context, result.best.fit.values)
+    if settled is context:
+        return context, result
+    config = context.config.selection
+    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
+    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
+    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
+
+
+def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
+    """What the middle of large pictures suggests, fitted to whole ones; beside it, what varies over the field."""
+    nothing = rank_on_held_out(context, [])
+    if context.has_camera_jitter and _is_consistent(context, nothing):
+        return nothing
+    varying = [e for e in _visible_effects(context) if e.varies_over_field and initial.explains]
+    progress(0, 1, "whole pictures")
+    result = rank_on_held_out(context, initial.fits)
+    if initial.fits:
+        refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
+        result = rank_on_held_out(context, [*refined, *initial.fits])
+    elif varying and result.nominal.excess > jitter_excess(result.pixel_count, context.config.verdict):
+        result = _search_single_causes(context, varying, progress)
+    return prefer_fewer_numbers(context, _with_further_causes(context, result, varying, progress))
+
+
+def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
+    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
+    single = free_fine_parameters(context, _search_single_causes(context, effects, progress))
+    return _with_further_causes(context, single, effects, progress)
+
+
+def _visible_effects(context: SearchContext) -> list[Effect]:
+    """The effects that pictures show; laws of the lasers' power show in the gains alone."""
+    return [e for e in context.effects.values() if not changes_only_power(e)]
+
+
+def _is_consistent(context: SearchContext, result: SearchResult) -> bool:
+    """Whether the nominal bench, its lasers drifting perhaps, predicts the captures."""
+    decision, _ = excuse_laser_drift(context, result, decide(result, context.equivalents, context.config.verdict))
+    return decision.verdict is Verdict.CONSISTENT
+
+
+def _with_further_causes(
+    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """Causes added one by one, as long as these predict held-out captures better."""
+    for number in range(max(len(result.best.causes), 1) + 1, context.config.selection.max_causes + 1):
+        if _is_done(context, result):
+            break
+        wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
+        if not _is_better(context, wider, result):
+            break
+        result = free_fine_parameters(context, wider)
+    return result
+
+
+def _search_single_causes(
+    context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """Single causes; ends early when one explains everything, or two do of which one shows near the nominal bench."""
+    config = context.config.selection
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    near_cost = context.config.ranking.near_chi2 * unbiased.pixel_count
+    screened: list[CandidateFit] = []
+    queue, result = RefinementQueue(context), rank_on_held_out(context, [])
+    for number, stage in enumerate(screen_effects(context, {}, effects, progress, "one cause")):
+        for batch in stage:
+            screened = first_per_cause_set(sorted([*screened, *batch], key=lambda f: f.cost))
+            if not batch or cost_or_inf(unbiased, batch[0].values) > near_cost:
+                continue
+            as_good = [f for f in batch[: config.short_list] if f.cost < config.as_good_cost * batch[0].cost]
+            if queue.refine_new(as_good):
+                result = rank_on_held_out(context, queue.fits)
+            if explains_everything(context, result):
+                return result
+        queue.refine_new(_short_list(context, without_costly_fits(context, screened, unbiased)))
+        result = rank_on_held_out(context, queue.fits)
+        if number == 0 and not is_settled(context, result) and _is_promising(context, result):
+            result = _search_second_causes_early(context, result, effects, progress)
+            queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
+        else:
+            result = refine_leaders_along_axes(context, result)
+        if is_settled(context, result) or (len(result.best.causes) > 1 and is_at_floor(context, result)):
+            break
+    return result
+
+
+def _search_second_causes_early(
+    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """Second causes before ranges are scanned; before that the single ones are polished, and costly ones behind it.
+
+    To polish a costly cause that lacks another one takes a part of the budget, and gains nothing. One that has come
+    near the floor is polished like all others.
+    """
+    result = refine_leaders_along_axes(context, result, is_costly_far=False)
+    result = free_fine_parameters(context, result, is_costly_far=False)
+    if is_settled(context, result):
+        return result
+    result = _search_further_causes(context, result, 2, effects, progress)
+    is_over = is_at_floor(context, result) or context.budget_exhausted
+    return result if is_over else refine_leaders_along_axes(context, result)
+
+
+def _is_promising(context: SearchContext, result: SearchResult) -> bool:
+    """Whether a candidate explains much of the held-out captures, or of the smooth ones.
+
+    Where a second cause spoils the speckle of rough patterns, the first one alone gains nothing there.
+    """
+    share = context.config.selection.promising_share
+    if result.best.excess < share * result.nominal.excess:
+        return True
+    smooth = _smooth_comparison(context)
+    costs = [cost_or_inf(smooth, c.fit.values) for c in result.candidates]
+    return min(costs, default=math.inf) < share * cost_or_inf(smooth, {})
+
+
+def _smooth_comparison(context: SearchContext) -> Comparison:
+    """The coarse captures, tolerant of the nominal model's error."""
+    return context.tolerant_comparison(context.split.coarse, context.relative_model_error({}))
+
+
+def _search_further_causes(
+    context: SearchContext, result: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """The candidates, and those with one cause more than the best ones; ends early when one explains nearly all."""
+    fits = [c.fit for c in result.candidates]
+    bases, count = [c.fit for c in _bases(context, result, number - 1)], 0
+    while bases and not context.budget_exhausted and count <= context.config.selection.bases:
+        base, count = bases.pop(0), count + 1
+        compatible = [e for e in effects if _is_compatible(context, e, base)]
+        wider = _with_one_more_cause(context, base, compatible, progress, f"{number} causes")
+        fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
+        most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
+        result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
+        if explains_everything(context, result) or is_settled(context, result):
+            break
+        bases = _with_exchanged_base(base, result.best.fit) + bases
+    return result
+
+
+def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[CandidateFit]:
+    """What the best candidate adds to a base, as a base of its own: the base's cause may have stood for another one."""
+    if len(base.causes) != 1 or len(best.causes) != 2 or best.causes[0] != base.causes[0]:
+        return []
+    return [best.without(base.causes[0])]
+
+
+def _with_one_more_cause(
+    context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
+) -> list[CandidateFit]:
+    """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
+    config = context.config.selection
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
+    best = (
+        noise + config.worthwhile_cost * (base_cost - noise)
+        if base_cost > noise
+        else config.worthwhile_cost * base_cost
+    )
+    screened, joint = list[CandidateFit](), list[CandidateFit]()
+    for stage in screen_effects(context, base.values, effects, progress, note):
+        for batch in stage:
+            screened += batch
+            if batch and (cost := cost_or_inf(unbiased, batch[0].values)) < best:
+                best = cost
+                joint = _joint_fits(context, batch[:1])
+                if joint[0].cost < noise * _near_chi2(context, base_cost / noise):
+                    return joint
+        best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
+        promising = without_costly_fits(context, best_first, unbiased)[: config.joint_fits]
+        joint = _joint_fits(context, promising)[: config.refined_joint_fits]
+        enough = max(config.joint_no_scan_chi2 * noise, config.promising_share * base_cost)
+        settled = joint and joint[0].cost < enough
+        if context.budget_exhausted or settled:
+            break
+    return joint
+
+
+def _near_chi2(context: SearchContext, base_chi2: float) -> float:
+    """χ²/n of smooth captures below which a cause beside a base, whose own is given, leaves nearly nothing."""
+    config = context.config.selection
+    least = config.floor_chi2 - 1
+    return 1 + min(context.config.ranking.near_chi2 - 1, max(least, config.settled_share * (base_chi2 - 1)))
+
+
+def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+    """Joint fits of base and addition on the coarse captures, the best first."""
+    coarse, jobs = context.split.coarse, []
+    for fit in fits:
+        comparison = context.tolerant_comparison(coarse, context.relative_model_error(fit.values))
+        effects = [context.effects[name] for name in fit.causes]
+        jobs.append(partial(local_fit, effects, fit.values, comparison, context.config.fits))
+    unbiased = context.data_weighted_comparison(coarse, 0.0)
+    joint = context.run_parallel(jobs)
+    return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
+
+
+def _short_list(context: SearchContext, fits: list[CandidateFit]) -> list[CandidateFit]:
+    """The best of sorted fits, and a few that are close to the best."""
+    if not fits:
+        return []
+    config = context.config.selection
+    close = [f for f in fits[config.short_list :] if f.cost < config.close_cost * fits[0].cost]
+    return fits[: config.short_list] + close[: config.close_fits]
+
+
+def _is_done(context: SearchContext, result: SearchResult) -> bool:
+    return is_at_floor(context, result) or not result.candidates or context.budget_exhausted
+
+
+def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
+    """What to build on: the best candidates with so many causes.
+
+    Far from the floor they are ordered by the smooth captures: rough ones favour whatever loses contrast. Of the same
+    physics under two names, that of fewer numbers comes alone.
+    """
+    count = context.config.selection.bases if causes == 1 else 1
+    same = [c for c in result.candidates if len(c.causes) == causes and not _has_shorter_name(context, c, result)]
+    if result.best.chi2_per_pixel > context.config.ranking.near_chi2:
+        smooth = _smooth_comparison(context)
+        same.sort(key=lambda c: cost_or_inf(smooth, c.fit.values))
+    affordable = without_costly_fits(context, [c.fit for c in same], result.tolerant_comparison)
+    chosen = {id(f) for f in affordable}
+    return [c for c in same if id(c.fit) in chosen][:count] or [result.best]
+
+
+def _has_shorter_name(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
+    """Whether the same physics, in fewer numbers, explains about as much: fits on top of it are faster."""
+    limit = context.config.selection.as_good_cost * score.tolerant_chi2
+    return any(
+        other.fit.parameter_count < score.fit.parameter_count
+        and other.tolerant_chi2 < limit
+        and len(other.causes) == len(score.causes)
+        and all(name in score.causes or context.equivalents[name] & {*score.causes} for name in other.causes)
+        for other in result.candidates
+    )
+
+
+def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> bool:
+    before = score_on_held_out(old.best.fit, new.comparison, new.tolerant_comparison)
+    gained = (before.chi2_per_pixel - new.best.chi2_per_pixel) * new.pixel_count
+    max_excess = context.config.selection.max_further_excess_share * before.excess
+    return gained > context.config.verdict.min_delta_chi2 and new.best.excess < max_excess
+
+
+def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> SearchResult:
+    """With fits of the best candidate's causes but one, from its values, from which a fit may find what it missed.
+
+    Where a fit to smooth captures leaves much more than all causes together, it isn't refined: it can't come first.
+    """
+    best = result.best
+    if len(best.causes) < 2:
+        return result
+    fewer = _joint_fits(context, [best.fit.without(name) for name in best.causes])
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    limit = context.config.selection.superfluous_cost * max(
+        cost_or_inf(unbiased, best.fit.values), unbiased.pixel_count
+    )
+    refits = context.run_parallel([partial(refine_fit, context, fit) for fit in fewer if fit.cost < limit])
+    return rank_on_held_out(context, [*(c.fit for c in result.candidates), *refits]) if refits else result
+
+
+def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:
+    """Whether an effect is another cause than the base's, and doesn't multiply many fields by many."""
+    if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
+        return False
+    return not (is_costly(context, base) and is_costly_effect(context, effect))

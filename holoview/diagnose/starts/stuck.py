@@ -1,0 +1,432 @@
+"""Starting values where pixels of a modulator are stuck: the columns, rows and pixels, and the levels that they show.
+
+The places are found in rounds. What χ² would gain if a line or a pixel kept to a level (`replacement_gains`) is
+compared with that of all other lines, or pixels, by median and median absolute deviation. Those that stand out far
+are taken, the levels of all that were taken are fitted by L-BFGS with the derivatives of an adjoint pass, and the next
+round looks at what is left.
+
+DeadPlace   a line, a part of one, or a pixel, and the lists of an effect's parameters that state several
+StuckStarts the places that the captures suggest
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from scipy.optimize import minimize
+
+from holoview.diagnose.fit import FittedValues, cost_or_inf
+from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.picture import StartingValues
+from holoview.diagnose.starts.transmission_slopes import (
+    line_significance,
+    replacement_gains,
+    significance,
+    squared_residuals,
+)
+from holoview.model.effects.effect import Effect, StartKind
+from holoview.model.effects.parameter import MAX_FREE_ENTRIES
+
+Key = tuple[int | None, int | None]
+
+
+class Shows(StrEnum):
+    """What a dead place shows: one level, the first pattern of the session, or the pattern of the capture before."""
+
+    LEVEL = "level"
+    FIRST = "kept"
+    BEFORE = "late"
+
+
+@dataclass(frozen=True)
+class DeadPlace:
+    """A column (row is None), row (column is None) or pixel, counted in the modulator's pixels.
+
+    level: share of the stroke, a tensor while derivatives are computed. shows: what it shows; pixels and parts show
+    levels. span: first and last pixel along a line of which a part is dead; None for all of it.
+    """
+
+    row: int | None
+    column: int | None
+    level: float | torch.Tensor = 0.0
+    shows: Shows = Shows.LEVEL
+    span: tuple[int, int] | None = None
+
+    @property
+    def key(self) -> Key:
+        """Which place it is, whatever it shows and however much of it is dead."""
+        return self.row, self.column
+
+    @property
+    def is_line(self) -> bool:
+        """Whether it is a row, a column, or a part of one."""
+        return self.row is None or self.column is None
+
+    def stands_for(self, line: DeadPlace) -> bool:
+        """Whether it is a pixel of a line, or beside it, which may have been taken for a part of what the line does."""
+        if self.row is None or self.column is None or not line.is_line:
+            return False
+        distance = self.column - line.column if line.column is not None else self.row - (line.row or 0)
+        return abs(distance) <= 1
+
+    @property
+    def has_level(self) -> bool:
+        """Whether it shows one level."""
+        return self.shows is Shows.LEVEL
+
+    @property
+    def order(self) -> tuple[bool, bool, bool, int, int]:
+        """Columns, rows, pixels; whole lines before parts of lines."""
+        return (not self.is_line, self.row is not None, self.span is not None, self.row or 0, self.column or 0)
+
+    @property
+    def sides(self) -> tuple[int, int, int, int]:
+        """First and last row, first and last column, of a part of a line."""
+        first, last = self.span or (0, 0)
+        rows = (first, last) if self.row is None else (self.row, self.row)
+        columns = (first, last) if self.column is None else (self.column, self.column)
+        return (*rows, *columns)
+
+
+def is_stuck_effect(effect: Effect) -> bool:
+    """Whether an effect is one of dead places."""
+    return StartKind.STUCK_PIXELS in effect.start_kinds
+
+
+def modulator_of(effect: Effect) -> int:
+    """The number of the modulator that an effect acts on, 0 for the first."""
+    return int(effect.acts_on[0].removeprefix("modulator ")) - 1
+
+
+def as_values(places: Sequence[DeadPlace]) -> dict[str, Any]:
+    """The lists of an effect's parameters, in the order of the places."""
+    places = sorted(places, key=lambda place: place.order)
+    whole = [p for p in places if p.is_line and p.span is None]
+    columns = [p for p in whole if p.row is None and p.has_level]
+    rows = [p for p in whole if p.column is None and p.has_level]
+    parts, pixels = [p for p in places if p.span is not None], [p for p in places if not p.is_line]
+    values: dict[str, Any] = {
+        "columns": tuple(p.column for p in columns),
+        "column_levels": tuple(p.level for p in columns),
+        "rows": tuple(p.row for p in rows),
+        "row_levels": tuple(p.level for p in rows),
+        "pixel_rows": tuple(p.row for p in pixels),
+        "pixel_columns": tuple(p.column for p in pixels),
+        "pixel_levels": tuple(p.level for p in pixels),
+        "part_levels": tuple(p.level for p in parts),
+    }
+    for i, side in enumerate(("first_rows", "last_rows", "first_columns", "last_columns")):
+        values[f"part_{side}"] = tuple(p.sides[i] for p in parts)
+    for shows in (Shows.FIRST, Shows.BEFORE):
+        own = [p for p in whole if p.shows is shows]
+        values[f"{shows}_columns"] = tuple(p.column for p in own if p.row is None)
+        values[f"{shows}_rows"] = tuple(p.row for p in own if p.column is None)
+    return values
+
+
+def spans_near(span: tuple[int, int], count: int, steps: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Spans of a line of `count` pixels whose inner end is moved by each of the steps; the other is at the edge."""
+    first, last = span
+    for step in steps:
+        moved = (first + step, last) if last == count - 1 else (first, last + step)
+        if 0 <= moved[0] < moved[1] < count and moved != (0, count - 1):
+            yield moved
+
+
+def likely_span(gains: NDArray[np.float64]) -> tuple[int, int]:
+    """The part of a line, from one edge on or all of it, that gains: of the gain of each pixel along the line.
+
+    A change point between pixels whose gain is g on average, the highest of any part of three eighths, and others of
+    none: the sum of gain − g/2 over the part is largest.
+    """
+    count = len(gains)
+    least = max(2, 3 * count // 8)
+    means = [np.convolve(gains, np.ones(least) / least, mode="valid")[i] for i in (0, -1)]
+    beyond = gains - max(float(gains.mean()), *map(float, means)) / 2
+    from_start, from_end = np.cumsum(beyond), np.cumsum(beyond[::-1])
+    if from_start.max() >= from_end.max():
+        return 0, int(from_start.argmax())
+    return count - 1 - int(from_end.argmax()), count - 1
+
+
+Floats = NDArray[np.float64]
+
+
+class StuckStarts:
+    """For an effect of stuck pixels, those that the captures suggest; none for others.
+
+    The modulator whose lines or pixels stand out most is searched first; the other one only if that doesn't explain
+    most of the error.
+    """
+
+    def __init__(self, context: SearchContext, base: FittedValues, comparison: Comparison) -> None:
+        self._starts: dict[str, dict[str, Any]] = {}
+        open_ones = [e for e in context.effects.values() if is_stuck_effect(e) and e.id not in base]
+        if not open_ones:
+            return
+        gains = replacement_gains(context, base, comparison, context.config.stuck.levels, earlier=True)
+        searches = [_Search(context, base, effect, gains[modulator_of(effect)]) for effect in open_ones]
+        for search in sorted(searches, key=lambda one: -one.first_significance):
+            error = context.relative_model_error(base)
+            found = search.run(comparison)
+            left = context.relative_model_error(search.values(found))
+            if found and left < context.config.stuck.max_error_share * error:
+                self._starts[search.effect.id] = as_values(found)
+            if left < context.config.stuck.explained_error_share * error:
+                break
+
+    def __call__(self, effect: Effect) -> StartingValues:
+        return [self._starts[effect.id]] if effect.id in self._starts else []
+
+
+class _Search:
+    """The search for the stuck places of one modulator on top of a base. gains: of replacements on the base alone."""
+
+    def __init__(self, context: SearchContext, base: FittedValues, effect: Effect, gains: Floats) -> None:
+        self.effect = effect
+        self._context, self._base, self._gains, self._config = context, base, gains, context.config.stuck
+        self._settled = set[Key]()
+        captures = context.data.captures
+        self._first_pixel, self._whole = captures.first_pixel, captures.slm_frame or captures.levels.shape[2:]
+
+    @cached_property
+    def first_significance(self) -> float:
+        """How far the line or the pixel that stands out most does so, over the threshold of its kind."""
+        lines = [self._line_significance(self._gains, axis) for axis in (1, 2)]
+        pixels = significance(self._gains[: self._config.level_count])
+        line = max(float(one.max()) for one in lines) / self._config.min_line_sigmas
+        return max(line, float(pixels.max()) / self._config.min_pixel_sigmas)
+
+    def run(self, comparison: Comparison) -> list[DeadPlace]:
+        """The places, with their levels: on a few captures, then on those of a fit, which tell levels apart that few
+        captures confuse. Pixels may stand for a line that shows earlier patterns, which it takes more captures to see.
+        """
+        if self.first_significance < 1:
+            return []
+        places = self._rounds([], comparison, self._gains)
+        if not any(place.is_line for place in places):
+            lines = self._lines_alone(self._comparison(self._context.split.fine, []))
+            places = lines if lines and self._error(lines) < self._error(places) else places
+        if not places:
+            return []
+        comparison = self._comparison(self._context.split.fine, places)
+        self._settled.clear()
+        places = self._rounds(places, comparison, self._gains_beside(places, comparison))
+        places = self._with_best_looks(self._a_wave_off(places, comparison), comparison)
+        places = self._without_superfluous(places, comparison)
+        if len(places) <= MAX_FREE_ENTRIES:
+            return places
+        return self._with_fitted_levels(places, comparison, self._config.last_iterations)
+
+    def _rounds(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace]:
+        """The places and those that stand out beside them, round after round, while these lower the model's error."""
+        error = self._error(places)
+        for _ in range(self._config.rounds):
+            wider = self._wider(places, comparison, gains)
+            if wider is None or (left := self._error(wider)) > self._config.max_round_error * error:
+                break
+            places, error = wider, left
+            comparison = self._comparison(comparison.indices, places)
+            gains = self._gains_beside(places, comparison)
+        return places
+
+    def _lines_alone(self, comparison: Comparison) -> list[DeadPlace]:
+        """The lines that stand out on the base alone."""
+        lines = self._lines(self._gains_beside([], comparison), [])
+        return self._with_best_spans(self._with_fitted_levels(lines, comparison), comparison) if lines else []
+
+    def _error(self, places: list[DeadPlace]) -> float:
+        return self._context.relative_model_error(self.values(places))
+
+    def _comparison(self, indices: NDArray[np.intp], places: list[DeadPlace]) -> Comparison:
+        """A comparison that tolerates the error that is left with these places."""
+        return self._context.tolerant_comparison(indices, self._error(places))
+
+    def _gains_beside(self, places: list[DeadPlace], comparison: Comparison) -> Floats:
+        """The gains of replacements on top of these places."""
+        found = replacement_gains(self._context, self.values(places), comparison, self._config.levels, earlier=True)
+        return found[modulator_of(self.effect)]
+
+    def _wider(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace] | None:
+        """The places with those lines that stand out beside them, or else with pixels; None where neither gains."""
+        for standing_out in (self._lines, self._pixels):
+            fresh = [place for place in standing_out(gains, places) if place.key not in self._settled]
+            if not fresh or len(places) + len(fresh) > self._config.max_places:
+                continue
+            kept = [place for place in places if not any(place.stands_for(line) for line in fresh)]
+            known = {place.key: place for place in kept}
+            wider = list({place.key: place for place in (*fresh, *kept)}.values())
+            for place in fresh:
+                if place.key in known:
+                    wider = self._with_best_level(wider, known[place.key], comparison)
+            wider = self._with_best_spans(self._with_fitted_levels(wider, comparison), comparison)
+            if self._gains_enough(comparison, places, wider):
+                return wider
+        return None
+
+    def _lines(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
+        """Columns and rows that stand out, with the level, or the earlier pattern, that gains most."""
+        config, (top, left) = self._config, self._first_pixel
+        columns, rows = (self._line_significance(gains, axis) for axis in (1, 2))
+        threshold = max(config.min_line_sigmas, config.near_best * max(columns.max(), rows.max()))
+        found = [self._line(gains[:, :, x], columns[:, x], column=left + int(x)) for x in _peaks(columns, threshold)]
+        return found + [self._line(gains[:, y], rows[:, y], row=top + int(y)) for y in _peaks(rows, threshold)]
+
+    def _line_significance(self, gains: Floats, axis: int) -> Floats:
+        return line_significance(gains, axis, self._config.line_segments, self._config.part_segments)
+
+    def _line(self, gains: Floats, sigmas: Floats, *, row: int | None = None, column: int | None = None) -> DeadPlace:
+        """A line, or the part of it that gains. gains (look, pixel): of what it may show. sigmas (look,): of it."""
+        look, count = int(sigmas.argmax()), self._config.level_count
+        if look >= count:
+            return DeadPlace(row, column, shows=(Shows.FIRST, Shows.BEFORE)[look - count])
+        place, axis = DeadPlace(row, column, self._level(sigmas)), 0 if row is None else 1
+        first, last = likely_span(gains[look])
+        if (last - first + 1) * self._config.line_segments > (self._config.line_segments - 1) * len(gains[look]):
+            return place
+        edge = self._first_pixel[axis]
+        span = (first and first + edge, last + edge if last < len(gains[look]) - 1 else self._whole[axis] - 1)
+        return replace(place, span=span)
+
+    def _pixels(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
+        """Pixels that stand out, beside the known lines."""
+        config, (top, left) = self._config, self._first_pixel
+        pixels = significance(gains[: config.level_count])
+        for line in (p for p in known if p.is_line):
+            rows = slice(None) if line.row is None else line.row - top
+            columns = slice(None) if line.column is None else line.column - left
+            pixels[:, rows, columns] = 0.0
+        best = pixels.max(axis=0)
+        found = np.argwhere(best >= max(config.min_pixel_sigmas, config.near_best_pixels * best.max()))
+        if len(found) > config.max_pixels:
+            return []
+        return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in found]
+
+    def _a_wave_off(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """The places with levels that are a wave higher or lower where that is better, unless the noise is reached.
+
+        At one wavelength these levels are the same light, so that they are minima of χ² at several too.
+        """
+        noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
+        floor = self._context.config.selection.floor_chi2
+        if len(places) > MAX_FREE_ENTRIES or noise_alone.chi2_per_pixel(self.values(places)) < floor:
+            return places
+        captures = self._context.data.captures
+        waves = captures.wavelengths_m / captures.slms[modulator_of(self.effect)].opd_range_m
+        for place in (place for place in places if place.has_level):
+            level, others = float(place.level), [one for one in places if one is not place]
+            levels = [level, *(level + wave for wave in (*waves, *-waves) if 0 <= level + wave <= 1)]
+            tried = [[*others, replace(place, level=float(one))] for one in levels]
+            places = self._cheapest(tried, comparison)
+        return self._with_fitted_levels(places, comparison)
+
+    def _with_best_level(self, places: list[DeadPlace], one: DeadPlace, comparison: Comparison) -> list[DeadPlace]:
+        """One place at the level of lowest χ², each of which is predicted: the first one was of another minimum.
+
+        Where that is the level that it has, or it shows an earlier pattern, it is settled.
+        """
+        if not one.has_level:
+            self._settled.add(one.key)
+            return places
+        others, levels = [place for place in places if place.key != one.key], self._config.levels
+        tried = [[*others, replace(one, level=float(level))] for level in levels]
+        best = self._cheapest(tried, comparison)
+        if abs(best[-1].level - one.level) > levels[1] - levels[0]:
+            return best
+        self._settled.add(one.key)
+        return places
+
+    def _with_best_looks(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """Lines that show an earlier pattern, or a level, where that is better, unless the noise is reached."""
+        noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
+        if noise_alone.chi2_per_pixel(self.values(places)) >= self._context.config.selection.floor_chi2:
+            for line in [place for place in places if place.is_line]:
+                others = [one for one in places if one is not line]
+                earlier = [DeadPlace(line.row, line.column, shows=shows) for shows in (Shows.FIRST, Shows.BEFORE)]
+                places = self._cheapest([[*others, one] for one in (line, *earlier)], comparison)
+        return self._with_best_spans(places, comparison)
+
+    def _with_best_spans(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """Parts of lines with the ends that lower χ² most; whole lines where that costs little."""
+        for line in [place for place in places if place.span is not None]:
+            others, best, cost = [one for one in places if one is not line], line, np.inf
+            while best.span is not None and (now := cost_or_inf(comparison, self.values([*others, best]))) < cost:
+                cost, count = now, self._whole[0 if line.row is None else 1]
+                spans = spans_near(best.span, count, self._config.end_moves)
+                tried = [[*others, replace(best, span=span)] for span in (best.span, *spans)]
+                best = self._cheapest(tried, comparison)[-1]
+            whole = [*others, replace(best, span=None)]
+            places = [*others, best]
+            if not self._gains_enough(comparison, whole, places):
+                places = whole
+        return places
+
+    def _cheapest(self, tried: list[list[DeadPlace]], comparison: Comparison) -> list[DeadPlace]:
+        return min(tried, key=lambda places: cost_or_inf(comparison, self.values(places)))
+
+    def _level(self, sigmas: Floats) -> float:
+        """The level of the highest value."""
+        return float(self._config.levels[int(sigmas[: self._config.level_count].argmax())])
+
+    def _with_fitted_levels(
+        self, places: list[DeadPlace], comparison: Comparison, iterations: int | None = None
+    ) -> list[DeadPlace]:
+        """The places with the levels that lower χ² most, by L-BFGS from those that they have."""
+        fixed = [place for place in places if not place.has_level]
+        places = sorted((place for place in places if place.has_level), key=lambda place: place.order)
+        if not places:
+            return fixed
+
+        def function(vector: Floats) -> tuple[float, Floats]:
+            levels = [torch.tensor(x, dtype=torch.float32, requires_grad=True) for x in vector]
+            values = self.values([*fixed, *(replace(p, level=t) for p, t in zip(places, levels, strict=True))])
+            total, slopes = 0.0, np.zeros(len(vector))
+            for position in range(len(comparison.indices)):
+                squares = squared_residuals(comparison, values, position) / comparison.pixel_count
+                slopes += [float(g) for g in torch.autograd.grad(squares, levels)]
+                total += float(squares.detach())
+            return total, slopes
+
+        bounds = next((p.low, p.high) for p in self.effect.parameters if p.name == "pixel_levels")
+        solution = minimize(
+            function,
+            np.array([float(p.level) for p in places]),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[bounds] * len(places),
+            options={"maxiter": iterations or self._config.level_iterations},
+        )
+        return fixed + [replace(p, level=float(x)) for p, x in zip(places, solution.x, strict=True)]
+
+    def _gains_enough(self, comparison: Comparison, few: list[DeadPlace], more: list[DeadPlace]) -> bool:
+        """Whether χ² falls by enough for each further place."""
+        before, after = (cost_or_inf(comparison, self.values(places)) for places in (few, more))
+        least = self._config.min_gain * max(1.0, after / comparison.pixel_count)
+        return before - after > least * max(1, len(more) - len(few))
+
+    def _without_superfluous(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """Without places that gain too little beside the others, the last ones first."""
+        for place in places[::-1]:
+            others = [p for p in places if p is not place]
+            if not self._gains_enough(comparison, others, places):
+                places = others
+        return places
+
+    def values(self, places: list[DeadPlace]) -> FittedValues:
+        """The base with these places."""
+        return {**self._base, self.effect.id: as_values(places)} if places else self._base
+
+
+def _peaks(sigmas: Floats, threshold: float) -> Iterator[Any]:
+    """Indices of lines that reach the threshold at their best level and are higher than their neighbours."""
+    best = sigmas.max(axis=0)
+    return iter(np.flatnonzero((best >= threshold) & (best == maximum_filter(best, size=3))))

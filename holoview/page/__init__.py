@@ -1,0 +1,13 @@
+"""A hologram as one HTML file, live in the reader's browser.
+
+page        writes the file, and reads it again as data
+document    what the page knows of a hologram: its bench in numbers, its patterns
+link        the state of a page as the end of its address, applied to a hologram
+recording   a frame as buffers, pipelines and dispatches, for a program without Python to replay
+
+replay.js     replays a recording on a browser's device
+bench.js      the numbers that change with a slider: the twin of the plan
+measure.js    speckle contrast and PSNR
+hologram.js   what of a frame is stale after a change
+page.js       what a reader changes and sees; page.html and page.css are its layout
+"""

@@ -1,0 +1,94 @@
+"""The state of a page as the end of its address, `out.html#plane=9.7mm&gap=2.1mm&laser3=off`, applied to a hologram.
+
+plane, gap                  focal plane and gap, with a unit of length
+laser3=off                  the third laser is off
+power3, wavelength3         factor on its power, and its wavelength
+pupil, pupil_x, pupil_y     diameter and place of the eye's pupil
+chromatic                   off: the eye has no chromatic aberration
+exposure, view              how the page shows it: no part of a hologram
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from holoview.io.hologram import Hologram
+from holoview.model.focus import parse_plane, required_eye
+from holoview.util import units
+from holoview.util.errors import UserError
+
+_PART = re.compile(r"([a-z_]+?)(\d*)=(.*)", re.DOTALL)
+_EXPECTED = "for example #plane=9.7mm&gap=2.1mm&laser3=off"
+_SHOWN_ONLY = ("exposure", "view")
+_EYE_KEYS = {"pupil": "pupil", "pupil_x": "pupil_x", "pupil_y": "pupil_y"}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A hologram as a page shows it: with its bench changed, and the focal plane in m; None where the link has none."""
+
+    hologram: Hologram
+    plane_m: float | None
+
+
+def split_link(name: str | Path) -> tuple[Path, str]:
+    """The file of a link to a page and what follows "#"; other names, and files of that very name, have nothing."""
+    path, text = Path(name), str(name)
+    stem, mark, state = text.partition(".html#")
+    return (Path(f"{stem}.html"), state) if mark and not path.exists() else (path, "")
+
+
+def shown_by_link(hologram: Hologram, state: str) -> Shown:
+    """A hologram with the state of a link applied. Raises UserError for what isn't understood or can't be."""
+    system, plane_m = hologram.system, None
+    amplitudes, wavelengths = system.amplitudes.copy(), system.wavelengths_m.copy()
+    edits: dict[str, Any] = {}
+    for part in filter(None, unquote(state).split("&")):
+        found = _PART.fullmatch(part)
+        if found is None:
+            raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
+        name, number, value = found.groups()
+        if name in ("laser", "power", "wavelength"):
+            column = _laser(part, number, len(wavelengths))
+            if name == "laser":
+                amplitudes[:, column] *= 0.0 if value == "off" else 1.0
+            elif name == "power":
+                amplitudes[:, column] *= _factor(part, value)
+            else:
+                wavelengths[column] = units.parse(value, part)
+        elif name == "plane":
+            plane_m = parse_plane(system, value, part)
+        elif name == "gap":
+            edits["gap"] = value
+        elif name in _EYE_KEYS:
+            required_eye(system, part)
+            edits[f"eye.{_EYE_KEYS[name]}"] = value
+        elif name == "chromatic":
+            required_eye(system, part)
+            edits["eye.chromatic"] = value != "off"
+        elif name not in _SHOWN_ONLY:
+            raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
+    lasers = {"wavelengths": wavelengths, "amplitudes": amplitudes}
+    return Shown(Hologram(hologram.drive, system.edit(edits | lasers)), plane_m)
+
+
+def _laser(part: str, number: str, count: int) -> int:
+    """The index of a laser from its number in a link."""
+    if not (0 < len(number) < 5 and 1 <= int(number) <= count):
+        raise UserError("link", f'"{part[:40]}"', expected=f"a laser from 1 to {count}")
+    return int(number) - 1
+
+
+def _factor(part: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= 1e3:
+        raise UserError("link", f'"{part[:40]}"', expected="a factor from 0 to 1000")
+    return value

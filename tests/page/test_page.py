@@ -1,0 +1,315 @@
+"""A page in the browser shows what `holoview render` shows, measures what the metrics measure, and is only data."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holoview as hv
+from holoview.colour import srgb_decode
+from holoview.gpu.device import Device
+from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.speckle import speckle_contrast
+from holoview.page.page import export_html, read_page
+from holoview.targets.focal_stack import Target
+from tests.chromium import Browser, needs_chromium, pixels
+from tests.page.pages import open_page, page_pixels, set_state, webgpu_browser
+
+EYE = {"pupil": "2 mm", "pupil_x": "0.3 mm"}
+REGION = (20, 12, 40, 30)
+pytestmark = pytest.mark.gpu
+
+
+@dataclass(frozen=True)
+class Written:
+    """Pages, the holograms in them, and a target."""
+
+    folder: Path
+    first: hv.Hologram
+    second: hv.Hologram
+    eye: hv.Hologram
+    target: Target
+
+    @property
+    def page(self) -> Path:
+        return self.folder / "two.html"
+
+    @property
+    def eye_page(self) -> Path:
+        return self.folder / "eye.html"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Written:
+    """A page with two holograms and a target, and one of an eye."""
+    folder = tmp_path_factory.mktemp("pages with space")
+    rng = np.random.default_rng(5)
+    system = hv.load("holochrome-8").with_(shape=[48, 64])
+    first, second = (hv.Hologram(_in_8_bits(hv.random_drive(system, seed=seed)), system) for seed in (1, 2))
+    seen = system.with_(eye=EYE)
+    eye = hv.Hologram(hv.random_drive(seen, seed=3), seen)
+    planes = tuple(system.planes_m.tolist())
+    target = Target((rng.random((len(planes), 96, 128, 3)) ** 2).astype(np.float32), planes, "noise")
+    pages = Written(folder, first, second, eye, target)
+    both = {"one </script><b>": first, "two": second}
+    export_html(pages.page, both, target=target, title="Two & more", note="<i>plain</i>", region=REGION)
+    export_html(pages.eye_page, {"eye": eye})
+    return pages
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium with WebGPU on the processor."""
+    with webgpu_browser() as browser:
+        yield browser
+
+
+def _in_8_bits(drive: np.ndarray) -> np.ndarray:
+    """The drive in 255ths of the stroke."""
+    return np.rint(drive * np.float32(255)) / np.float32(255)
+
+
+def _laser_off(system: hv.System, *off: int) -> hv.System:
+    amplitudes = system.amplitudes.copy()
+    amplitudes[:, list(off)] = 0.0
+    return system.edit({"amplitudes": amplitudes})
+
+
+def _moved(system: hv.System, wavelength: int, to_m: float) -> hv.System:
+    wavelengths = system.wavelengths_m.copy()
+    wavelengths[wavelength] = to_m
+    return system.edit({"wavelengths": wavelengths, "amplitudes": system.amplitudes})
+
+
+def _is_equal(shown: np.ndarray, hologram: hv.Hologram, system: hv.System, plane_m: float) -> None:
+    """Within 1 of 255 in 99.9 % of the samples: float32 sums differ in their order between devices."""
+    view = hv.simulate(system, hologram.drive, planes=[plane_m], backend="torch64")
+    difference = np.abs(shown.astype(int) - view.srgb8[0].astype(int)).max(axis=-1)
+    assert shown.std() > 5
+    assert np.mean(difference <= 1) >= 0.999
+
+
+@needs_chromium
+def test_the_page_shows_what_render_shows(browser: Browser, written: Written) -> None:
+    system, lasers = written.first.system, [True] * 8
+    page = open_page(browser, written.page)
+    _is_equal(page_pixels(page), written.first, system, 10e-3)
+    moved = [*system.wavelengths_m.tolist()]
+    moved[2] = 520e-9
+    states: list[tuple[dict[str, Any], hv.System, float]] = [
+        ({"plane_m": 9.7e-3}, system, 9.7e-3),
+        ({"plane_m": 11.9e-3}, system, 11.9e-3),
+        ({"lasers": [True, False, True, False, *lasers[4:]]}, _laser_off(system, 1, 3), 11.9e-3),
+        ({"lasers": lasers, "gap_m": 2.3e-3}, system.with_(gap="2.3 mm"), 11.9e-3),
+        ({"gap_m": 0.0, "plane_m": 8.1e-3}, system.with_(gap="0 mm"), 8.1e-3),
+        ({"gap_m": 2e-3, "wavelengths_m": moved}, _moved(system, 2, 520e-9), 8.1e-3),
+        ({"wavelengths_m": system.wavelengths_m.tolist(), "plane_m": 10e-3}, system, 10e-3),
+    ]
+    for changes, expected, plane_m in states:
+        set_state(page, **changes)
+        _is_equal(page_pixels(page), written.first, expected, plane_m)
+    set_state(page, powers=[2.0, *[1.0] * 6, 0.25])
+    powers = system.amplitudes * np.array([2.0, *[1.0] * 6, 0.25])
+    _is_equal(page_pixels(page), written.first, system.edit({"amplitudes": powers}), 10e-3)
+    set_state(page, view="hologram 2", powers=[1.0] * 8)
+    _is_equal(page_pixels(page), written.second, system, 10e-3)
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_an_eye_sees_on_the_page_what_it_sees_in_render(browser: Browser, written: Written) -> None:
+    system = written.eye.system
+    page = open_page(browser, written.eye_page)
+    _is_equal(page_pixels(page), written.eye, system, 10e-3)
+    for changes, eye in (
+        ({"pupil_m": 3e-3}, {**EYE, "pupil": "3 mm"}),
+        ({"pupil_x_m": -5e-4, "pupil_y_m": 2e-4}, {"pupil": "3 mm", "pupil_x": "-0.5 mm", "pupil_y": "0.2 mm"}),
+        ({"chromatic": False}, {"pupil": "3 mm", "pupil_x": "-0.5 mm", "pupil_y": "0.2 mm", "chromatic": False}),
+    ):
+        set_state(page, eye=changes)
+        _is_equal(page_pixels(page), written.eye, system.with_(eye=eye), 10e-3)
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.page)
+    box = dict(zip(("x", "y", "width", "height"), REGION, strict=True))
+    found = page.evaluate("region => window.holoview.measure(region)", box)
+    whole = page.evaluate("() => window.holoview.measure()")
+    view = hv.simulate(written.first.system, written.first.drive, planes=[10e-3], backend="torch64")
+    contrast = speckle_contrast(view.xyz[0, ..., 1], REGION)
+    assert found["contrast"] == pytest.approx(contrast.contrast, rel=1e-4)
+    assert found["mean"] == pytest.approx(contrast.mean, rel=1e-4)
+    assert found["samples"] == contrast.n_pixels == sum(found["histogram"])
+    codes = np.rint(255 * hv_srgb(written.target.stack[2]))
+    expected = psnr_linear_srgb(view.rgb[0], srgb_decode(codes / 255)).mean_db
+    assert whole["psnr_db"] == pytest.approx(expected, abs=2e-3)
+    assert f"{contrast.contrast:.3f} in the file, {contrast.contrast:.3f} computed here" in page.inner_text("#claims")
+    assert browser.close_pages() == []
+
+
+def hv_srgb(linear: np.ndarray) -> np.ndarray:
+    """The sRGB signal of linear light."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+@needs_chromium
+def test_a_link_holds_the_state(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.page, "#plane=9.7mm&laser3=off&power1=0.5")
+    state = page.evaluate("() => window.holoview.state")
+    assert state["plane_m"] == pytest.approx(9.7e-3)
+    assert state["lasers"] == [True, True, False, *[True] * 5]
+    assert state["powers"][0] == 0.5
+    shown = page_pixels(page)
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("() => location.hash.includes('plane=9.74mm')")
+    other = open_page(browser, written.page, page.evaluate("() => location.hash"))
+    assert other.evaluate("() => window.holoview.state.lasers[2]") is False
+    assert (page_pixels(other) != shown).any()
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"plane_m": 1.0}, "plane_m: expected metres from"),
+        ({"lasers": [True]}, "for each laser"),
+        ({"gap_m": None}, "gap_m"),
+        ({"colour": 1}, "colour: expected one of"),
+        ({"eye": {"pupil_m": 1e-3}}, "eye"),
+    ],
+)
+def test_a_state_that_cannot_be_gets_a_sentence(
+    browser: Browser, written: Written, changes: dict[str, Any], says: str
+) -> None:
+    page = open_page(browser, written.page)
+    said = page.evaluate("changes => window.holoview.set(changes).then(() => '', error => error.message)", changes)
+    assert says in said
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_without_webgpu_there_are_pictures_and_a_word_why(browser: Browser, written: Written) -> None:
+    with browser.another() as plain:
+        page = plain.open(written.page.as_uri(), 900, 800)
+        said = page.evaluate("() => window.holoview.ready.then(() => '', error => error.message)")
+        assert "WebGPU" in said
+        assert said in page.inner_text("#message")
+        assert page.is_visible("#stored")
+        page.fill("#plane", "0")
+        assert page.inner_text("#plane-value") == "9.000 mm"
+        assert plain.close_pages() == []
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [390, 800, 1600])
+def test_nothing_is_wider_than_the_page_and_nothing_is_loaded(browser: Browser, written: Written, width: int) -> None:
+    page = open_page(browser, written.page, width=width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    loaded = page.evaluate("performance.getEntriesByType('resource').map(entry => entry.name)")
+    assert [name[:60] for name in loaded if not name.startswith("data:")] == []
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, written: Written, tmp_path: Path) -> None:
+    page = open_page(browser, written.page)
+    means = {}
+    for view in ("hologram 1", "target", "wipe target", "wipe holograms"):
+        set_state(page, view=view)
+        assert page.get_attribute("#views [aria-checked=true]", "role") == "radio"
+        means[view] = pixels(page, tmp_path)[150:550, 50:700]
+    left, right = slice(None, 200), slice(-200, None)
+    assert np.abs(means["wipe target"] - means["hologram 1"])[:, left].mean() < 2
+    assert np.abs(means["wipe target"] - means["target"])[:, right].mean() < 2
+    assert np.abs(means["target"] - means["hologram 1"]).mean() > 10
+    assert browser.close_pages() == []
+
+
+def test_the_page_is_read_as_data(written: Written) -> None:
+    read = read_page(written.page)
+    assert list(read) == ["one </script><b>", "two"]
+    for found, hologram in zip(read.values(), (written.first, written.second), strict=True):
+        assert found.system == hologram.system
+        assert np.array_equal(found.drive, hologram.drive)
+
+
+def test_text_of_strangers_is_text(written: Written) -> None:
+    text = written.page.read_text(encoding="utf-8")
+    assert "<i>plain</i>" not in text and "&lt;i&gt;plain&lt;/i&gt;" in text
+    assert text.count("<script") == 1 + 1 + 2 * 2  # the document, the program, and two of data for each hologram
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)
+    assert policy is not None and "default-src 'none'" in policy[1] and "unsafe" not in policy[1]
+
+
+def _edited(text: str, edit: Any) -> str:
+    """The text of a page with its document changed."""
+    found = re.search(r'(id="holoview-page">)(.*?)(</script>)', text, re.DOTALL)
+    assert found is not None
+    page = json.loads(found[2])
+    edit(page)
+    return text[: found.start(2)] + json.dumps(page).replace("<", "\\u003c") + text[found.end(2) :]
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda page: page.pop("holograms"),
+        lambda page: page.update(version="2"),
+        lambda page: page["holograms"][0].update(toml="import os"),
+        lambda page: page["holograms"][0].update(patterns=[None]),
+        lambda page: page["holograms"][0].update(patterns=[99, 99]),
+        lambda page: page["holograms"][0]["contents"][0].update(kind="pickle"),
+        lambda page: page["holograms"][0]["contents"][0].update(bytes=1 << 40),
+        lambda page: page["holograms"][0]["contents"][0].update(offset=-8),
+        lambda page: page["holograms"][0]["contents"][0].update(values=1),
+    ],
+)
+def test_a_damaged_page_gets_a_sentence(written: Written, tmp_path: Path, edit: Any) -> None:
+    damaged = tmp_path / "damaged.html"
+    damaged.write_text(_edited(written.page.read_text(encoding="utf-8"), edit), encoding="utf-8")
+    with pytest.raises(hv.UserError):
+        read_page(damaged)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"<html></html>", b"\xff\xfe", b'<script type="application/json" id="holoview-page">[]</script>']
+)
+def test_another_file_gets_a_sentence(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "other.html"
+    file.write_bytes(content)
+    with pytest.raises(hv.UserError):
+        read_page(file)
+
+
+def test_a_page_that_cannot_be_written_leaves_the_old_one(written: Written, tmp_path: Path) -> None:
+    file = tmp_path / "page.html"
+    file.write_text("old", encoding="utf-8")
+    one, small = {"one": written.first}, written.first.system.with_(shape=[24, 32])
+    two = one | {"small": hv.Hologram(hv.random_drive(small), small)}
+    for holograms, options in ((two, {}), (one, {"region": (0, 0, 500, 5)}), (one, {"plane_m": 1.0}), ({}, {})):
+        with pytest.raises(hv.UserError):
+            export_html(file, holograms, backend="torch", **options)
+    assert file.read_text(encoding="utf-8") == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_stored_pictures_are_those_of_the_planes(written: Written, tmp_path: Path) -> None:
+    text = written.page.read_text(encoding="utf-8")
+    page = json.loads(re.search(r'id="holoview-page">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
+    assert page["stored"]["planes_m"] == pytest.approx(written.first.system.planes_m.tolist())
+    file = tmp_path / "plane.webp"
+    file.write_bytes(base64.b64decode(page["stored"]["pictures"][0].split(",")[1]))
+    with Image.open(file) as image:
+        assert image.size == (128, 96)
