@@ -33,8 +33,7 @@ from holoview.diagnose.formatting import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
-from holoview.experiment.next_capture.planners import InformedPlanner
+from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects

@@ -15,7 +15,7 @@ from holoview.app.parameter_widgets import tooltip
 from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of
 from holoview.experiment.live.live_view import LiveView
 from holoview.experiment.live.rig_session import MODELS
-from holoview.session.view_settings import ViewSettings
+from holoview.render.view_settings import ViewSettings
 
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
 _TIPS = {

@@ -13,13 +13,13 @@ from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.laser_colours import laser_colour
 from holoview.app.parameter_widgets import tooltip
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.document.document import middle_plane
 from holoview.experiment.live.bench_state import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.experiment.live.live_diagnosis import FIRST, MOST, cause_text
 from holoview.experiment.live.live_view import LivePicture
 from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.rig_bench import rig_system
 from holoview.rig.description import RigDescription
-from holoview.session.document import middle_plane
 from holoview.view import random_drive
 
 _OFF_HEIGHT = 2.2  # of the switch that turns the lasers off, in lines

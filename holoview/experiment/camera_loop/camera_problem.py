@@ -41,12 +41,12 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import random_levels
-from holoview.diagnose.displacement_starts import measure_displacement
+from holoview.diagnose.starts.picture import measure_displacement
 from holoview.experiment.camera_loop.bench_camera import Picture, Shot
 from holoview.experiment.rig_bench import lasers_of
 from holoview.model.system import System
-from holoview.numerics.image_region import Region, region_slices
 from holoview.numerics.subpixel_shift import interpolation_weights
+from holoview.numerics.tensors import Region, region_slices
 from holoview.optimise.forward_model import ProcessRows
 from holoview.optimise.objective import (
     AmplitudeLeastSquares,

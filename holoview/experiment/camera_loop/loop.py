@@ -61,10 +61,9 @@ from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings
 from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.rig.description import RigDescription
-from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.safetensors_file import TensorFormat
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import read_record
 
 _PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and the factor of steps that follows them

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction, Predictor
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import with_preset_geometry
+from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.search_context import NeighbourVariances
 from holoview.document.editing_session import EditingSession
 from holoview.model.system import System

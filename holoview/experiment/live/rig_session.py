@@ -20,7 +20,7 @@ from typing import Any
 
 from holoview.captures.dataset import Captures
 from holoview.document.editing_session import EditingSession
-from holoview.document.jobs import BackgroundJob
+from holoview.document.jobs import BackgroundJob, Cancelled, JobControl
 from holoview.experiment.live.bench_state import BenchState, SentPattern, state_of
 from holoview.experiment.live.live_diagnosis import LiveDiagnosis
 from holoview.experiment.live.live_view import LiveView, PictureModel
@@ -32,9 +32,8 @@ from holoview.rig.measure.capture_folder import CaptureFolder, CaptureStore
 from holoview.rig.measure.capture_plan import CapturePlan, CaptureRequest, default_plan, read_plan
 from holoview.rig.measure.measurement import Measurement
 from holoview.rig.open_rig import open_rig
-from holoview.session.jobs import Cancelled, JobControl
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 
 LIVE_PERIOD_S = 0.1
 """The least time between live pictures."""

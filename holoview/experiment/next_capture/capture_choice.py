@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import BORDER_PX
 from holoview.captures.records.central_region import central_slices
-from holoview.diagnose.comparison import PredictorProtocol, Values
+from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis, searched_part
 from holoview.experiment.next_capture.proposals import Proposal
 from holoview.model.effects.effect import Effect

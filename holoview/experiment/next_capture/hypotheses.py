@@ -32,31 +32,29 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.effect_fit import cost_or_inf, refit
+from holoview.diagnose.crop import middle_of, saving
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
     FreeParameters,
+    cost_or_inf,
     free_parameters_of,
     identity_values,
+    refit,
     residual_function,
 )
-from holoview.diagnose.forward_selection import select_causes
-from holoview.diagnose.held_out_ranking import NOMINAL_FIT, first_per_cause_set
-from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.judge import NOMINAL_FIT, explained_excess, first_per_cause_set, jitter_excess
+from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.nuisances import detect_nuisances
-from holoview.diagnose.picture_middle import middle_of, saving
+from holoview.diagnose.pipeline import prepare_search
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.sampling_config import PLAIN
 from holoview.diagnose.screening import fit_over_range
-from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.search_end import SearchEnd
-from holoview.diagnose.search_preparation import prepare_search
-from holoview.diagnose.verdict import explained_excess, jitter_excess
+from holoview.diagnose.search import select_causes
+from holoview.diagnose.search_context import SearchContext, SearchEnd, field_samples
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.numerics.minimise import jacobian

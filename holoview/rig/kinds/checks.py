@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.model.field_types import Choice, Number, Truth
+from holoview.model.fields import Choice, Number, Truth
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, Levels
 from holoview.util import units

@@ -47,12 +47,12 @@ from holoview.captures.dataset import Captures
 from holoview.captures.orientations import ORIENTATIONS, inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import Nuisances, jittered_effects, read_out
-from holoview.model.effects.effect_table import EffectTable
-from holoview.model.field_types import Integer, Number
+from holoview.model.effects.registry import EffectTable
+from holoview.model.fields import Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
 _EXPECTED = "what a virtual bench really is, in TOML"

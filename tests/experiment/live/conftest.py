@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import cast
 
 import pytest
-from tests.session.conftest import small_system
 
 from holoview.document.editing_session import EditingSession
 from holoview.experiment.live.bench_state import random_pattern
@@ -16,6 +15,7 @@ from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.rig_bench import rig_system
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
+from tests.document.conftest import small_system
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
 
 LASER_M = 638e-9
