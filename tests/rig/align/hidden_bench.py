@@ -15,8 +15,7 @@ from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import Counts, Devices, Levels
 from holoview.rig.limits import limit_devices
 from holoview.rig.placement import Placement
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 
 PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 
