@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from holoview.util.memory import require_memory
 from numpy.typing import NDArray
 
 from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
@@ -26,14 +27,12 @@ from holoview.captures.fourier_model import FourierBenchModel
 from holoview.captures.near_field_model import NearFieldModel
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
-from holoview.model.effects.effect_table import EffectTable
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
+from holoview.model.effects.registry import EffectTable, get_effect
 from holoview.model.plan import Plan, make_plan
-from holoview.model.validity.checks import check_plan
+from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20

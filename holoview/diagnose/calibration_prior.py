@@ -26,7 +26,7 @@ from holoview.diagnose.judge import NOMINAL_FIT, first_per_cause_set, rank_on_he
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.screening import screen_effects, without_costly_fits
 from holoview.diagnose.search_context import SearchContext, SearchEnded
-from holoview.numerics.least_squares import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
+from holoview.numerics.minimise import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
 
 Uncertainties = Mapping[str, Mapping[str, float]]

@@ -28,7 +28,7 @@ from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
-from holoview.util.processor_share import processor_share
+from holoview.util.processors import processor_share
 from holoview.util.progress import ProgressCallback
 
 

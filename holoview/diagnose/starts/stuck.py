@@ -34,7 +34,7 @@ from holoview.diagnose.starts.transmission_slopes import (
     squared_residuals,
 )
 from holoview.model.effects.effect import Effect, StartKind
-from holoview.model.effects.list_parameter import MAX_FREE_ENTRIES
+from holoview.model.effects.parameter import MAX_FREE_ENTRIES
 
 Key = tuple[int | None, int | None]
 
