@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 
 import torch
-from holoview.numerics.fourier import chirp_z_transform
 
 from holoview.captures.camera_model import CameraModel, IncoherentComponent
 from holoview.captures.camera_sampling import PixelGrid, squared_magnitude
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
+from holoview.numerics.fourier import chirp_z_transform
 from holoview.numerics.resample import band_limited_warp, centred_indices
 from holoview.optics.bench import illuminated
 from holoview.optics.slm import phasor

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from holoview.util.memory import require_memory
 from numpy.typing import NDArray
 
 from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
@@ -33,6 +32,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
+from holoview.util.memory import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20

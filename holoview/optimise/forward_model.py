@@ -34,9 +34,9 @@ from functools import partial
 from typing import TypeVar
 
 import torch
-from holoview.numerics.fourier import PrunedAxis
 
 from holoview.model.plan import Plan
+from holoview.numerics.fourier import PrunedAxis
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import phasor, sum_pool
 from holoview.optimise.beams import (
