@@ -10,16 +10,14 @@ import numpy as np
 
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
-from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
-from holoview.rig.align.record_check import check_rig_records
-from holoview.rig.align.result import doubt, placement_of, sentences
+from holoview.rig.align.result import check_rig_records, doubt, placement_of, sentences
 from holoview.rig.devices import Counts, Devices
 from holoview.rig.limits import limit_devices
-from holoview.rig.measure.exposure_search import take_exposed
-from holoview.rig.placed_devices import place_devices
-from holoview.rig.placement import placement_path, write_placement
+from holoview.rig.measure.camera_pictures import take_exposed
+from holoview.rig.placement import place_devices, placement_path, write_placement
 from holoview.util.errors import UserError
 from holoview.util.file_writer import check_writable, make_folder, write_file
 from holoview.util.files import data_dir

@@ -7,22 +7,19 @@ import time
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import parse_lengths, parse_seed
+from holoview.commands.arguments import number, parse_lengths, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.model.field_types import Shape
-from holoview.report.figure import require_matplotlib
-from holoview.study.registry import find_study, studies_by_name
+from holoview.model.fields import Shape
+from holoview.report.images import require_matplotlib
 from holoview.study.report import format_claims, write_report
-from holoview.study.runner import ExecutionTarget, run_jobs
-from holoview.study.scale import QUICK, SCALES, TARGETS, StudyScale
-from holoview.study.store import ResultStore
-from holoview.study.study import Study
+from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
+from holoview.study.studies import find_study, studies_by_name
+from holoview.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import exit_code_of
+from holoview.util.processes import exit_code_of
 
 _MAX_WORKERS = 1024
 

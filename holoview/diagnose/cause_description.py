@@ -16,7 +16,7 @@ from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import confidence_intervals, local_information, local_jacobian
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
+from holoview.model.effects.parameter import ListParameter
 
 
 def describe_causes(

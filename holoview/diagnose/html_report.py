@@ -13,7 +13,7 @@ from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.judge import Verdict
-from holoview.report.figure import figure_bytes
+from holoview.report.images import figure_bytes
 from holoview.util.file_writer import write_file
 from holoview.util.progress import ProgressCallback
 

@@ -13,7 +13,7 @@ from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
 from holoview.diagnose.excess_breakdown import ExcessBin
 from holoview.diagnose.free_maps import FreeMapFit
 from holoview.diagnose.pixel_maps import PixelMap
-from holoview.report.figure import new_figure
+from holoview.report.images import new_figure
 from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:

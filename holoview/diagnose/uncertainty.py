@@ -24,7 +24,7 @@ from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
-from holoview.numerics.least_squares import Minimum, jacobian, profile_half_width
+from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
 
 Slopes = NDArray[np.float32]
 

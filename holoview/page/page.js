@@ -652,7 +652,7 @@ function drawSpectrum(viewer) {
         shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(viewer.state.powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
     })
     for (const nm of [400, 500, 600, 700]) {
-        const text = shape(svg, "text", { x: x(nm), y: 93, "font-size": 11, "text-anchor": "middle", fill: "currentColor" })
+        const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })
         text.textContent = `${nm} nm`
     }
 }
@@ -673,9 +673,16 @@ function drawHistogram(found) {
 
 // --- without WebGPU -----------------------------------------------------------------------------------------------------
 
+// The stored picture nearest to the first focal plane, until the first image is computed.
+function previewStored() {
+    const { planes_m, pictures } = PAGE.stored
+    const distance = i => Math.abs(planes_m[i] - PAGE.plane_m)
+    const nearest = planes_m.map((_, i) => i).reduce((a, b) => (distance(b) < distance(a) ? b : a))
+    Object.assign($("stored"), { src: pictures[nearest], alt: "The image, rendered before", hidden: false })
+}
+
 function showStored(reason) {
     $("message").textContent = reason
-    if (!PAGE.stored) return
     $("image").hidden = true
     const [image, slider, play] = [$("stored"), $("plane"), $("play")]
     image.hidden = false
@@ -700,13 +707,14 @@ function showStored(reason) {
 
 async function start() {
     $("frame").style.setProperty("--aspect", `${PAGE.shape[1]} / ${PAGE.shape[0]}`)
+    previewStored()
     const [device, info] = await openDevice()
     device.lost.then(lost => {
         if (lost.reason !== "destroyed") $("message").textContent = `The graphics device was lost: ${lost.message}. Reload the page.`
     })
     const holograms = []
     for (const [i, document_] of PAGE.holograms.entries()) {
-        $("message").textContent = `Opening ${document_.name} …`
+        $("message").textContent = `Opening ${document_.name} … The picture was rendered before.`
         const heads = JSON.parse(new TextDecoder().decode(await inflate($(`holoview-frames-${i}`).textContent)))
         const data = await inflate($(`holoview-data-${i}`).textContent)
         const open = head => FrameReplay.open(device, head, document_.contents, data)
@@ -714,10 +722,11 @@ async function start() {
         hologram.others = heads.slice(1).filter(head => suits(device, head)).map(head => () => open(head))
         holograms.push(hologram)
     }
-    $("message").textContent = ""
     const viewer = new Viewer(holograms, info)
     connect(viewer)
     await viewer.refresh()
+    $("stored").hidden = true
+    if ($("message").textContent.startsWith("Opening ")) $("message").textContent = ""
     if (!isSoftware(info)) holograms.forEach(hologram => hologram.chooseFastest().catch(error => console.warn(error)))
     return viewer
 }

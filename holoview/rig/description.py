@@ -41,17 +41,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
+from holoview.captures.patterns import random_levels
 from holoview.captures.validation import check_settings
-from holoview.model.field_types import Array, FieldType, Number
+from holoview.model.fields import Array, FieldType, Number
+from holoview.rig.devices import Counts, Levels
 from holoview.rig.limits import SafetyLimits
 from holoview.rig.placement import Placement, placement_path, read_placement
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
-from holoview.util.tables import parse_toml
+from holoview.util.files import read_text
+from holoview.util.tables import check_keys, parse_toml
 
 _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
@@ -138,16 +141,47 @@ class RigDescription:
         least = 0.0 if self.bench.focal_length_m is None else low
         return max(low, least), max(high, least)
 
+    @property
+    def levels_type(self) -> type[np.unsignedinteger]:
+        """The type of grey levels of all modulators."""
+        return np.uint8 if max(slm.num_levels for slm in self.bench.slms) <= 256 else np.uint16
+
+    def random_levels(self, rng: np.random.Generator, sigma_px: float) -> Levels:
+        """Random patterns (modulator, y, x), blurred by a Gaussian of `sigma_px` modulator pixels."""
+        return np.stack([random_levels(rng, self.slm_shape, slm.num_levels, sigma_px) for slm in self.bench.slms])
+
+    def capture(
+        self,
+        levels: NDArray[np.unsignedinteger],
+        image: Counts,
+        *,
+        wavelength_m: float,
+        distance_m: float,
+        power: float,
+        exposure_s: float,
+        **fields: Any,
+    ) -> Captures:
+        """One capture of the nominal bench. levels: (modulator, y, x). image: (y, x). fields: further ones."""
+        return Captures(
+            levels=levels[None],
+            images=image[None],
+            wavelength_m=np.array([wavelength_m]),
+            distance_m=np.array([distance_m]),
+            power=np.array([power]),
+            exposure_s=np.array([exposure_s]),
+            **self.bench.as_fields(),
+            **fields,
+        )
+
     def blank_capture(self) -> Captures:
         """A capture that wasn't taken: dark patterns and no light, with the shortest wavelength at the near end."""
-        return Captures(
-            levels=np.zeros((1, len(self.bench.slms), *self.slm_shape), np.uint8),
-            images=np.zeros((1, *self.camera_shape), np.uint16),
-            wavelength_m=np.array(self.wavelengths_m[:1]),
-            distance_m=np.array(self.limits.stage_m[:1]),
-            power=np.array([self.limits.power]),
-            exposure_s=np.array(self.limits.exposures_s[:1]),
-            **self.bench.as_fields(),
+        return self.capture(
+            np.zeros((len(self.bench.slms), *self.slm_shape), np.uint8),
+            np.zeros(self.camera_shape, np.uint16),
+            wavelength_m=self.wavelengths_m[0],
+            distance_m=self.limits.stage_m[0],
+            power=self.limits.power,
+            exposure_s=self.limits.exposures_s[0],
         )
 
 
@@ -155,7 +189,7 @@ def read_rig(path: str | os.PathLike[str], *, is_placed: bool = True) -> RigDesc
     """Reads rig.toml, and the placement beside it if there is one.
 
     is_placed: False for the rig without a placement, whose pictures needn't be rectified. Raises UserError that names
-    the key of what is missing, unknown or wrong, and for a placement of other devices.
+    a missing, unknown or wrong key, and for a placement of other devices.
     """
     rig = _read_description(path)
     if not is_placed:
@@ -177,8 +211,7 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
         if key not in _TABLES or not isinstance(table, Mapping):
             raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
     for key in ("slm1", "camera", "lasers", "stage", "limits"):
-        if key not in tables:
-            raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]")
+        check_keys(tables, _TABLES, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
     facts, options = _split(tables, where)
     slm_shape, camera_shape = _equal_shapes(facts, where), _shape(facts["camera"], f"{where}: camera")
     stage_m = _pair(facts["stage"], "range", f"{where}: stage")
@@ -224,9 +257,8 @@ def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, A
             keys = {*KEYS[name], "shape"} if name != "geometry" else set(table)
             facts[name] = {key: v for key, v in table.items() if key in keys}
         options[name] = {key: v for key, v in table.items() if key not in facts[name]}
-        if name == "limits" and options[name]:
-            key = next(iter(options[name]))
-            raise UserError(f"{where}: limits.{key}", "unknown key", remedy=suggest_matches(key, _LIMITS))
+        if name == "limits":
+            check_keys(table, _LIMITS, f"{where}: limits.")
     return facts, options
 
 

@@ -1,6 +1,6 @@
 """Where the devices of a rig are: the file RIG.placement.toml beside rig.toml, which `holoview rig align` writes.
 
-    [turned]                          # one of `captures.turns`, against what modulator 1 displays
+    [turned]                          # one of `captures.orientations`, against what modulator 1 displays
     camera = "rotate_90"              # and slm2
     [picture]                         # the part of the raw picture, turned back, that shows modulator 1
     first = [24, 31]                  # row and column
@@ -20,20 +20,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from holoview.captures.turns import TURNS, turned_shape
-from holoview.model.field_types import Array, Number
+from holoview.captures.orientations import ORIENTATIONS, oriented_shape, undone
+from holoview.model.fields import Array, Number
+from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera, WrappedModulator, WrappedStage
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
-from holoview.util.input_file import read_text
-from holoview.util.tables import parse_toml
+from holoview.util.files import read_text
+from holoview.util.tables import check_keys, parse_toml
 
 _EXPECTED = "the placement of a rig's devices in TOML"
 _REMEDY = "run `holoview rig align` again, or remove the file"
@@ -163,7 +164,7 @@ def read_placement(path: Path) -> Placement:
         camera_shape=_whole_pair(found_for, "camera_shape", f"{where}: found_for", 1),
         values=_values(tables["values"], two, f"{where}: values"),
     )
-    raw = turned_shape(placement.camera_shape, placement.camera_turn)
+    raw = oriented_shape(placement.camera_shape, placement.camera_turn)
     if any(first + n > whole for first, n, whole in zip(placement.first, placement.shape, raw, strict=True)):
         raise UserError(f"{where}: picture", "reaches beyond the camera's picture", remedy=_REMEDY)
     return placement
@@ -171,9 +172,7 @@ def read_placement(path: Path) -> Placement:
 
 def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measured]:
     wanted = [name for name in _UNITS if two or name not in _SECOND]
-    for key in table:
-        if key not in wanted:
-            raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, wanted))
+    check_keys(table, wanted, f"{where}.")
     values = {}
     for name in wanted:
         if name not in table:
@@ -188,8 +187,8 @@ def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measur
 
 
 def _turn(table: Mapping[str, Any], key: str, where: str) -> str:
-    if table.get(key) not in TURNS:
-        remedy = suggest_matches(str(table.get(key)), TURNS)
+    if table.get(key) not in ORIENTATIONS:
+        remedy = suggest_matches(str(table.get(key)), ORIENTATIONS)
         raise UserError(f"{where}: turned.{key}", f"{table.get(key)!r}", remedy=remedy)
     return str(table[key])
 
@@ -212,3 +211,51 @@ def rounded_to(value: float, uncertainty: float) -> float:
     if not uncertainty > 0:
         return value
     return round(value, _SPARE_DIGITS + 1 - int(np.floor(np.log10(uncertainty))))
+
+
+def place_devices(devices: Devices, placement: Placement) -> Devices:
+    """The same devices: levels are turned on their way out, pictures turned back and cropped, distances measured."""
+    turns = ("none", placement.slm2_turn or "none")
+    modulators = tuple(_PlacedModulator(own, turn) for own, turn in zip(devices.modulators, turns, strict=False))
+    return replace(
+        devices,
+        modulators=modulators,
+        camera=_PlacedCamera(devices.camera, placement),
+        stage=_PlacedStage(devices.stage, placement),
+    )
+
+
+@dataclass(eq=False)
+class _PlacedModulator(WrappedModulator):
+    turn: str
+
+    def show(self, levels: Levels) -> None:
+        self.device.show(np.ascontiguousarray(undone(levels, self.turn)))
+
+
+@dataclass(eq=False)
+class _PlacedCamera(WrappedCamera):
+    placement: Placement
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.placement.shape
+
+    def take(self) -> Counts:
+        (row, column), (rows, columns) = self.placement.first, self.placement.shape
+        picture = undone(self.device.take(), self.placement.camera_turn)
+        return np.ascontiguousarray(picture[row : row + rows, column : column + columns])
+
+
+@dataclass(eq=False)
+class _PlacedStage(WrappedStage):
+    placement: Placement
+
+    @property
+    def range_m(self) -> tuple[float, float]:
+        low, high = self.device.range_m
+        return self.placement.distance_m(low), self.placement.distance_m(high)
+
+    def move_to(self, distance_m: float) -> float:
+        setting = float(np.clip(self.placement.setting_m(distance_m), *self.device.range_m))  # undoes rounding
+        return self.placement.distance_m(self.device.move_to(setting))

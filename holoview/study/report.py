@@ -15,12 +15,11 @@ import jinja2
 import numpy as np
 from PIL import Image
 
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.study.plots import data_uri, render_figure
-from holoview.study.scale import QUICK, StudyScale
-from holoview.study.study import Claim, Findings, Study, StudyPicture
+from holoview.study.study import QUICK, Claim, Findings, Study, StudyPicture, StudyScale
 from holoview.util.file_writer import write_file
-from holoview.util.version import __version__
+from holoview.util.packages import __version__
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures import Camera, Captures, SlmSpec, read_captures
+from holoview.captures.capture_file import read_captures
+from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.predictor import Predictor
+from holoview.captures.predictor import Predictor, check_known_effects
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
@@ -317,3 +320,23 @@ def test_a_part_of_captures_is_predicted_like_the_whole_by_what_differs_from_las
     assert captures.laser_number[last] > 0
     part = captures.subset([last, 0]).subset([0])
     assert torch.equal(Predictor(part)([0], fringes).signal[0], whole[last])
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        ({"gap": {"gap_error": 1e-4}}, "effects.gap: it needs 2 modulators, there are 1"),
+        ({"slm_alignment": {"shift_x": 1e-6}}, "effects.slm_alignment: it needs 2 modulators"),
+        ({"distance": {"distance_error": 1e38}}, "effects.distance.distance_error: .*out of range"),
+        ({"distance": {"nothing": 1.0}}, "effects.distance.nothing: unknown parameter"),
+        ({"nosuch": {}}, "nosuch"),
+    ],
+)
+def test_a_known_effect_that_the_bench_cannot_have_is_refused(
+    make_captures: Callable[..., Captures], known: Mapping[str, Mapping[str, float]], message: str
+) -> None:
+    two = make_captures()
+    captures = replace(two, levels=two.levels[:, :1], slms=two.slms[:1], gap_m=None, relay1=Relay())
+    check_known_effects(captures, {"distance": {"distance_error": 1e-4}, "laser_power": {}})
+    with pytest.raises(UserError, match=message):
+        check_known_effects(captures, known)

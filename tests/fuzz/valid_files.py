@@ -17,15 +17,15 @@ from PIL import Image
 import holoview as hv
 from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.io.png import write_pattern
+from holoview.document.archive import SessionArchive, SessionData
+from holoview.document.editing_session import EditingSession
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig.placement import Measured, Placement, write_placement
-from holoview.session.archive import SessionArchive, SessionData
-from holoview.session.editing_session import EditingSession
 from holoview.targets.picture import read_picture
 from tests.rig.conftest import write_rig
 

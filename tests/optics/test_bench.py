@@ -1,4 +1,4 @@
-"""Illumination: plane waves whose phase rises with position as their direction says."""
+"""Illumination: plane waves whose phase rises with position as their direction says; spectra of pixels."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import torch
 from holoview.model.bench_parts import Modulator, Sampling, Source
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
-from holoview.optics.bench import pixel_wave, plane_wave
+from holoview.numerics.resample import upsample_nearest
+from holoview.numerics.sampling import positions
+from holoview.optics.bench import PixelAxis, illuminated, pixel_wave, plane_wave, spectrum_of_pixels
 
 CPU = torch.device("cpu")
 
@@ -52,3 +53,21 @@ def test_a_pixel_sees_the_wave_at_its_first_sample(upsample: int) -> None:
         pixels = pixel_wave(plan, wavelength, 0, torch.complex128, CPU)
         assert torch.equal(pixels, whole[::upsample, ::upsample])
         assert tuple(pixels.shape) == (5, 8)
+
+
+@pytest.mark.parametrize("upsample", [1, 2, 3])
+@pytest.mark.parametrize("first_pixel", [0, 2])
+def test_the_spectrum_of_pixels_is_that_of_their_samples(upsample: int, first_pixel: int) -> None:
+    plan = _plan(Source(tilts_rad=[[0.001, 0.002], [0.003, 0.001]]), upsample)
+    grid, pixels = plan.grid, torch.from_numpy(np.random.default_rng(1).random((5, 8))).to(torch.complex128)
+    frequencies, first_sample = [torch.arange(-5, 5), torch.arange(-8, 4)], first_pixel * upsample
+    light = illuminated(plan, 1, 0, pixels)
+    axes = [
+        PixelAxis.at(grid, axis, float(plan.slopes[0, 1, axis]), k, torch.complex128, first_sample)
+        for axis, k in enumerate(frequencies)
+    ]
+    samples = illuminated(plan, 1, 0, upsample_nearest(pixels, upsample))
+    padded = torch.zeros(grid.padded, dtype=torch.complex128)
+    padded[first_sample:, first_sample:][: samples.shape[0], : samples.shape[1]] = samples
+    whole = torch.fft.fft2(padded)[frequencies[0]][:, frequencies[1]]
+    torch.testing.assert_close(spectrum_of_pixels(light, axes), whole, rtol=0, atol=1e-13 * float(whole.abs().max()))

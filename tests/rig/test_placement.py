@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.rig import read_rig
-from holoview.rig.placed_devices import place_devices
-from holoview.rig.placement import Measured, Placement, placement_path, read_placement, write_placement
+from holoview.rig.placement import Measured, Placement, place_devices, placement_path, read_placement, write_placement
 from holoview.util.errors import UserError
 from tests.rig.align.hidden_bench import Hidden, devices_of
 

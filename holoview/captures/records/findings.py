@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holoview.captures.dataset import Captures
-from holoview.captures.records.correction import Hypothesis, apply_corrections
+from holoview.captures.records.corrections import Hypothesis, apply_corrections
 
 _PREFIX = "Records: "
 

@@ -19,9 +19,16 @@ from scipy.stats import f as f_distribution
 from holoview.captures.dataset import Captures, Floats
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.correction import Correction, Hypothesis, apply_corrections
-from holoview.captures.records.settings import RecordSettings
-from holoview.captures.records.trial import Values
+from holoview.captures.records.corrections import Correction, Hypothesis, apply_corrections
+from holoview.captures.records.trials import FALSE_ALARMS, Values
+
+POWER_SPREAD = 0.02
+"""[1] Spread of the gains from which the order of the powers is checked. Evidence: jitter of ordinary laboratories is
+0.003."""
+
+POWER_LEFT = 0.5
+"""[1] Another order of the powers must leave less than this share of the spread. Evidence: a reason: a law of the
+laser's power keeps the order, and half of the spread is more than it leaves by chance."""
 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
 _CACHE_MB = 64
@@ -55,9 +62,7 @@ class PowerOrder(Correction):
         return dataclasses.replace(captures, power=captures.power[np.array(self.source)])
 
 
-def find_power_order(
-    captures: Captures, corrections: Hypothesis, effects: Values, settings: RecordSettings
-) -> list[Correction]:
+def find_power_order(captures: Captures, corrections: Hypothesis, effects: Values) -> list[Correction]:
     """The order of the powers that makes the gains equal, if there is one beyond chance; at most one correction."""
     corrected = apply_corrections(captures, corrections)
     if len(np.unique(corrected.power)) < 2:
@@ -69,7 +74,7 @@ def find_power_order(
     if freedom < 2:
         return []
     spread = _spread(log_gain[lit], groups[lit])
-    if not (math.isfinite(spread) and spread > settings.power_spread):
+    if not (math.isfinite(spread) and spread > POWER_SPREAD):
         return []
     implied = log_gain + log_power  # of the true powers, beside one number for each wavelength
     tried = [*_simple_orders(len(corrected)), *([_sorted_order(implied, log_power, groups)] if lit.all() else [])]
@@ -77,11 +82,11 @@ def find_power_order(
     for order, trials_log in tried:
         left = _spread((implied - log_power[np.array(order.source)])[lit], groups[lit])
         chance_log = float(f_distribution.logsf((spread / max(left, 1e-12)) ** 2, freedom, freedom)) + trials_log
-        if left < settings.power_left * spread and chance_log < math.log(settings.false_alarms):
+        if left < POWER_LEFT * spread and chance_log < math.log(FALSE_ALARMS):
             passed.append((left, dataclasses.replace(order, spreads=(spread, left))))
     # an order of many free numbers always leaves least; a simple one that leaves about as little explains it
     least = min((left for left, _ in passed), default=math.inf)
-    return [order for left, order in passed if left <= 2 * least + settings.power_spread / 10][:1]
+    return [order for left, order in passed if left <= 2 * least + POWER_SPREAD / 10][:1]
 
 
 def _log_gains(captures: Captures, effects: Values) -> Floats:

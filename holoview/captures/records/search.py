@@ -1,64 +1,136 @@
-"""Finds wrong records: which corrections make predicted and seen speckle correlate.
+"""Finds wrong records: the corrections under which predicted and seen speckle correlate.
 
-screen   every correction alone, on two smooth captures
-compare  the best ones on several captures, mixed-up columns with their best order
-decide   named only if it beats the records as they are beyond chance, and other captures don't contradict
-pairs    where one correction leaves the captures badly predicted
-repeat   on the corrected records, until nothing more is found
-exchange one that nearly was the best takes the place of what was found, with another beside it
+choose    a few captures with smooth pictures, and others that confirm what is found
+screen    every correction alone, on two smooth captures
+compare   the best ones on several captures, with the best order of columns that are mixed up
+decide    a correction is named only if it beats the records as they are beyond chance, and no other capture contradicts
+pairs     are tried where one correction leaves the captures badly predicted
+repeat    on the corrected records, until nothing more is found
+exchange  where nothing more is found, a close second takes the place of the corrections found, with one more beside it
+
+Units come first (`units_of_lengths`) and the order of the powers last (`find_power_order`): pictures show neither.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import norm
 
 from holoview.captures.dataset import Captures
-from holoview.captures.records.candidates import COLUMNS, pairs, preference, single_corrections
-from holoview.captures.records.capture_choice import choose_captures
-from holoview.captures.records.capture_order import PatternOffset
 from holoview.captures.records.central_region import central_captures, central_region
-from holoview.captures.records.correction import Correction, Hypothesis, apply_corrections, hypothesis
-from holoview.captures.records.findings import RecordFindings
-from holoview.captures.records.power_order import find_power_order
-from holoview.captures.records.settings import DEFAULT, RecordSettings
-from holoview.captures.records.trial import Trials, TrialScore, Values
-from holoview.captures.records.value_order import (
+from holoview.captures.records.corrections import (
+    COLUMNS,
     Column,
+    Correction,
+    Hypothesis,
+    PatternOffset,
     ValueOrder,
+    apply_corrections,
     column_values,
     cyclic_orders,
+    hypothesis,
+    pairs,
+    preference,
+    single_corrections,
     units_of_lengths,
     value_indices,
 )
+from holoview.captures.records.findings import RecordFindings
+from holoview.captures.records.power_order import find_power_order
+from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values
+
+TESTED = 8
+"""[captures] Most on which the best corrections are compared; more where there are more wavelengths. Evidence: the
+cost; eight smooth pictures have thousands of grains."""
+
+SCREENED = 2
+"""[captures] On which every correction is tried first. Evidence: the cost; two, so that one bad picture doesn't
+decide."""
+
+CONFIRMED = 8
+"""[captures] Others, from smooth to rough, which a correction mustn't predict worse. Evidence: measured: with an
+aberration of 50 nm, exchanged modulators were better on smooth captures (0.97 → 0.996), worse on rough ones (0.6 →
+0.2)."""
+
+PROMISING = 96
+"""[corrections] Best on the first of the screened captures, which the others screen further. Evidence: the cost; as
+many as there are single corrections."""
+
+KEPT = 16
+"""[corrections] Best of the screening, which are compared on all tested captures. Evidence: more than the number of
+corrections that are the same physics, such as a mirrored modulator and the other two parts mirrored."""
+
+MIN_GAIN = 0.15
+"""[z] Mean gain that a correction must bring beside being significant. Evidence: derivation: a correlation of 0.5 rises
+to 0.6, of 0.9 to 0.93; a wrong record changes the whole picture, it doesn't only spoil the prediction a little."""
+
+WELL_PREDICTED = 0.9
+"""[1] Mean correlation from which no pair of corrections is tried. Evidence: one of two wrong records, put right alone,
+leaves the speckle of the other."""
+
+UNDECIDED_SIGMAS = 4.0
+"""[σ] A gain above it that chance could still give is measured on the confirming captures too. Evidence: measured:
+wavelengths mixed up beside a displaced modulator gained 6.1 σ where chance gives 6.5, and 14.1 σ with these."""
+
+EXCHANGED = 4
+"""[corrections] Of those next to the ones found, how many are tried in their place with another beside them. Evidence:
+measured: of patterns out of step and distances mixed up, the patterns alone came second."""
+
+EQUAL_GAIN = 0.05
+"""[z] Predictions that differ by less are alike. Evidence: a third of `MIN_GAIN`."""
+
+EQUAL_SIGMAS = 3.0
+"""[σ] … or by less than this. Evidence: derivation: 0.3 % by chance."""
+
+SORTED_ORDERS = 4
+"""[corrections] Hypotheses for which the best order of a mixed-up column is found. Evidence: the cost."""
+
+MOST_CORRECTIONS = 3
+"""[corrections] Named at most, beside the order of the powers. Evidence: two mistakes in one evening happen, and one
+more."""
+
+CERTAIN_SIGMAS = 6.0
+"""[σ] Significance of the prediction above which it is said what these captures can't decide, and of the loss of one
+capture that contradicts a correction. Evidence: as `FALSE_ALARMS`."""
+
+REGION_PX = 128
+"""[px] Modulator pixels across the centre of a near-field bench that are compared, beside the walk-off. Evidence: the
+cost: captures of 128 × 96 pixels are compared whole."""
+
+MOST_CAPTURES = 64
+"""[captures] Of the middle of many captures that are considered. Evidence: the cost."""
 
 
 def find_record_errors(
-    captures: Captures, effects: Values | None = None, settings: RecordSettings = DEFAULT
+    captures: Captures,
+    effects: Values | None = None,
+    *,
+    region_px: int = REGION_PX,
+    most_captures: int = MOST_CAPTURES,
 ) -> RecordFindings:
-    """Which records of a session are wrong.
+    """Which records of these captures are wrong.
 
-    effects: those that the nominal bench has, {id: {parameter: value}}. Raises UserError for lengths that no change of
-    unit makes plausible.
+    effects: those that the nominal bench has, {id: {parameter: value}}. region_px, most_captures: how much of large
+    captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible.
     """
     began, units = time.monotonic(), units_of_lengths(captures)
     captures = apply_corrections(captures, units)
-    region = central_region(captures, settings.region_px)
-    found = _Search(central_captures(region, settings.most_captures), effects or {}, settings).run()
-    changes = [_without_ends(c) if len(captures) > settings.most_captures else c for c in found.corrections]
-    power = find_power_order(region, hypothesis(changes), effects or {}, settings)
+    region = central_region(captures, region_px)
+    found = _Search(central_captures(region, most_captures), effects or {}).run()
+    changes = [_without_ends(c) if len(captures) > most_captures else c for c in found.corrections]
+    power = find_power_order(region, hypothesis(changes), effects or {})
     corrections = hypothesis([*units, *changes, *power])
-    return RecordFindings(
-        corrections, found.rivals, found.correlation, found.undecided, found.captures, time.monotonic() - began
-    )
+    return dataclasses.replace(found, corrections=corrections, seconds=time.monotonic() - began)
 
 
 def _without_ends(correction: Correction) -> Correction:
-    """The ends of a long session aren't looked at, so that it isn't known whether they have a pattern."""
+    """The ends of a long file aren't compared, so that it isn't known whether their pictures have a pattern."""
     return correction.without_ends() if isinstance(correction, PatternOffset) else correction
 
 
@@ -67,22 +139,22 @@ def _labels(score: TrialScore) -> list[str]:
 
 
 class _Search:
-    """The search on one session, whose units are plausible."""
+    """The search on captures whose units are plausible."""
 
-    def __init__(self, captures: Captures, effects: Values, settings: RecordSettings) -> None:
-        self.trials, self._settings = Trials(captures, effects, settings), settings
-        self._chosen = choose_captures(captures, self.trials.coarseness, settings)
-        self._singles = single_corrections(captures, self._chosen.screened, settings)
+    def __init__(self, captures: Captures, effects: Values) -> None:
+        self.trials = Trials(captures, effects)
+        self._chosen = _choose_captures(captures, self.trials.coarseness)
+        self._singles = single_corrections(captures, self._chosen.screened)
         self._tried = 1
         self._runners_up: list[Hypothesis] = []
 
     def run(self) -> RecordFindings:
         before = best = self.trials.score([()], self._chosen.tested)[0]
         rivals: tuple[Hypothesis, ...] = ()
-        while len(best.hypothesis) < self._settings.most_corrections:
+        while len(best.hypothesis) < MOST_CORRECTIONS:
             found = self._best_of(best, self._extended(best.hypothesis))
-            if not best.hypothesis and (found or [best])[0].correlation < self._settings.well_predicted:
-                found = self._best_of(found[0] if found else best, pairs(self._singles, self._settings)) or found
+            if not best.hypothesis and (found or [best])[0].correlation < WELL_PREDICTED:
+                found = self._best_of(found[0] if found else best, pairs(self._singles)) or found
             found = found or self._best_of(best, self._exchanged(best.hypothesis))
             if not found:
                 break
@@ -103,20 +175,21 @@ class _Search:
         return [hypothesis([*base, c]) for c in self._singles if c.effect not in kinds]
 
     def _exchanged(self, base: Hypothesis) -> list[Hypothesis]:
-        """Those that came next to a base, with one more correction of another kind.
+        """The hypotheses that came next to the base, each with one more correction of another kind.
 
-        Of two wrong records, one that puts a part of both right may come before each alone: patterns out of step with
-        their settings where patterns alone are, and distances are mixed up.
+        Where two records are wrong, a correction that puts a part of both right may predict better than the right one
+        of either: patterns out of step together with their settings, where patterns alone are out of step and
+        distances are mixed up.
         """
-        near = [one for one in self._runners_up if len(one) == len(base)][: self._settings.exchanged]
+        near = [one for one in self._runners_up if len(one) == len(base)][:EXCHANGED]
         return [wider for one in near for wider in self._extended(one) if not {*base} <= {*wider}]
 
     def _best_of(self, base: TrialScore, hypotheses: Sequence[Hypothesis]) -> list[TrialScore]:
-        """The best hypothesis and those that predict the same, if it beats the base beyond chance; else nothing."""
+        """The best hypothesis, then those that predict the same; empty unless it beats the base beyond chance."""
         self._tried += len(hypotheses)
         screened = self._chosen.screened
-        promising = self._most_significant(hypotheses, screened[:1], self._settings.promising)
-        kept = self._sorted_out(self._most_significant(promising, screened, self._settings.kept))
+        promising = self._most_significant(hypotheses, screened[:1], PROMISING)
+        kept = self._sorted_out(self._most_significant(promising, screened, KEPT))
         scores = [s for s in self.trials.score(kept, self._chosen.tested) if self._is_better(s, base)]
         if not scores:
             return []
@@ -130,7 +203,7 @@ class _Search:
         return fewest
 
     def _told_apart(self, alike: Sequence[TrialScore]) -> list[TrialScore]:
-        """Those of some hypotheses that stay alike on captures for which they differ, which weren't tested."""
+        """The best of hypotheses that predict the tested captures alike, by captures for which they differ."""
         best = [alike[0]]
         for other in alike[1:]:
             pair = [best[0].hypothesis, other.hypothesis]
@@ -140,7 +213,7 @@ class _Search:
             if not differing or set(differing) & set(self._chosen.tested):
                 best.append(other)
                 continue
-            first, second = self.trials.score(pair, differing[: self._settings.confirmed])
+            first, second = self.trials.score(pair, differing[:CONFIRMED])
             if self._are_alike(first, second):
                 best.append(other)
             elif second.gain_over(first)[0] > 0:
@@ -149,7 +222,7 @@ class _Search:
 
     def _are_alike(self, a: TrialScore, b: TrialScore) -> bool:
         gain, sigmas = b.gain_over(a)
-        return abs(gain) < self._settings.equal_gain or abs(sigmas) < self._settings.equal_sigmas
+        return abs(gain) < EQUAL_GAIN or abs(sigmas) < EQUAL_SIGMAS
 
     def _most_significant(
         self, hypotheses: Sequence[Hypothesis], indices: Sequence[int], count: int
@@ -161,7 +234,7 @@ class _Search:
     def _sorted_out(self, hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
         """Every mixed-up column gets the order that predicts the tested captures best."""
         result: dict[Hypothesis, None] = {}
-        left = self._settings.sorted_orders
+        left = SORTED_ORDERS
         for one in hypotheses:
             for column in COLUMNS:
                 order = next((c for c in one if isinstance(c, ValueOrder) and c.column == column), None)
@@ -196,21 +269,21 @@ class _Search:
     def _is_better(self, score: TrialScore, base: TrialScore) -> bool:
         """Whether a hypothesis beats another by more than the best of all that were tried does by chance.
 
-        Where the tested captures don't decide, rougher ones are asked too: smooth speckle looks much the same at
+        Where the tested captures don't decide, rougher ones are compared too: smooth speckle looks much the same at
         another wavelength.
         """
         gain, sigmas = score.gain_over(base)
-        if self._settings.undecided < sigmas < self._chance_sigmas(score):
+        if UNDECIDED_SIGMAS < sigmas < self._chance_sigmas(score):
             more = [*self._chosen.tested, *self._chosen.confirmed]
             wider, base = self.trials.score([score.hypothesis, base.hypothesis], more)
             gain, sigmas = wider.gain_over(base)
-        if gain < self._settings.min_gain or sigmas < self._chance_sigmas(score):
+        if gain < MIN_GAIN or sigmas < self._chance_sigmas(score):
             return False
         return all(self._improves_every_value(score, c) for c in score.hypothesis if isinstance(c, ValueOrder))
 
     def _chance_sigmas(self, score: TrialScore) -> float:
         trials = self._tried * score.z.shape[1] * self.trials.shift_count
-        return float(norm.isf(self._settings.false_alarms / trials))
+        return float(norm.isf(FALSE_ALARMS / trials))
 
     def _improves_every_value(self, score: TrialScore, order: ValueOrder) -> bool:
         """Whether the captures of every value that an order moves are predicted better with it than without it.
@@ -225,17 +298,17 @@ class _Search:
         return all(gain[recorded == i].mean() > 0 for i in moved)
 
     def _is_confirmed(self, found: Hypothesis, base: Hypothesis) -> bool:
-        """Whether none of the captures that took no part in the choice contradicts it.
+        """Whether no capture that took no part in the choice contradicts it.
 
-        Rough ones among them needn't be predicted better: another error of the bench decorrelates their speckle.
+        Rough captures needn't be predicted better: another error of the bench decorrelates their speckle.
         """
         if not self._chosen.confirmed:
             return True
         after, before = self.trials.score([found, base], self._chosen.confirmed)
-        return float(after.gains_over(before).min()) > -self._settings.certain
+        return float(after.gains_over(before).min()) > -CERTAIN_SIGMAS
 
     def _with_ends(self, best: TrialScore) -> Hypothesis:
-        """Patterns out of step: without the captures at the end, if these aren't predicted like the others."""
+        """The best corrections, where patterns are out of step without the ends if these are predicted worse."""
         result: list[Correction] = []
         for c in best.hypothesis:
             if isinstance(c, PatternOffset):
@@ -250,8 +323,48 @@ class _Search:
     def _undecided(self, best: TrialScore) -> tuple[str, ...]:
         """Further corrections with which the captures would be predicted as well."""
         base, *others = self.trials.score([best.hypothesis, *self._extended(best.hypothesis)], self._chosen.screened)
-        if base.significance.max() < self._settings.certain:
+        if base.significance.max() < CERTAIN_SIGMAS:
             return ()
         added = set(best.hypothesis)
         alike = [s for s in others if self._are_alike(s, base)]
         return tuple(c.label for s in alike for c in s.hypothesis if c not in added)
+
+
+@dataclass(frozen=True)
+class _ChosenCaptures:
+    """Indices of the captures on which the records are checked: those with the smoothest pictures.
+
+    Records may be wrong, so the pictures decide, not the patterns. Smooth pictures come from smooth patterns, whose
+    speckle an error of the bench decorrelates last. But smooth patterns hardly show which modulator they are on, and an
+    error of the bench can look like a wrong record in them; so the choice is confirmed on pictures of all kinds.
+    screened: a part of tested. confirmed: the others, from smooth to rough, or some of them.
+    """
+
+    screened: list[int]
+    tested: list[int]
+    confirmed: list[int]
+
+
+def _choose_captures(captures: Captures, coarseness: Callable[[int], float]) -> _ChosenCaptures:
+    """The smoothest pictures, at least one of each recorded wavelength and distance among those tested."""
+    order = sorted(range(len(captures)), key=coarseness)
+    tested: list[int] = []
+    for values in (captures.wavelength_m, captures.distance_m):
+        covered = {float(values[k]) for k in tested}
+        for k in order:
+            if float(values[k]) not in covered:
+                covered.add(float(values[k]))
+                tested.append(k)
+    most = min(TESTED, len(captures) - len(captures) // 3)
+    tested += [k for k in order if k not in tested][: max(0, most - len(tested))]
+    tested.sort(key=order.index)
+    other_settings = [k for k in tested if _setting(captures, k) != _setting(captures, tested[0])]
+    screened = [tested[0], *(other_settings or tested[1:])[: SCREENED - 1]]
+    rest = [k for k in order if k not in tested]
+    evenly = np.unique(np.linspace(0, len(rest) - 1, min(CONFIRMED, len(rest))).round().astype(int))
+    confirmed = [rest[n] for n in evenly.tolist()]
+    return _ChosenCaptures(screened, tested, confirmed)
+
+
+def _setting(captures: Captures, k: int) -> tuple[float, float]:
+    return float(captures.wavelength_m[k]), float(captures.distance_m[k])

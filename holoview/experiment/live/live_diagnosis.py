@@ -12,10 +12,10 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.pipeline import diagnose
+from holoview.document.editing_session import EditingSession
+from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.experiment.placement_doubt import diagnosis_options
 from holoview.rig.placement import Placement
-from holoview.session.editing_session import EditingSession
-from holoview.session.jobs import BackgroundJob, JobControl
 
 FIRST, FEW = 4, 3
 """Captures after which the first diagnosis begins; further ones after which, at least, the next one does."""

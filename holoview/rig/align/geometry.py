@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from holoview.captures.turns import turn_matrix
+from holoview.captures.orientations import orientation_matrix
 
 Floats = NDArray[np.float64]
 NAMES = (
@@ -95,7 +95,7 @@ def predicted_px(
     v = dict(zip(NAMES, values, strict=True))
     place, ν = centre_m, frequency
     if slm == 1:
-        turn = rotation_matrix(v["rotation2"]) @ turn_matrix(facts.slm2_turn)
+        turn = rotation_matrix(v["rotation2"]) @ orientation_matrix(facts.slm2_turn)
         scale = 1 + v["magnification2"]
         place = scale * place @ turn.T + np.array([v["shift2_y"], v["shift2_x"]])
         ν = ν @ turn.T / scale

@@ -1,17 +1,24 @@
-"""From the geometry that was found to the placement of the devices, and to sentences."""
+"""From the geometry that was found to the placement of the devices and to sentences; a check with a few captures."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from holoview.captures.records.orientation import TURN_WORDS
+from holoview.captures.dataset import join_captures
+from holoview.captures.patterns import BLUR_SIGMAS_PX
+from holoview.captures.records import RecordFindings, find_record_errors
+from holoview.captures.records.corrections import ORIENTATION_WORDS
 from holoview.rig.align.alignment import FoundGeometry
 from holoview.rig.align.geometry import Geometry
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import DeviceError
+from holoview.rig.devices import DeviceError, Devices
+from holoview.rig.measure.capture_plan import CapturePlan, default_plan
+from holoview.rig.measure.measurement import Measurement
 from holoview.rig.placement import Measured, Placement
+from holoview.util.progress import ProgressCallback
 from holoview.util.units import format_rounded
 
 _LEAST_SHARE = 0.5  # of the modulator's height and width that the camera has to see
@@ -122,10 +129,47 @@ def sentences(placement: Placement) -> list[str]:
 
 
 def _turned(turn: str) -> str:
-    return TURN_WORDS.get(turn, "the right way up")
+    return ORIENTATION_WORDS.get(turn, "the right way up")
 
 
 def _pm(placement: Placement, name: str, unit: str) -> str:
     found = placement.values[name]
     number, _ = format_rounded(found.value, unit, 5).split()
     return f"{number} ± {format_rounded(found.uncertainty, unit, 2)}"
+
+
+_OF_EACH = 2  # captures of each laser and plane
+
+
+def check_plan(rig: RigDescription) -> CapturePlan:
+    """The smoothest captures of each laser and plane of the default plan."""
+    smoothest = np.sort(BLUR_SIGMAS_PX)[-_OF_EACH:]
+    count: dict[tuple[float, float], int] = {}
+    requests = []
+    for request in default_plan(rig).requests:
+        condition = request.wavelength_m, request.distance_m
+        if request.sigma_px in smoothest and count.get(condition, 0) < _OF_EACH:
+            count[condition] = count.get(condition, 0) + 1
+            requests.append(request)
+    return CapturePlan(tuple(requests))
+
+
+def check_rig_records(
+    rig: RigDescription,
+    devices: Devices,
+    progress: ProgressCallback = lambda done, total, note: None,
+    is_asked_to_end: Callable[[], bool] = lambda: False,
+) -> RecordFindings | None:
+    """Takes two captures of every laser and plane, and checks their records; None if asked to end.
+
+    rig: with its placement. devices: those of it, placed.
+    """
+    session, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
+    for done, request in enumerate(requests):
+        if is_asked_to_end():
+            return None
+        progress(done, len(requests), f"{request.wavelength_m * 1e9:.0f} nm, {request.distance_m * 1e3:.3g} mm")
+        taken.append(session.take(request, request.levels(rig)))
+    progress(len(requests), len(requests), "")
+    known = {} if rig.placement is None else rig.placement.known_effects()
+    return find_record_errors(join_captures(taken), known)

@@ -23,7 +23,7 @@ from holoview.rig.devices import Counts, DeviceError, Levels
 from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
 from holoview.rig.virtual.wire import Message
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 try:
     from slmsuite.hardware.cameras.camera import Camera

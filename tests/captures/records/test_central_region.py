@@ -11,7 +11,6 @@ from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.records import find_record_errors
 from holoview.captures.records.central_region import central_captures, central_region, speckle_px
-from holoview.captures.records.settings import DEFAULT
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model.bench_parts import Relay
 from tests.captures.conftest import pictures
@@ -48,8 +47,7 @@ def test_its_pictures_are_those_of_the_whole(large: Captures) -> None:
 
 
 def test_a_mistake_is_found_in_it(large: Captures) -> None:
-    settings = dataclasses.replace(DEFAULT, region_px=SIDE_PX)
-    found = find_record_errors(spoiled(large, turn("slm2", "flip_y")), settings=settings)
+    found = find_record_errors(spoiled(large, turn("slm2", "flip_y")), region_px=SIDE_PX)
     assert [c.label for c in found.corrections] == ["slm2_orientation flip_y"]
 
 
@@ -103,8 +101,7 @@ def test_of_a_long_session_the_middle_is_considered(large: Captures) -> None:
     assert len(middle) in (5, 6) and (len(large) - len(middle)) % 2 == 0
     first = (len(large) - len(middle)) // 2
     assert np.array_equal(middle.images, large.images[first : first + len(middle)])
-    settings = dataclasses.replace(DEFAULT, most_captures=10)
     wrong = spoiled(large, late(1, ("slm1", "slm2")))
-    found = find_record_errors(wrong, settings=settings)
+    found = find_record_errors(wrong, most_captures=10)
     assert [c.label for c in found.corrections] == ["capture_order offset:+1"]
     assert len(found.corrected(wrong)) == len(large) - 1  # it isn't known whether the ends belong together

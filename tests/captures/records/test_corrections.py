@@ -6,19 +6,33 @@ import dataclasses
 import inspect
 import re
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.records.capture_order import PatternOffset, offset_candidates
-from holoview.captures.records.correction import ORDER, Correction, apply_corrections, hypothesis
+from holoview.captures.records import corrections, power_order, search, trials
+from holoview.captures.records.corrections import (
+    ORDER,
+    CameraOrientation,
+    ColumnReversal,
+    Correction,
+    PatternOffset,
+    SlmExchange,
+    SlmInversion,
+    SlmOrientation,
+    ValueOrder,
+    WrongUnit,
+    apply_corrections,
+    hypothesis,
+    level_candidates,
+    offset_candidates,
+    orientation_candidates,
+    plausible_units,
+)
 from holoview.captures.records.findings import RecordFindings
-from holoview.captures.records.orientation import CameraOrientation, SlmOrientation, orientation_candidates
-from holoview.captures.records.pattern_levels import SlmExchange, SlmInversion, level_candidates
 from holoview.captures.records.power_order import PowerOrder
-from holoview.captures.records.settings import RecordSettings
-from holoview.captures.records.value_order import ColumnReversal, ValueOrder, WrongUnit, plausible_units
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures
 from tests.captures.records.mistakes import Name, all_mistakes, late, shuffle, spoiled, turn
@@ -151,8 +165,15 @@ def test_the_file_notes_what_was_corrected(square: Captures, tmp_path: Path) -> 
     assert read_captures(tmp_path / "c.h5").levels.tolist() == square.levels[:, ::-1].tolist()
 
 
-def test_every_setting_states_its_unit_and_evidence() -> None:
-    source = inspect.getsource(RecordSettings)
-    fields = [f.name for f in dataclasses.fields(RecordSettings)]
-    stated = re.findall(r'    (\w+): [^\n]+\n    """\[[^\]]+\] [A-Z…].*?Evidence:\s+\S', source, flags=re.DOTALL)
-    assert stated == fields
+def _thresholds(module: ModuleType) -> list[str]:
+    """The public constants of a module that are numbers."""
+    return [n for n, v in vars(module).items() if n.isupper() and n[0] != "_" and isinstance(v, int | float)]
+
+
+def test_every_threshold_states_its_unit_and_evidence() -> None:
+    stated: list[str] = []
+    for module in (corrections, power_order, search, trials):
+        source = inspect.getsource(module)
+        stated += re.findall(r'^(\w+) = [^\n]+\n"""\[[^\]]+\] [A-Z…].*?Evidence:\s+\S', source, flags=re.DOTALL | re.M)
+    every = {name for module in (corrections, power_order, search, trials) for name in _thresholds(module)}
+    assert every <= set(stated) and len(every) > 20

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.records.settings import DEFAULT
-from holoview.captures.records.speckle import SpeckleComparison
+from holoview.captures.records.trials import SpeckleComparison
 
 SHAPE = (64, 80)
 PAIRS = 150
@@ -24,7 +23,7 @@ def _speckle(rng: np.random.Generator, grain_px: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("grain_px", [1.0, 2.0, 4.0])
 def test_unrelated_pictures_scatter_as_the_grains_say(grain_px: float) -> None:
-    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(0)
+    comparison, rng = SpeckleComparison(SHAPE), np.random.default_rng(0)
     squares = []
     for _ in range(PAIRS):
         match = comparison.match(*(comparison.contrast(_speckle(rng, grain_px)) for _ in range(2)))
@@ -34,7 +33,7 @@ def test_unrelated_pictures_scatter_as_the_grains_say(grain_px: float) -> None:
 
 
 def test_large_grains_are_fewer() -> None:
-    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(0)
+    comparison, rng = SpeckleComparison(SHAPE), np.random.default_rng(0)
     grains = [
         comparison.match(*(comparison.contrast(_speckle(rng, size)) for _ in range(2))).grains for size in (1.0, 4.0)
     ]
@@ -42,7 +41,7 @@ def test_large_grains_are_fewer() -> None:
 
 
 def test_neither_a_beam_nor_a_power_nor_a_small_shift_lowers_the_correlation() -> None:
-    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(1)
+    comparison, rng = SpeckleComparison(SHAPE), np.random.default_rng(1)
     light = _speckle(rng, 2.0)
     y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in SHAPE), indexing="ij")
     seen = np.roll(40 * light * np.exp(-(y**2 + x**2) / 2), (3, -2), (0, 1))
@@ -54,7 +53,7 @@ def test_neither_a_beam_nor_a_power_nor_a_small_shift_lowers_the_correlation() -
 
 
 def test_a_dark_picture_correlates_with_nothing() -> None:
-    comparison = SpeckleComparison(SHAPE, DEFAULT)
+    comparison = SpeckleComparison(SHAPE)
     dark, lit = comparison.contrast(np.zeros(SHAPE)), comparison.contrast(_speckle(np.random.default_rng(0), 2.0))
     match = comparison.match(dark, lit)
     assert np.abs(match.z).max() < 1e-6 and np.isfinite(match.grains).all()

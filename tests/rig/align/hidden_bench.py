@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.turns import TURNS, nearest_turn, turn_matrix, turned_shape
+from holoview.captures.orientations import ORIENTATIONS, nearest_orientation, orientation_matrix, oriented_shape
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import Counts, Devices, Levels
 from holoview.rig.limits import limit_devices
 from holoview.rig.placement import Placement
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 
 PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 
@@ -59,12 +58,12 @@ class Hidden:
             "opd_range": "825 nm",
         }
         square = self.kind == "fourier"
-        raw = (220, 240) if square else tuple(2 * n + 52 for n in turned_shape(self.shape, self.slm1))
+        raw = (220, 240) if square else tuple(2 * n + 52 for n in oriented_shape(self.shape, self.slm1))
         tables: dict[str, Any] = {
             "slm1": slm,
             "camera": {
                 "device": "virtual",
-                "shape": list(turned_shape((raw[0], raw[1]), self.camera)),
+                "shape": list(oriented_shape((raw[0], raw[1]), self.camera)),
                 "pitch": f"{self.camera_pitch_m * 1e6:g} um",
                 "bit_depth": 12,
                 "electrons_per_count": 4.0,
@@ -110,13 +109,13 @@ class Hidden:
 
     def expected_turns(self) -> tuple[str, str | None]:
         """Of the camera and of modulator 2, as seen from modulator 1."""
-        camera = nearest_turn(turn_matrix(self.camera) @ turn_matrix(self.slm1))
-        second = nearest_turn(turn_matrix(self.slm1).T @ turn_matrix(self.slm2))
+        camera = nearest_orientation(orientation_matrix(self.camera) @ orientation_matrix(self.slm1))
+        second = nearest_orientation(orientation_matrix(self.slm1).T @ orientation_matrix(self.slm2))
         return camera, second if self.kind == "two" else None
 
     def expected_values(self) -> dict[str, float]:
         """As seen from modulator 1; centre_y, centre_x: on the picture turned back, in its pixels from its middle."""
-        to_own = turn_matrix(self.slm1).T
+        to_own = orientation_matrix(self.slm1).T
         sign = float(np.linalg.det(to_own))
         centre = to_own @ np.array(self.shift_m) / self.camera_pitch_m
         expected = {
@@ -140,7 +139,7 @@ class Hidden:
 def found_values(placement: Placement) -> dict[str, tuple[float, float]]:
     """Values and uncertainties of a placement, with the centre in pixels in place of what is left of the shift."""
     values = {name: (own.value, own.uncertainty) for name, own in placement.values.items()}
-    raw = np.array(turned_shape(placement.camera_shape, placement.camera_turn))
+    raw = np.array(oriented_shape(placement.camera_shape, placement.camera_turn))
     for axis, name in enumerate("yx"):
         left, error = values.pop(f"shift_{name}")
         crop = placement.first[axis] + (placement.shape[axis] - 1) / 2 - (raw[axis] - 1) / 2
@@ -152,8 +151,8 @@ def draw(kind: str, seed: int, shape: tuple[int, int] = (48, 64)) -> Hidden:
     """A random placement: any turns that the shape allows, and errors of a first day in the laboratory."""
     rng = np.random.default_rng((seed, len(kind)))
     square = shape[0] == shape[1]
-    slm1 = str(rng.choice(TURNS))
-    same = [t for t in TURNS if square or turned_shape(shape, t) == turned_shape(shape, slm1)]
+    slm1 = str(rng.choice(ORIENTATIONS))
+    same = [t for t in ORIENTATIONS if square or oriented_shape(shape, t) == oriented_shape(shape, slm1)]
     size = 30e-6 if kind != "fourier" else 200e-6
 
     def pair(extent: float) -> tuple[float, float]:
@@ -165,7 +164,7 @@ def draw(kind: str, seed: int, shape: tuple[int, int] = (48, 64)) -> Hidden:
         shape,
         slm1=slm1,
         slm2=str(rng.choice(same)),
-        camera=str(rng.choice(TURNS)),
+        camera=str(rng.choice(ORIENTATIONS)),
         shift_m=pair(size),
         rotation=float(rng.uniform(-0.02, 0.02)),
         magnification=float(rng.uniform(-0.03, 0.03)),

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures.turns import TURNS
+from holoview.captures.orientations import ORIENTATIONS
 from holoview.rig import read_rig
-from holoview.rig.align.alignment import find_geometry
+from holoview.rig.align.alignment import find_geometry, find_roughly
 from holoview.rig.align.probes import flat_levels, optics_of
 from holoview.rig.align.result import doubt, placement_of, sentences
-from holoview.rig.align.rough import find_roughly
 from holoview.rig.devices import Counts, DeviceError, Devices
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 
@@ -66,12 +65,12 @@ def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path:
 
 
 @pytest.mark.parametrize("kind", ["one", "fourier"])
-@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("turn", ORIENTATIONS)
 def test_every_turn_of_the_camera_is_found(kind: str, turn: str, tmp_path: Path) -> None:
     assert rough_turns(Hidden(kind, (40, 48), camera=turn), tmp_path) == [turn]
 
 
-@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("turn", ORIENTATIONS)
 def test_every_turn_of_a_square_modulator_is_found(turn: str, tmp_path: Path) -> None:
     """Modulator 1 turned alone turns the picture; modulator 2 turned alone only its own dots."""
     assert rough_turns(Hidden("two", (48, 48), slm2=turn), tmp_path) == ["none", turn]

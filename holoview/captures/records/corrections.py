@@ -1,0 +1,493 @@
+"""Which records of captures can be wrong, and how each wrong record is put right.
+
+A correction names one wrong record and makes the captures as they should have been recorded:
+
+    SlmExchange, SlmInversion            patterns of the other modulator; inverted levels
+    SlmOrientation, CameraOrientation    patterns or pictures that are mirrored or turned
+    PatternOffset                        patterns out of step with their pictures
+    ValueOrder, ColumnReversal           wavelengths or distances of other captures
+    WrongUnit                            wavelengths or distances in a wrong unit
+    `power_order.PowerOrder`             powers of other captures
+
+Corrections are applied together in the order of `ORDER`: the exchange of the modulators' patterns is undone first, so
+that "modulator 1" means the one on the bench in every other correction. At the end of the file: which corrections are
+tried for given captures, alone and in pairs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.dataset import Captures, Floats
+from holoview.captures.orientations import ORIENTATIONS, SHAPE_KEEPING, undone
+from holoview.captures.validation import check_captures, check_lengths
+from holoview.util.errors import UserError
+
+ORDER = (
+    "slm_exchange",
+    "slm1_orientation",
+    "slm2_orientation",
+    "camera_orientation",
+    "slm1_inverted",
+    "slm2_inverted",
+    "capture_order",
+    "wavelength_order",
+    "distance_order",
+    "power_order",
+)
+"""The ids of all kinds of wrong records."""
+
+
+@dataclass(frozen=True)
+class Correction(ABC):
+    """A wrong record that can be put right. Instances are small and comparable."""
+
+    @property
+    @abstractmethod
+    def effect(self) -> str:
+        """The id of the wrong record, one of `ORDER`."""
+
+    @property
+    @abstractmethod
+    def choice(self) -> str:
+        """What happened to the records, as a short text; empty where the id says it all."""
+
+    @property
+    @abstractmethod
+    def sentence(self) -> str:
+        """The finding in words."""
+
+    @abstractmethod
+    def apply(self, captures: Captures) -> Captures:
+        """The captures with this record as it should have been."""
+
+    @property
+    def label(self) -> str:
+        """Id and choice."""
+        return f"{self.effect} {self.choice}".strip()
+
+
+Hypothesis = tuple[Correction, ...]
+"""Corrections to be applied together; () leaves the captures as they are recorded."""
+
+
+def hypothesis(corrections: Iterable[Correction]) -> Hypothesis:
+    """The corrections in the order in which they are applied."""
+    return tuple(sorted(corrections, key=lambda c: ORDER.index(c.effect)))
+
+
+def apply_corrections(captures: Captures, corrections: Hypothesis) -> Captures:
+    """The captures as they should have been recorded, without a note of it."""
+    for correction in corrections:
+        captures = correction.apply(captures)
+    return captures
+
+
+def with_levels(captures: Captures, slm: int, levels: NDArray[np.unsignedinteger]) -> Captures:
+    """The captures with other patterns (capture, y, x) of modulator `slm`, which counts from 0."""
+    changed = captures.levels.copy()
+    changed[:, slm] = levels
+    return dataclasses.replace(captures, levels=changed)
+
+
+Images = NDArray[Any]
+
+ORIENTATION_WORDS = {
+    "flip_x": "mirrored left to right",
+    "flip_y": "upside down (mirrored top to bottom)",
+    "rotate_180": "turned by 180°",
+    "transpose": "with rows and columns exchanged",
+    "rotate_90": "turned by 90° anticlockwise",
+    "rotate_270": "turned by 90° clockwise",
+    "anti_transpose": "mirrored at the other diagonal",
+}
+"""What each orientation does, in words."""
+
+
+@dataclass(frozen=True)
+class SlmOrientation(Correction):
+    """The patterns of one modulator are recorded mirrored or turned. slm: 0 or 1."""
+
+    slm: int
+    orientation: str
+
+    @property
+    def effect(self) -> str:
+        return f"slm{self.slm + 1}_orientation"
+
+    @property
+    def choice(self) -> str:
+        return self.orientation
+
+    @property
+    def sentence(self) -> str:
+        return f"The patterns of modulator {self.slm + 1} are recorded {ORIENTATION_WORDS[self.orientation]}."
+
+    def apply(self, captures: Captures) -> Captures:
+        return with_levels(captures, self.slm, undone(captures.levels[:, self.slm], self.orientation))
+
+
+@dataclass(frozen=True)
+class CameraOrientation(Correction):
+    """The camera's pictures are recorded mirrored or turned."""
+
+    orientation: str
+
+    @property
+    def effect(self) -> str:
+        return "camera_orientation"
+
+    @property
+    def choice(self) -> str:
+        return self.orientation
+
+    @property
+    def sentence(self) -> str:
+        return f"The camera's pictures are recorded {ORIENTATION_WORDS[self.orientation]}."
+
+    def apply(self, captures: Captures) -> Captures:
+        return dataclasses.replace(captures, images=self.undone(captures.images))
+
+    def undone(self, images: Images) -> Images:
+        """Images (…, y, x) the right way up."""
+        return undone(images, self.orientation)
+
+
+def orientation_candidates(captures: Captures) -> list[Correction]:
+    """All orientations that the shapes allow.
+
+    A modulator's patterns can be turned by 90° if they are square. The pictures can be if they are, or the modulators,
+    and on a Fourier bench, where the camera's shape has nothing to do with the modulator's.
+    """
+    rows, columns = captures.levels.shape[2:]
+    of_slms = ORIENTATIONS[1:] if rows == columns else SHAPE_KEEPING[1:]
+    square_camera = captures.shape[0] == captures.shape[1]
+    of_camera = ORIENTATIONS[1:] if rows == columns or square_camera or captures.is_fourier else SHAPE_KEEPING[1:]
+    slms = [SlmOrientation(slm, orientation) for slm in range(len(captures.slms)) for orientation in of_slms]
+    return [*slms, *(CameraOrientation(orientation) for orientation in of_camera)]
+
+
+@dataclass(frozen=True)
+class SlmExchange(Correction):
+    """The patterns of the two modulators are exchanged."""
+
+    effect = "slm_exchange"
+    choice = ""
+    sentence = "The patterns of the two modulators are exchanged in the records."
+
+    def apply(self, captures: Captures) -> Captures:
+        return dataclasses.replace(captures, levels=captures.levels[:, ::-1])
+
+    def fits(self, captures: Captures) -> bool:
+        """Not where a modulator lacks the levels of the other's patterns."""
+        highest = captures.levels.max(axis=(0, 2, 3))[::-1]
+        levels = [slm.num_levels for slm in captures.slms]
+        return len(levels) == 2 and all(h < n for h, n in zip(highest, levels, strict=True))
+
+
+@dataclass(frozen=True)
+class SlmInversion(Correction):
+    """The levels of one modulator are inverted: the highest stands for 0. slm: 0 or 1."""
+
+    slm: int
+
+    choice = ""
+
+    @property
+    def effect(self) -> str:
+        return f"slm{self.slm + 1}_inverted"
+
+    @property
+    def sentence(self) -> str:
+        return f"The levels of modulator {self.slm + 1} are recorded inverted: the highest level stands for 0."
+
+    def apply(self, captures: Captures) -> Captures:
+        levels = captures.levels[:, self.slm]
+        return with_levels(captures, self.slm, (captures.slms[self.slm].num_levels - 1 - levels).astype(levels.dtype))
+
+
+def level_candidates(captures: Captures) -> list[Correction]:
+    """The exchange of the patterns, if there are two modulators, and each modulator's inversion."""
+    inversions = [SlmInversion(slm) for slm in range(len(captures.slms))]
+    return [*([SlmExchange()] if SlmExchange().fits(captures) else []), *inversions]
+
+
+_SETTINGS = ("wavelength_m", "distance_m", "power", "exposure_s")
+
+
+@dataclass(frozen=True)
+class PatternOffset(Correction):
+    """Patterns are recorded `offset` captures after their pictures (before them if negative).
+
+    slms: the modulators concerned, from 0. with_settings: wavelength, distance, power and exposure are out of step with
+    the pictures too. wraps: the captures at one end belong to the pictures at the other; otherwise those have no
+    pattern in the file, and are left out.
+    """
+
+    offset: int
+    slms: tuple[int, ...]
+    modulators: int
+    with_settings: bool = False
+    wraps: bool = True
+
+    effect = "capture_order"
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it concerns the patterns of all modulators, and nothing else."""
+        return not self.with_settings and len(self.slms) == self.modulators
+
+    @property
+    def choice(self) -> str:
+        which = f" of modulator {self.slms[0] + 1}" if len(self.slms) < self.modulators else ""
+        return f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"
+
+    @property
+    def sentence(self) -> str:
+        one = len(self.slms) < self.modulators
+        who = f"The patterns of modulator {self.slms[0] + 1}" if one else "The patterns"
+        also = ", with their wavelengths, distances, powers and exposures," * self.with_settings
+        count, where = abs(self.offset), "later" if self.offset > 0 else "earlier"
+        ends = "" if self.wraps else " Captures whose pattern isn't in the file are left out."
+        return f"{who}{also} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
+
+    def apply(self, captures: Captures) -> Captures:
+        levels = captures.levels.copy()
+        for slm in self.slms:
+            levels[:, slm] = np.roll(levels[:, slm], -self.offset, axis=0)
+        changed: dict[str, NDArray[np.generic]] = {"levels": levels}
+        if self.with_settings:
+            changed |= {name: np.roll(getattr(captures, name), -self.offset) for name in _SETTINGS}
+        moved = dataclasses.replace(captures, **changed)  # type: ignore[arg-type]
+        return moved if self.wraps else moved.subset(np.flatnonzero(~self.wrapped(len(captures))))
+
+    def wrapped(self, count: int) -> NDArray[np.bool_]:
+        """Which of `count` pictures would get a pattern from the other end of the file."""
+        source = np.arange(count) + self.offset
+        return (source < 0) | (source >= count)
+
+    def without_ends(self) -> PatternOffset:
+        """The same, but the pictures at the end have no pattern."""
+        return dataclasses.replace(self, wraps=False)
+
+
+def offset_candidates(captures: Captures, largest: int) -> list[Correction]:
+    """Offsets up to ± `largest`: of all patterns, of one modulator's patterns, and of patterns with their settings."""
+    modulators = len(captures.slms)
+    each = [tuple(range(modulators)), *((slm,) for slm in range(modulators) if modulators > 1)]
+    most = min(largest, len(captures) // 2)
+    steps = [sign * n for n in range(1, most + 1) for sign in (1, -1)]
+    settings_vary = any(len(np.unique(getattr(captures, name))) > 1 for name in _SETTINGS[:2])
+    found = [PatternOffset(n, slms, modulators) for slms in each for n in steps]
+    if settings_vary:
+        found += [PatternOffset(n, each[0], modulators, with_settings=True) for n in steps]
+    return list(found)
+
+
+Column = Literal["wavelength", "distance"]
+_FIELDS: dict[Column, str] = {"wavelength": "wavelength_m", "distance": "distance_m"}
+_SHOWN: dict[Column, tuple[float, str]] = {"wavelength": (1e9, "nm"), "distance": (1e3, "mm")}
+_UNITS: dict[Column, tuple[tuple[float, str, str], ...]] = {
+    "wavelength": ((1e3, "nm", "µm"), (1e-3, "µm", "nm"), (1e9, "nm", "m"), (1e6, "µm", "m")),
+    "distance": ((1e3, "mm", "m"), (1e-3, "m", "mm"), (1e6, "µm", "m")),
+}
+"""(recorded over true value, the unit meant, the unit taken) of common mistakes."""
+
+
+def column_values(captures: Captures, column: Column) -> Floats:
+    """The distinct values of a column (m) in ascending order."""
+    return np.unique(getattr(captures, _FIELDS[column]))
+
+
+def _replaced(captures: Captures, column: Column, values: Floats) -> Captures:
+    return dataclasses.replace(captures, **{_FIELDS[column]: values})  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class ColumnCorrection(Correction):
+    """A correction of one column of the records."""
+
+    column: Column
+
+    @property
+    def effect(self) -> str:
+        return f"{self.column}_order"
+
+
+@dataclass(frozen=True)
+class ValueOrder(ColumnCorrection):
+    """The values of a column are mixed up: where the i-th smallest is recorded, the true one is the p[i]-th smallest.
+
+    permutation: p, counted from 0. values: the distinct values (m), ascending; others stay.
+    """
+
+    permutation: tuple[int, ...]
+    values: tuple[float, ...]
+
+    @property
+    def choice(self) -> str:
+        if self.permutation == tuple(reversed(range(len(self.permutation)))):
+            return "reversed"
+        return f"permutation:{','.join(map(str, self.permutation))}"
+
+    @property
+    def sentence(self) -> str:
+        scale, unit = _SHOWN[self.column]
+        moved = [
+            f"{self.values[i] * scale:.6g} {unit} stands for {self.values[p] * scale:.6g} {unit}"
+            for i, p in enumerate(self.permutation)
+            if i != p
+        ]
+        return f"The {self.column}s are mixed up in the records: {', '.join(moved)}."
+
+    def apply(self, captures: Captures) -> Captures:
+        values, recorded = np.array(self.values), getattr(captures, _FIELDS[self.column])
+        index = np.abs(recorded[:, None] - values[None]).argmin(axis=1)
+        moved = values[np.array(self.permutation)[index]]
+        return _replaced(captures, self.column, np.where(recorded == values[index], moved, recorded))
+
+
+@dataclass(frozen=True)
+class ColumnReversal(ColumnCorrection):
+    """The column stands in the file from the last capture to the first."""
+
+    choice = "reversed"
+
+    @property
+    def sentence(self) -> str:
+        return f"The {self.column}s are recorded from the last capture to the first."
+
+    def apply(self, captures: Captures) -> Captures:
+        return _replaced(captures, self.column, getattr(captures, _FIELDS[self.column])[::-1].copy())
+
+
+@dataclass(frozen=True)
+class WrongUnit(ColumnCorrection):
+    """The numbers of a column were meant in one unit and taken in another.
+
+    factor: recorded value over true value.
+    """
+
+    factor: float
+    meant: str
+    taken: str
+
+    @property
+    def choice(self) -> str:
+        return f"unit:{self.meant} taken as {self.taken}"
+
+    @property
+    def sentence(self) -> str:
+        return f"The {self.column}s are recorded in a wrong unit: numbers in {self.meant} were taken as {self.taken}."
+
+    def apply(self, captures: Captures) -> Captures:
+        return _replaced(captures, self.column, getattr(captures, _FIELDS[self.column]) / self.factor)
+
+
+def unit_candidates(captures: Captures, column: Column) -> list[WrongUnit]:
+    """Common mistakes with the unit of a column after which lengths are plausible."""
+    found = [WrongUnit(column, *each) for each in _UNITS[column]]
+    return [unit for unit in found if _has_plausible_lengths(unit.apply(captures))]
+
+
+def plausible_units(captures: Captures) -> tuple[WrongUnit, ...]:
+    """The units that must be corrected before the session is plausible; usually none.
+
+    Raises UserError for a session that is impossible for another reason (`check_captures`).
+    """
+    units = units_of_lengths(captures)
+    check_captures(apply_corrections(captures, units))
+    return units
+
+
+def units_of_lengths(captures: Captures) -> tuple[WrongUnit, ...]:
+    """The same, where lengths alone are checked. Raises UserError for lengths that no unit makes plausible."""
+    units: tuple[WrongUnit, ...] = ()
+    if not _has_plausible_lengths(captures):
+        of_columns = [[None, *(WrongUnit(column, *each) for each in _UNITS[column])] for column in _UNITS]
+        for pair in sorted(product(*of_columns), key=lambda pair: sum(unit is not None for unit in pair)):
+            chosen = tuple(unit for unit in pair if unit is not None)
+            if _has_plausible_lengths(apply_corrections(captures, chosen)):
+                units = chosen
+                break
+    check_lengths(apply_corrections(captures, units))
+    return units
+
+
+def _has_plausible_lengths(captures: Captures) -> bool:
+    try:
+        check_lengths(captures)
+    except UserError:
+        return False
+    return True
+
+
+def cyclic_orders(captures: Captures, column: Column) -> list[ValueOrder]:
+    """The cyclic permutations of a column's values, the identity first: together they pair every value with every."""
+    values = tuple(column_values(captures, column).tolist())
+    n = len(values)
+    return [ValueOrder(column, tuple((i + step) % n for i in range(n)), values) for step in range(n)]
+
+
+def exchanges(captures: Captures, column: Column, indices: Sequence[int]) -> list[Correction]:
+    """The exchanges of the values that these captures have with each other value."""
+    values = column_values(captures, column)
+    own = set(value_indices(captures, column, indices))
+    pairs = {(min(i, j), max(i, j)) for i in own for j in range(len(values)) if i != j}
+    found: list[Correction] = []
+    for i, j in sorted(pairs):
+        order = list(range(len(values)))
+        order[i], order[j] = j, i
+        found.append(ValueOrder(column, tuple(order), tuple(values.tolist())))
+    return found
+
+
+def value_indices(captures: Captures, column: Column, indices: Sequence[int]) -> list[int]:
+    """Which of the column's distinct values each of these captures has."""
+    values = column_values(captures, column)
+    return [int(np.searchsorted(values, getattr(captures, _FIELDS[column])[k])) for k in indices]
+
+
+LARGEST_OFFSET = 8
+"""[captures] Largest offset between patterns and pictures that is tried. Evidence: none recorded."""
+
+PAIRED_OFFSET = 3
+"""[captures] … together with another correction, where it isn't of all patterns alone. Evidence: the cost."""
+
+COLUMNS: tuple[Column, ...] = ("wavelength", "distance")
+
+
+def single_corrections(captures: Captures, screened: Sequence[int]) -> list[Correction]:
+    """Every correction that these captures can need; of mixed-up columns those that the screened captures see."""
+    found = [*orientation_candidates(captures), *level_candidates(captures)]
+    found += offset_candidates(captures, LARGEST_OFFSET)
+    for column in COLUMNS:
+        if len(column_values(captures, column)) > 1:
+            found += [*exchanges(captures, column, screened), ColumnReversal(column)]
+    return [*found, *unit_candidates(captures, "distance")] if not captures.is_fourier else found
+
+
+def pairs(singles: Sequence[Correction]) -> list[Hypothesis]:
+    """Two corrections of different kinds; of the offsets those of all patterns alone, and the smaller ones."""
+    most = PAIRED_OFFSET
+    few = [c for c in singles if not isinstance(c, PatternOffset) or c.is_plain or abs(c.offset) <= most]
+    return [hypothesis(pair) for pair in combinations(few, 2) if pair[0].effect != pair[1].effect]
+
+
+def preference(corrections: Hypothesis) -> tuple[object, ...]:
+    """Sorts explanations that predict alike: fewer corrections first, then modulators before the camera.
+
+    The last part makes the order of equals definite.
+    """
+    kinds = sorted(ORDER.index(c.effect) for c in corrections)
+    involved = sum(isinstance(c, PatternOffset) and not c.is_plain for c in corrections)
+    reversal = sum(isinstance(c, ColumnReversal) for c in corrections)
+    return len(corrections), involved, reversal, kinds, [c.choice for c in corrections]

@@ -1,0 +1,327 @@
+"""How well captures are predicted under a hypothesis on their records: the correlation of speckle.
+
+What benches do to brightness and position must not count. A picture therefore becomes its contrast: the square root of
+the light, divided by its blurred background. Beams, vignetting and the laser's power drop out, and few bright grains
+don't dominate. Contrasts are compared at several blurs and at all small shifts. With p and q the power spectra of two
+unrelated contrasts, each normalised to a sum of 1, the correlation ρ has the variance
+
+    var ρ = κ · Σ_f p(f)·q(f) = 1/G,   κ = N·Σw⁴/(Σw²)²
+
+(Bartlett's formula in the frequency domain; κ accounts for the window w on N pixels). G is the number of independent
+speckle grains, and z = atanh ρ (Fisher) has the variance 1/G for any ρ.
+
+`SpeckleComparison` compares two pictures, `TrialScore` holds the comparisons of one hypothesis, and `Trials` predicts
+the captures under each hypothesis, every prediction once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from holoview.captures.dataset import Captures, Floats
+from holoview.captures.predictor import Predictor
+from holoview.captures.prepared_captures import stuck_pixel_mask
+from holoview.captures.records.corrections import CameraOrientation, Hypothesis, apply_corrections
+from holoview.numerics.sampling import taper
+from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
+
+Values = Mapping[str, Mapping[str, float]]
+_Key = tuple[bytes, float, float, tuple[int, int]]
+
+BLURS_PX = (0.7, 1.5, 3.0)
+"""[px] Blurs of the compared pictures, which have about `SIDE_PX` rows. Evidence: factors of two from the pixel to the
+grains of smooth patterns."""
+
+SIDE_PX = 64
+"""[px] Pictures are binned until the shorter side has fewer than twice as many pixels. Evidence: the cost; a grain of a
+smooth pattern is a tenth of the picture."""
+
+BACKGROUND = 0.125
+"""[1] Blur of the background that is divided out, over the shorter side. Evidence: wider than grains, narrower than a
+beam or vignetting."""
+
+MAX_SHIFT = 0.08
+"""[1] Movement of the pictures that doesn't count, over the shorter side. Evidence: beyond the shifts of misaligned
+cameras and tilted light in the search study."""
+
+TAPER = 0.08
+"""[1] Width of the soft edge of the compared region, over the side. Evidence: as `MAX_SHIFT`, so that a moved picture
+compares inside."""
+
+FALSE_ALARMS = 1e-6
+"""[1] Probability that pictures without any relation to the patterns show one correction as better, of all that are
+tried. Evidence: a thousand sets of captures a day for a year give less than one."""
+
+_MAX_CORRELATION = 0.9999  # atanh of 1 is infinite
+_CACHE_MB = 64  # of each thread's predictor
+_MAX_THREADS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """Spectra of one picture's contrast at every blur, (blur, y, x), of norm 1, and their powers."""
+
+    spectra: NDArray[np.complex64]
+
+    @cached_property
+    def powers(self) -> NDArray[np.float32]:
+        """|spectrum|², whose sum is 1 at each blur."""
+        return np.square(np.abs(self.spectra))
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """z = atanh ρ of one picture at every blur and shift, (blur, dy, dx); grains: G at each blur."""
+
+    z: Floats
+    grains: Floats
+
+
+class SpeckleComparison:
+    """Compares pictures of one shape (rows, columns)."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._bin = max(1, min(shape) // SIDE_PX)
+        self.shape = (shape[0] // self._bin, shape[1] // self._bin)
+        self._window = np.outer(*(taper(n, TAPER) for n in self.shape)).astype(np.float32)
+        fy, fx = (scipy.fft.fftfreq(n) for n in self.shape)
+        squared = fy[:, None] ** 2 + fx[None, :] ** 2
+        blurs = np.array(BLURS_PX)[:, None, None]
+        self._blur = np.exp(-2 * (np.pi * blurs) ** 2 * squared).astype(np.float32)
+        w2 = np.square(self._window, dtype=np.float64)
+        self._window_factor = w2.size * float(np.square(w2).sum()) / float(w2.sum()) ** 2
+        reach = max(1, round(MAX_SHIFT * min(self.shape)))
+        shifts = np.arange(-reach, reach + 1)
+        self._to_rows = torch.from_numpy(np.exp(2j * np.pi * np.outer(shifts, fy)).astype(np.complex64))
+        self._to_columns = torch.from_numpy(np.exp(2j * np.pi * np.outer(fx, shifts)).astype(np.complex64))
+
+    def contrast(self, light: NDArray[np.floating]) -> Contrast:
+        """The contrast of a picture of light (y, x) in any unit; without light it is zero."""
+        rows, columns = (n * self._bin for n in self.shape)
+        binned = light[:rows, :columns].reshape(self.shape[0], self._bin, self.shape[1], self._bin).mean(axis=(1, 3))
+        amplitude = np.sqrt(np.maximum(binned, 0.0)).astype(np.float32)
+        background = gaussian_filter(amplitude, BACKGROUND * min(self.shape), mode="nearest")
+        floor = 1e-3 * float(background.max()) + 1e-30
+        contrast = (amplitude - background) / np.maximum(background, floor)
+        contrast -= np.average(contrast, weights=self._window)
+        spectra = scipy.fft.fft2(contrast * self._window)[None] * self._blur
+        norm = np.sqrt(np.square(np.abs(spectra)).sum(axis=(1, 2), keepdims=True))
+        return Contrast((spectra / np.maximum(norm, 1e-30)).astype(np.complex64))
+
+    def match(self, seen: Contrast, predicted: Contrast) -> Match:
+        """The correlation at every shift of the seen picture.
+
+        torch multiplies the matrices, because its threads are chosen where the work is: numpy's, for as small ones as
+        these, wait for each other for most of the time where other programs run.
+        """
+        cross = torch.from_numpy(np.conj(predicted.spectra) * seen.spectra)
+        correlation = (self._to_rows @ cross @ self._to_columns).real.double().numpy()
+        variance = self._window_factor * np.einsum("byx,byx->b", seen.powers, predicted.powers, dtype=np.float64)
+        clipped = np.clip(correlation, -_MAX_CORRELATION, _MAX_CORRELATION)
+        return Match(np.arctanh(clipped), 1.0 / np.maximum(variance, 1e-12))
+
+    @property
+    def shift_count(self) -> int:
+        """How many shifts are tried."""
+        return len(self._to_rows) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class TrialScore:
+    """How well some captures are predicted under a hypothesis.
+
+    z: atanh of the correlation of each capture at the common shift that fits all of them best, (capture, blur).
+    grains: independent speckle grains, (capture, blur).
+    """
+
+    hypothesis: Hypothesis
+    z: Floats
+    grains: Floats
+
+    @property
+    def significance(self) -> Floats:
+        """Mean z in standard deviations of unrelated pictures, for each blur."""
+        total = self.grains.sum(axis=0)
+        return (self.z * self.grains).sum(axis=0) / np.sqrt(total)
+
+    @property
+    def best_blur(self) -> int:
+        """The blur at which the prediction is most significant."""
+        return int(self.significance.argmax())
+
+    @property
+    def correlation(self) -> float:
+        """Mean correlation at the best blur."""
+        return float(np.tanh(self.z[:, self.best_blur].mean()))
+
+    def gain_over(self, other: TrialScore) -> tuple[float, float]:
+        """(mean gain in z, the same in standard deviations) over another hypothesis on the same captures.
+
+        At this hypothesis's best blur. Unrelated predictions scatter with 1/G each.
+        """
+        blur = self.best_blur
+        weight = 1.0 / (1.0 / self.grains[:, blur] + 1.0 / other.grains[:, blur])
+        gain = float(((self.z[:, blur] - other.z[:, blur]) * weight).sum() / weight.sum())
+        return gain, gain * float(np.sqrt(weight.sum()))
+
+    def gains_over(self, other: TrialScore) -> Floats:
+        """The gain of each capture and blur in standard deviations, (capture, blur)."""
+        return (self.z - other.z) / np.sqrt(1.0 / self.grains + 1.0 / other.grains)
+
+
+class Trials:
+    """Predictions of captures for all hypotheses, each computed once.
+
+    captures: as recorded. effects: those that the nominal bench has.
+    """
+
+    def __init__(self, captures: Captures, effects: Values) -> None:
+        self.captures, self._effects = captures, effects
+        light = captures.images.astype(np.float32) - np.float32(captures.camera.black_level)
+        self._light = _without_stuck_pixels(light, stuck_pixel_mask(captures.images))
+        without_pictures = np.broadcast_to(np.uint16(0), captures.images.shape)
+        self._records = dataclasses.replace(captures, images=without_pictures)
+        self._comparisons: dict[tuple[int, int], SpeckleComparison] = {}
+        self._predicted: dict[_Key, Contrast | None] = {}
+        self._seen: dict[tuple[int, str], Contrast] = {}
+        self._threads = min(process_cpu_count(), _MAX_THREADS)
+
+    def score(self, hypotheses: Sequence[Hypothesis], indices: Sequence[int]) -> list[TrialScore]:
+        """The score of each hypothesis on these pictures, in the order given.
+
+        Hypotheses that no bench can have are left out.
+        """
+        rows = [self._rows(hypothesis, indices) for hypothesis in hypotheses]
+        self._predict([row for of_one in rows for row in of_one])
+        scores = []
+        for hypothesis, of_one in zip(hypotheses, rows, strict=True):
+            matches = [self._match(hypothesis, row, k) for row, k in zip(of_one, indices, strict=True)]
+            known = [match for match in matches if match is not None]
+            if len(known) == len(matches):
+                scores.append(_at_common_shift(hypothesis, known))
+        return scores
+
+    @property
+    def shift_count(self) -> int:
+        """How many shifts a comparison tries."""
+        return self._comparison(self.captures.shape).shift_count
+
+    def coarseness(self, k: int) -> float:
+        """Mean squared spatial frequency of a picture's contrast: small for smooth ones, infinite without contrast."""
+        power = self._contrast_seen((), k).powers[0]
+        if not power.any():
+            return np.inf
+        fy, fx = (np.fft.fftfreq(n) for n in power.shape)
+        return float(((fy[:, None] ** 2 + fx[None] ** 2) * power).sum() / max(float(power.sum()), 1e-30))
+
+    def differing(self, first: Hypothesis, second: Hypothesis) -> list[int]:
+        """The captures whose prediction or picture differs between two hypotheses."""
+        every = range(len(self.captures))
+        rows = [self._rows(one, every) for one in (first, second)]
+        differ = _camera_orientations(first) != _camera_orientations(second)
+        return [k for k, a, b in zip(every, *rows, strict=True) if differ or _key(a) != _key(b)]
+
+    def _rows(self, hypothesis: Hypothesis, indices: Sequence[int]) -> list[Captures]:
+        corrected = apply_corrections(self._records, hypothesis)
+        return [corrected.subset([k]) for k in indices]
+
+    def _comparison(self, shape: tuple[int, int]) -> SpeckleComparison:
+        if shape not in self._comparisons:
+            self._comparisons[shape] = SpeckleComparison(shape)
+        return self._comparisons[shape]
+
+    def _match(self, hypothesis: Hypothesis, row: Captures, k: int) -> Match | None:
+        predicted = self._predicted[_key(row)]
+        if predicted is None:
+            return None
+        return self._comparison(row.shape).match(self._contrast_seen(hypothesis, k), predicted)
+
+    def _contrast_seen(self, hypothesis: Hypothesis, k: int) -> Contrast:
+        orientations = _camera_orientations(hypothesis)
+        key = (k, " ".join(c.choice for c in orientations))
+        if key not in self._seen:
+            light = self._light[k]
+            for camera in orientations:
+                light = camera.undone(light)
+            self._seen[key] = self._comparison((light.shape[0], light.shape[1])).contrast(light)
+        return self._seen[key]
+
+    def _predict(self, rows: Sequence[Captures]) -> None:
+        """Computes the contrasts of rows that aren't known yet, those of one camera shape together."""
+        new: dict[tuple[int, int], dict[_Key, Captures]] = {}
+        for row in rows:
+            key = _key(row)
+            if key not in self._predicted:
+                new.setdefault(row.shape, {})[key] = row
+        for shape, unknown in new.items():
+            comparison, rows_of_shape = self._comparison(shape), list(unknown.values())
+            parts = [rows_of_shape[n :: self._threads] for n in range(min(self._threads, len(rows_of_shape)))]
+            with ThreadPoolExecutor(len(parts)) as pool:
+                contrasts = list(pool.map(partial(_predict_contrasts, self._effects, comparison), parts))
+            for part, found in zip(parts, contrasts, strict=True):
+                self._predicted.update(zip(map(_key, part), found, strict=True))
+
+
+def _predict_contrasts(
+    effects: Values, comparison: SpeckleComparison, rows: Sequence[Captures]
+) -> list[Contrast | None]:
+    """What each row should look like; None for a wavelength or distance that no bench can have."""
+    predictor = Predictor(_stack(rows), cache_mb=_CACHE_MB)
+    contrasts: list[Contrast | None] = []
+    for number in range(len(rows)):
+        try:
+            signal = predictor([number], effects).signal[0].numpy()
+        except UserError:
+            contrasts.append(None)
+            continue
+        contrasts.append(comparison.contrast(signal))
+    return contrasts
+
+
+def _camera_orientations(hypothesis: Hypothesis) -> list[CameraOrientation]:
+    return [c for c in hypothesis if isinstance(c, CameraOrientation)]
+
+
+def _key(row: Captures) -> _Key:
+    return row.levels.tobytes(), float(row.wavelength_m[0]), float(row.distance_m[0]), row.shape
+
+
+def _stack(rows: Sequence[Captures]) -> Captures:
+    """Captures of several rows of one capture each, with unit power and exposure."""
+    first, ones = rows[0], np.ones(len(rows))
+    return dataclasses.replace(
+        first,
+        levels=np.concatenate([row.levels for row in rows]),
+        images=np.broadcast_to(first.images, (len(rows), *first.shape)),
+        wavelength_m=np.concatenate([row.wavelength_m for row in rows]),
+        distance_m=np.concatenate([row.distance_m for row in rows]),
+        power=ones,
+        exposure_s=ones,
+    )
+
+
+def _at_common_shift(hypothesis: Hypothesis, matches: Sequence[Match]) -> TrialScore:
+    z, grains = np.stack([m.z for m in matches]), np.stack([m.grains for m in matches])
+    total = np.einsum("kbyx,kb->byx", z, grains)
+    best = total.reshape(total.shape[0], -1).argmax(axis=1)
+    at_best = np.take_along_axis(z.reshape(*z.shape[:2], -1), best[None, :, None], axis=2)[..., 0]
+    return TrialScore(hypothesis, at_best, grains)
+
+
+def _without_stuck_pixels(light: NDArray[np.float32], stuck: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Dead and hot pixels get the mean of the picture's others: their contrast would be in every picture."""
+    if stuck.any() and not stuck.all():
+        light = light.copy()
+        light[:, stuck] = light[:, ~stuck].mean(axis=1, keepdims=True)
+    return light
