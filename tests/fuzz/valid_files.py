@@ -25,7 +25,7 @@ from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_ca
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.rig.placement import Measured, Placement, write_placement
+from holoview.rig.registration import Measured, Placement, write_placement
 from holoview.targets.picture import read_picture
 from tests.rig.conftest import write_rig
 
