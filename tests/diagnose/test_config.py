@@ -15,7 +15,9 @@ from holoview.diagnose.config import SearchConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "holoview" / "diagnose"
-MANUAL = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+MANUAL = "\n".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("diagnosis.md", "diagnosis-evidence.md")
+)
 CONFIG = SearchConfig()
 
 NOT_SETTINGS = {
