@@ -1,13 +1,13 @@
 """What a diagnosis is told of an aligned rig, and causes that are within the alignment's uncertainty: no faults."""
 
 from __future__ import annotations
-from collections.abc import Mapping
-from collections.abc import Sequence
-from holoview.diagnose.calibration_prior import MAX_DEVIATIONS
-from holoview.diagnose.calibration_prior import is_within
-from holoview.rig.registration import Registration
+
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+from holoview.diagnose.calibration_prior import MAX_DEVIATIONS, is_within
+from holoview.rig.registration import Registration
 
 
 def within_alignment(registration: Registration, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -36,10 +36,5 @@ def _is_within(registration: Registration, effect: str, values: Mapping[str, Any
     if effect != "plane_errors":
         return is_within(values, sigmas.get(effect, {}), MAX_DEVIATIONS)
     offset, scale = sigmas["distance"]["distance_error"], sigmas["stage"]["scale"]
-<<<<<<< mine
-    planes = {str(z): math.hypot(offset, placement.setting_m(z) * scale) for z in values["distances"]}
-    return is_within(dict(zip(planes, values["errors"], strict=True)), planes, MAX_DEVIATIONS)
-=======
     planes = {str(z): math.hypot(offset, registration.setting_m(z) * scale) for z in values["distances"]}
     return is_within(dict(zip(planes, values["errors"], strict=True)), planes, MAX_DEVIATIONS)
->>>>>>> trunk
