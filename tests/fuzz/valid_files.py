@@ -25,8 +25,9 @@ from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_ca
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.rig.placement import Measured, Placement, write_placement
+from holoview.rig.registration import Measured, write_registration
 from holoview.targets.picture import read_picture
+from holoview.targets.target import Placement
 from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)
@@ -164,7 +165,7 @@ def _rig(folder: Path) -> None:
     )
     (folder / "plan.toml").write_text(_PLAN, encoding="utf-8")
     (folder / "exposures.csv").write_text(_EXPOSURES, encoding="utf-8")
-    write_placement(folder / "rig.placement.toml", _PLACEMENT)
+    write_registration(folder / "rig.placement.toml", _PLACEMENT)
     _captures(folder)
 
 
