@@ -23,6 +23,7 @@ from holoview.document.export.png_images import save_planes, save_view
 from holoview.document.export.pupil_path import save_path, save_path_animation, save_path_pictures
 from holoview.document.export.pupil_sheet import save_pupil_sheet
 from holoview.document.export.sweep import save_sweep
+from holoview.document.export.web_page import save_page
 from holoview.document.jobs import format_job
 from holoview.render.tone_mapping import compose_comparison
 from holoview.render.view_settings import DERIVED_PAGES, displayed_side
@@ -80,6 +81,7 @@ class FilesPanel(Panel):
                 "Patterns, lasers and bench in one file.",
                 "Ctrl+S",
             ),
+            _Save("Save page", (".html",), partial(save_page, session), "One file that any browser shows live."),
             _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
             _Save(
                 "Save view",

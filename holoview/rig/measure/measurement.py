@@ -10,11 +10,17 @@ import numpy as np
 from holoview.captures.dataset import Captures
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Devices, Levels
+from holoview.rig.measure.camera_pictures import (
+    DARK_PICTURES,
+    CheckedCamera,
+    dark_exposures,
+    dark_notes,
+    exposure_note,
+    take_dark_frame,
+    take_exposed,
+)
+from holoview.rig.measure.capture_folder import CaptureStore
 from holoview.rig.measure.capture_plan import CapturePlan, CaptureRequest
-from holoview.rig.measure.capture_store import CaptureStore
-from holoview.rig.measure.dark_frames import PICTURES, dark_exposures, dark_notes, take_dark_frame
-from holoview.rig.measure.exposure_search import exposure_note, take_exposed
-from holoview.rig.measure.picture_check import CheckedCamera
 from holoview.rig.measure.settling import Settling, measure_settling
 from holoview.util.progress import ProgressCallback, TextCallback
 from holoview.util.units import format_duration
@@ -23,7 +29,7 @@ _FIRST_EXPOSURE_S = 1e-2
 _FIRST_DARK_PICTURES = 4
 
 
-class MeasurementSession:
+class Measurement:
     """Takes captures one after the other. devices: open ones, which the caller closes.
 
     tell: called with what a user should know at once, such as a picture that was taken again. notes: all of that.
@@ -63,7 +69,7 @@ class MeasurementSession:
             progress(done, len(missing), f"{where}{left}")
             store.add(number, self.take(request, request.levels(self._rig)))
             self._keep(store)
-        self._take_dark_frames(store, _missing_dark(store), PICTURES)
+        self._take_dark_frames(store, _missing_dark(store), DARK_PICTURES)
         progress(len(missing), len(missing), "")
         return True
 
@@ -72,14 +78,13 @@ class MeasurementSession:
         self._light_up(request, levels)
         image, exposure_s = self._picture(request)
         self._energy[request.wavelength_m] = request.power * exposure_s
-        return Captures(
-            levels=levels[None],
-            images=image[None],
-            wavelength_m=np.array([request.wavelength_m]),
-            distance_m=np.array([request.distance_m]),
-            power=np.array([request.power]),
-            exposure_s=np.array([exposure_s]),
-            **self._rig.bench.as_fields(),
+        return self._rig.capture(
+            levels,
+            image,
+            wavelength_m=request.wavelength_m,
+            distance_m=request.distance_m,
+            power=request.power,
+            exposure_s=exposure_s,
         )
 
     def _light_up(self, request: CaptureRequest, levels: Levels) -> None:
@@ -89,8 +94,7 @@ class MeasurementSession:
             devices.stage.move_to(request.distance_m)
             self._distance_m = request.distance_m
         devices.lasers.switch_on(request.wavelength_m, request.power)
-        for modulator, own in zip(devices.modulators, levels, strict=True):
-            modulator.show(own)
+        devices.show(levels)
         devices.clock.wait(self._settle_s())
 
     def _settle_s(self) -> float:
@@ -179,5 +183,5 @@ def is_complete(store: CaptureStore) -> bool:
 
 def _missing_dark(store: CaptureStore) -> list[float]:
     """Exposure times (s) for which a finished session wants dark frames that aren't there."""
-    there = [frame.exposure_s for frame in store.record.dark if frame.pictures >= PICTURES]
+    there = [frame.exposure_s for frame in store.record.dark if frame.pictures >= DARK_PICTURES]
     return dark_exposures(store.exposures_s, there)

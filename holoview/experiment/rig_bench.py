@@ -1,17 +1,19 @@
-"""The nominal bench of a rig as a system, and whether a preset describes the bench of a rig."""
+"""The nominal bench of a rig as a system, and whether another system describes the same bench."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import stated_keys
 from holoview.model.bench_parts import Source
 from holoview.model.system import System
-from holoview.rig.description import RigDescription
+from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.measure.capture_plan import default_distances
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -120,3 +122,28 @@ def _laser(wavelength_m: float, rig: RigDescription) -> float:
         found = units.format_rounded(wavelength_m, "nm")
         raise UserError("wavelengths", found, expected=f"one of the rig's lasers: {known}")
     return nearest
+
+
+def read_rig_system(path: Path) -> System:
+    """The bench of rig.toml. Raises UserError for a wrong description."""
+    return rig_system(read_rig(path))
+
+
+def rig_system(rig: RigDescription) -> System:
+    """The bench with all its lasers, in white, and focal planes over the range of the stage.
+
+    On a Fourier bench the lens isn't part of it: what is seen there is the plane next to the last modulator's.
+    """
+    empty = Captures(
+        levels=np.zeros((1, len(rig.bench.slms), *rig.slm_shape), np.uint8),
+        images=np.zeros((1, *rig.camera_shape), np.uint16),
+        wavelength_m=np.array([rig.wavelengths_m[0]]),
+        distance_m=np.array([rig.limits.stage_m[0]]),
+        power=np.ones(1),
+        exposure_s=np.ones(1),
+        **rig.bench.as_fields(),
+    )
+    low, high = rig.limits.stage_m
+    planes = np.unique(np.linspace(max(low, 0.0), max(high, 0.0), 3)).tolist()
+    nominal = empty.nominal_system(rig.wavelengths_m, planes)
+    return nominal.with_(name=rig.name, observer="eye").edit({"amplitudes": "white"})
