@@ -25,9 +25,8 @@ from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_ca
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.rig.registration import Measured, write_registration
+from holoview.rig.registration import Measured, Registration, write_registration
 from holoview.targets.picture import read_picture
-from holoview.targets.target import Placement
 from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)
@@ -189,7 +188,7 @@ _MEASURED = {
     "stage_scale": Measured(0.01, 0.001),
     "pitch": Measured(3.9e-6, 1e-9),
 }
-_PLACEMENT = Placement("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
+_PLACEMENT = Registration("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
 
 
 def _job(folder: Path) -> None:
