@@ -6,8 +6,8 @@ import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.app.image_labels import draw_centred_text, draw_label
 from holoview.app.parameter_widgets import tooltip
+from holoview.app.readout import draw_centred_text, draw_label
 from holoview.app.rig.camera_picture import MODES, CameraPicture
 from holoview.experiment.live.rig_session import MODELS
 

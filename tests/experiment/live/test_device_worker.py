@@ -7,7 +7,7 @@ from threading import Event
 
 import pytest
 
-from holoview.document.call_queue import CallQueue
+from holoview.document.editing_session import CallQueue
 from holoview.experiment.live.device_worker import DeviceWorker
 
 Calls = list[str]

@@ -7,9 +7,8 @@ from typing import Any
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.app.description_fields import draw_fields
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import WidgetEdit, count_field, number_field, tooltip
+from holoview.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, tooltip
 from holoview.model import fields as describe
 from holoview.model.fields import Integer, Number, Shape
 from holoview.model.system import System

@@ -1,14 +1,16 @@
-"""Clickable tiles with pictures of focal planes."""
+"""Clickable tiles with pictures of focal planes: a strip of all planes, and a sheet as large as the image panel."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.viewport import Viewport, visible_area_of
-from holoview.document.eye_edits import dioptres_text
+from holoview.document.focus import SAME_PLANE_M, dioptres_text
+from holoview.render.plane_previews import previewed_planes
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import ViewSettings
 
@@ -79,3 +81,76 @@ def _tile_view_settings(view: ViewSettings) -> ViewSettings:
     """View settings of a tile: the same tone mapping, but all of the image and no comparison."""
     neither = {"region": None, "profile": None, "pupil_path": None}
     return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, **neither)
+
+
+# --- A horizontal strip of all focal planes of the system ---
+
+
+class PlaneStrip:
+    """Draws one tile for each plane in a scrollable row."""
+
+    def __init__(self, context: AppContext) -> None:
+        self._tiles = PlaneTiles(context, "plane")
+
+    def draw(self, context: AppContext) -> float | None:
+        """Draws the strip in the rest of the window and returns the plane in metres that was clicked, if any."""
+        available = imgui.get_content_region_avail()
+        if available.y < 24:
+            return None
+        planes, chosen = previewed_planes(context.session.system), None
+        height = available.y
+        size = tile_size(context.session.document.image_shape, height)
+        if size[0] * len(planes) + 6 * len(planes) > available.x:
+            size = tile_size(context.session.document.image_shape, height - imgui.get_style().scrollbar_size)
+        imgui.begin_child("strip", imgui.ImVec2(0, 0), 0, imgui.WindowFlags_.horizontal_scrollbar)
+        for plane_m in planes:
+            is_focused = abs(plane_m - context.session.view_settings.plane_m) < SAME_PLANE_M
+            if self._tiles.draw(plane_m, context.plane_previews.pictures.get(plane_m), size, is_focused):
+                chosen = plane_m
+            imgui.same_line()
+        imgui.end_child()
+        return chosen
+
+
+# --- A sheet of all focal planes, as large as fits into the image panel ---
+
+
+_GAP = 6.0
+
+
+class PlaneSheet:
+    """Draws one tile for each plane in rows and columns."""
+
+    def __init__(self, context: AppContext) -> None:
+        self._tiles = PlaneTiles(context, "sheet")
+
+    def draw(self, context: AppContext, available: tuple[int, int]) -> float | None:
+        """Draws the sheet and returns the plane in metres that was clicked, if any."""
+        planes, focused, chosen = previewed_planes(context.session.system), context.session.view_settings.plane_m, None
+        columns, size = fitting_tiles(len(planes), available, context.session.document.image_shape)
+        corner = imgui.get_cursor_pos()
+        for number, plane_m in enumerate(planes):
+            row, column = divmod(number, columns)
+            place = imgui.ImVec2(corner.x + column * (size[0] + _GAP), corner.y + row * (size[1] + _GAP))
+            imgui.set_cursor_pos(place)
+            if self._tiles.draw(
+                plane_m, context.plane_previews.pictures.get(plane_m), size, abs(plane_m - focused) < SAME_PLANE_M
+            ):
+                chosen = plane_m
+        imgui.set_cursor_pos(imgui.ImVec2(corner.x, corner.y + available[1]))
+        imgui.dummy(imgui.ImVec2(0, 0))
+        return chosen
+
+
+def fitting_tiles(count: int, available: tuple[int, int], shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
+    """Columns, and the size (x, y), of the largest tiles of an image of `shape` (y, x) that fit into a room."""
+    best, chosen = (0, 0), 1
+    for columns in range(1, count + 1):
+        rows = math.ceil(count / columns)
+        width = min(
+            (available[0] - _GAP * columns) / columns, (available[1] - _GAP * rows) / rows * shape[1] / shape[0]
+        )
+        size = max(int(width), 16), max(int(width * shape[0] / shape[1]), 12)
+        if size[0] > best[0]:
+            best, chosen = size, columns
+    return chosen, best
