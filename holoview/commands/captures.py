@@ -56,8 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_input(convert, "folder", type=Path)
     add_output(convert, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
     convert.set_defaults(run=_import)
-    plan = commands.add_parser("plan", help="exposures and laser powers", description=run.__doc__)
-    configure(plan)
+    plan = commands.add_parser("plan", help="exposures and laser powers", description=_plan.__doc__)
+    _configure_plan(plan)
 
 
 def run(args: argparse.Namespace) -> int:

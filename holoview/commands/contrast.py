@@ -28,6 +28,7 @@ from holoview.metrics.speckle import (
 from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
 from holoview.numerics.tensors import Region
+from holoview.page.page import export_html
 from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
@@ -67,6 +68,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         suffix=".png",
         help="the region and its histogram beside the speckle laws; with --pupils, the contrast against them",
     )
+    add_output(
+        parser,
+        "--live",
+        metavar="HTML",
+        suffix=".html",
+        help="also a page on which any browser computes the hologram and the contrast of the region again",
+    )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
 
 
@@ -98,6 +106,10 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         require_matplotlib("--plot")
     shown = _shown_hologram(args)
+    if args.live is not None and shown is None:
+        raise UserError(
+            "--live", f"with the picture {args.preset}", expected="a hologram or a preset, to compute again"
+        )
     pupils_m = _parse_pupils(args.pupils, shown)
     image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
@@ -121,6 +133,9 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
+    if args.live is not None and shown is not None:
+        export_html(args.live, {shown.name: shown.hologram}, plane_m=shown.plane_m, region=region)
+        result["live"] = str(args.live)
     if args.json:
         print_json(result)
     else:
@@ -143,7 +158,7 @@ def _format_result(result: dict[str, Any]) -> str:
         lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
     if "pupils" in result:
         lines += format_rows(result["pupils"], result["independent_contrast"])
-    return "\n".join(lines + ([f"plot: {result['plot']}"] if "plot" in result else []))
+    return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "live") if name in result)])
 
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:

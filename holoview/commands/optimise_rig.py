@@ -20,11 +20,15 @@ from holoview.commands.optimise_options import RunOptions, run_options_from_args
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
 from holoview.experiment.camera_loop.bench_camera import BenchCamera
-from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import CameraLoop, LoopState
-from holoview.experiment.camera_loop.loop_checkpoint import LoopCheckpoint, load_loop_checkpoint
-from holoview.experiment.camera_loop.model_update import ModelUpdates
+from holoview.experiment.camera_loop.loop import (
+    CameraLoop,
+    LoopCheckpoint,
+    LoopState,
+    ModelUpdates,
+    load_loop_checkpoint,
+)
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.eyes import PupilPlaces

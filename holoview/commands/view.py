@@ -152,7 +152,7 @@ def _system(args: argparse.Namespace) -> System:
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
     if args.rig is not None and not args.names:
-        from holoview.experiment.live.rig_bench import read_rig_system  # slow start: only a rig needs it
+        from holoview.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
 
         system = read_rig_system(args.rig)
     else:

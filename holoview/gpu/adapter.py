@@ -1,4 +1,4 @@
-"""Finds and ranks the machine's graphics adapters, and checks their limits against what the shaders need."""
+"""Loads wgpu's native backend fast, finds and ranks the graphics adapters, and checks their limits for the shaders."""
 
 from __future__ import annotations
 

@@ -250,8 +250,8 @@ def _as_message(shader: TransformShader) -> Message:
     return {"label": shader.source.label, "text": shader.source.text, "constants": dict(shader.constants)}
 
 
-# --- Caches the measured times of the FFT strategies in a JSON file ---
-#
+# --- the store of measured times --------------------------------------------------------------------------------------
+
 # The file in the user's cache folder holds an entry for each adapter, driver, version of wgpu and size. It is only a
 # cache: entries that can't be read or are invalid are ignored, and so is a failure to write.
 
@@ -357,7 +357,7 @@ def _is_by_strategy(values: object) -> bool:
     return isinstance(values, dict) and set(values) <= set(STRATEGIES)
 
 
-# --- Starts the helper process of `tune`, sends it requests, collects its answers, and ends it ---
+# --- the helper process -----------------------------------------------------------------------------------------------
 
 
 WORKER_ARGUMENTS = ("-m", "holoview.gpu.tune_worker")

@@ -77,7 +77,7 @@ def _psnr_per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> 
     return Psnr(mean_db=sum(planes) / len(planes), planes_db=planes)
 
 
-# --- What scores of whole images have in common: images as stacks of planes, and a score of each plane ---
+# --- scores of planes -------------------------------------------------------------------------------------------------
 
 
 Stack = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Published formulas of the human eye: its chromatic aberration, and the size of its pupil."""
+"""The eye of a viewer behind an eyepiece, published formulas of the human eye, and angles at which lengths are seen."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def natural_pupil_diameter(luminance: float, area_deg2: float, age: float = 30.0
     return 1e-3 * float(young_mm + (age - 28.58) * (0.02132 - 0.009562 * young_mm))
 
 
-# --- The eye of a viewer behind an eyepiece: where it is focused at each wavelength, and what its pupil passes ---
-#
+# --- the eye of a bench -----------------------------------------------------------------------------------------------
+
 # The eyepiece, of focal length f, has its front focal plane at z = `infinity`; the eye's pupil lies in its back focal
 # plane. A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is
 # nearer to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of
@@ -375,7 +375,7 @@ class Eye(Description):
         return bool(self.stiles_crawford or self.prescription.cylinder_dpt or self.prescription.aberration_m)
 
 
-# --- Angles at which a viewer sees lengths of a focal plane through an eyepiece, whichever plane is in focus ---
+# --- visual angles ----------------------------------------------------------------------------------------------------
 
 
 def field_degrees(side_m: float, eyepiece_m: float) -> float:

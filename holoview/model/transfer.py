@@ -71,7 +71,7 @@ def turns_to_fixed_point(turns: float) -> NDArray[np.uint32]:
     return np.array([scaled >> 16, scaled & 0xFFFF], dtype=np.uint32)
 
 
-# --- How much of the light of a distance the band limit of a grid leaves, and the refusal of what leaves nothing ---
+# --- light beyond the band limit --------------------------------------------------------------------------------------
 
 
 def frequencies_left(padded: RowsColumns, pitch_m: float, wavelength_m: float, distance_m: float) -> float:

@@ -1,4 +1,9 @@
-"""A limit of the model: what is measured of a plan, against which threshold, and why."""
+"""When the model stops being true: limits of a bench's plan, each with what is measured, its threshold and its reason.
+
+`Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS`, at the end, are all of them:
+limits of sampling (band limit, wrap-around, samples a pixel, stops and oblique light, single precision), of scalar
+diffraction, of broad lines and extended sources, and of the eye's pupil. docs/physics.md has the table of thresholds.
+"""
 
 from __future__ import annotations
 
@@ -341,7 +346,7 @@ SINGLE_PRECISION = Limit(
 )
 
 
-# --- What scalar diffraction can't describe: pixels near the wavelength, evanescent orders, and the near field ---
+# --- scalar diffraction -----------------------------------------------------------------------------------------------
 
 
 _COSINE = 0.95
@@ -429,7 +434,7 @@ NEAR_FIELD = Limit(
 )
 
 
-# --- Light that the observer hardly sees, and lines and sources that their samples don't resolve ---
+# --- broad lines and extended sources ---------------------------------------------------------------------------------
 
 
 _LEAST_RESPONSE = 0.5 / 255 / 12.92  # half a level of 8 bits on the linear part of sRGB's curve
@@ -486,7 +491,7 @@ CONTINUUM = Limit(
 )
 
 
-# --- An eye whose pupil lies beside the eyebox, or beyond the directions that the samples hold ---
+# --- the eye ----------------------------------------------------------------------------------------------------------
 
 
 _LEAST_SHARE = 0.01
@@ -561,7 +566,7 @@ PUPIL_SAMPLES = Limit(
 )
 
 
-# --- All limits of the model: reads them from a plan, and refuses a plan that leaves nothing to see ---
+# --- all limits -------------------------------------------------------------------------------------------------------
 
 
 def _light_left(plan: Plan) -> Measured:

@@ -141,7 +141,7 @@ def _composite_layers(
     return np.asarray(total[:, :-1] / np.maximum(total[:, -1:], np.float32(1e-6)))
 
 
-# --- Reads focal stacks rendered elsewhere: a folder of pictures, TIFF pages, OpenEXR parts or layers ---
+# --- stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers -----------------------------------------
 
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")

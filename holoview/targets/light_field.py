@@ -253,8 +253,8 @@ def _beyond_error(field: LightField, cone: LightCone) -> UserError:
     )
 
 
-# --- Reads a light field from a folder: one picture for each viewpoint, and `views.toml` that says where they are ---
-#
+# --- a folder: one picture for each viewpoint, and `views.toml` that says where they are ------------------------------
+
 # rows = 5                    # of viewpoints in the eyebox, downwards as the viewer moves
 # columns = 5                 # to the right
 # spacing = "0.5 mm"          # of neighbouring viewpoints

@@ -5,7 +5,7 @@ doesn't change the blur itself. The layers of the scene are therefore blurred on
 joined to groups that move together within a sample. From another place, each group is moved by whole samples, and
 they are composited from near to far:
 
-light ← light + t·L_g        t ← t·(1 − K∗m_g)        result = light / (1 − t)
+    light ← light + t·L_g        t ← t·(1 − K∗m_g)        result = light / (1 − t)
 
 A group that is in focus isn't moved at all, and one that is moved by a sample is blurred by more where the pupil is
 wider than its path, so that whole samples are enough.

@@ -196,8 +196,8 @@ def _check_finite(where: str, values: NDArray[np.floating]) -> None:
         raise UserError(where, found, expected="finite numbers", remedy="repair the file or export it again")
 
 
-# --- Converts float images (linear sRGB, CIE XYZ, or the primaries that the file states) to linear sRGB ---
-#
+# --- float images: linear sRGB, CIE XYZ, or the primaries that a file states ------------------------------------------
+
 # The result isn't limited to 0…1. Nothing is lost, since XYZ ↔ linear sRGB is one to one: a colour outside the triangle
 # of the sRGB primaries has a negative channel.
 

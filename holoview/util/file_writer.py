@@ -173,7 +173,7 @@ def _format_size(size: int) -> str:
     return f"{size / 1e6:.3g} MB" if size >= 1e5 else f"{max(size, 1000) / 1e3:.0f} kB"
 
 
-# --- Another place for a result that can't be written where it was wanted ---
+# --- another place for a result ---------------------------------------------------------------------------------------
 
 
 _MOST_NAMES = 1000

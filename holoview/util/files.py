@@ -1,4 +1,7 @@
-"""Folders of files that holoview ships (shaders, presets, assets) and of its caches."""
+"""Folders of shaders, presets, assets and caches, and the files that a user names to be read.
+
+Only regular files are opened: pipes and devices would be waited for, or never end.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ def expand_home(name: str | os.PathLike[str]) -> Path:
         return Path(name)
 
 
-# --- Opens what a user names as a file to read: regular files only, which are neither waited for nor endless ---
+# --- input files ------------------------------------------------------------------------------------------------------
 
 
 TEXT_LIMIT = 4 << 20

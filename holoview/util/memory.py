@@ -141,7 +141,7 @@ def _cgroup_left(mount: Path, membership: Path) -> Iterator[int]:
                 yield max(int(most[0]) - int(used[0]) + int(statistics.get(cache, 0)), 0)
 
 
-# --- Memory that was freed, given back to the system ---
+# --- memory that was freed --------------------------------------------------------------------------------------------
 
 
 def give_back_freed_memory(beyond: int) -> None:

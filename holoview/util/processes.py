@@ -1,4 +1,8 @@
-"""Signals that ask the program to end (Ctrl-C, SIGTERM, SIGHUP), and the end of processes whose parent is gone."""
+"""The end of this program, and the beginning of others.
+
+Signals (Ctrl-C, SIGTERM, SIGHUP) ask the program to end; workers end with their parent; threads may still be at work
+when the program ends. The time at which a process began tells it apart from a later process with the same id.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +129,7 @@ def _exit_after(sentinel: int) -> None:
     os._exit(1)
 
 
-# --- The end of a program whose threads may still be at work ---
+# --- the end beside threads that work ---------------------------------------------------------------------------------
 
 
 _AT_THE_END_S, _BEFORE_LEAVING_S = 10.0, 1.0
@@ -169,7 +173,7 @@ def leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-# --- When a process began, by a clock that nobody sets: tells a process apart from a later one with the same id ---
+# --- when a process began ---------------------------------------------------------------------------------------------
 
 
 _PROC = Path("/proc")

@@ -152,7 +152,7 @@ def metadata_of(path: str | os.PathLike[str]) -> dict[str, str]:
         return {}
 
 
-# --- Comparison of a checkpoint with the run that is to continue from it ---
+# --- checkpoints ------------------------------------------------------------------------------------------------------
 
 
 def differing_fields(stored: Any, given: Any) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -70,3 +71,23 @@ def test_wrong_options_get_a_sentence(holoview: Run, file: Path, tmp_path: Path,
 def test_patterns_are_of_one_hologram(holoview: Run, file: Path) -> None:
     outcome = holoview("export", file, file, "--png", "patterns")
     assert outcome.code == 2 and "2 holograms" in outcome.err
+
+
+def test_a_contrast_can_be_computed_again_by_a_reader(holoview: Run, file: Path, tmp_path: Path) -> None:
+    outcome = holoview("contrast", file, "--plane", "9.5mm", "--region", "8,8,20,20", "--live", "claim.html", "--json")
+    assert outcome.code == 0
+    contrast = json.loads(outcome.out)["contrast"]
+    text = (tmp_path / "claim.html").read_text(encoding="utf-8")
+    assert f'"value":"{contrast:.3f}","region":{{"x":8,"y":8,"width":20,"height":20}}' in text
+    assert '"plane_m":0.0095' in text
+
+
+def test_a_picture_cannot_be_computed_again(holoview: Run, tmp_path: Path) -> None:
+    Image.fromarray(np.full((24, 32, 3), 90, np.uint8)).save(tmp_path / "grey.png")
+    outcome = holoview("contrast", "grey.png", "--live", "claim.html")
+    assert outcome.code == 2 and "--live" in outcome.err
+
+
+def test_a_study_without_holograms_refuses_it(holoview: Run) -> None:
+    outcome = holoview("study", "memory-effect", "--quick", "--live")
+    assert outcome.code == 2 and "--live" in outcome.err

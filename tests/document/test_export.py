@@ -8,6 +8,7 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+from holoview.document.export.web_page import save_page
 from PIL import Image
 
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
@@ -29,6 +30,7 @@ from holoview.document.scheme_comparison import start_scheme_comparison
 from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
+from holoview.page.page import read_page
 from holoview.render.plane_images import render_planes
 from holoview.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import ViewSettings
@@ -128,6 +130,18 @@ def test_a_cancelled_export_leaves_nothing_behind(session: EditingSession, tmp_p
     job.cancel()
     assert session.wait_until_idle(60.0) and job.status == "cancelled"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_holds_the_hologram_and_opens_at_the_present_plane(session: EditingSession, tmp_path: Path) -> None:
+    session.edit_view("Plane", plane_m=3.5e-3)
+    save_page(session, tmp_path / "page")
+    assert session.wait_until_idle(60.0)
+    assert session.messages.all[-1].text == f"page written to {tmp_path / 'page.html'}"
+    (hologram,) = read_page(tmp_path / "page.html").values()
+    assert hologram.system == session.system and np.array_equal(hologram.drive, session.drive)
+    assert '"plane_m":0.0035' in (tmp_path / "page.html").read_text(encoding="utf-8")
+    with pytest.raises(UserError, match="suffix"):
+        save_page(session, tmp_path / "page.png")
 
 
 def test_a_missing_library_is_named_with_how_to_install_it(

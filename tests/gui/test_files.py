@@ -90,6 +90,7 @@ def test_the_view_is_saved_as_it_is_seen(gui: Gui, tmp_path: Path) -> None:
     ("command", "name", "written"),
     [
         ("Save preset…", "bench.toml", ["bench.toml"]),
+        ("Save page…", "page.html", ["page.html"]),
         ("Save figure…", "figure.pdf", ["figure.pdf"]),
         ("Save focal sweep…", "sweep.gif", ["sweep.gif"]),
         ("Save all planes…", "all", [f"all-{z}mm.png" for z in ("10.5", "10", "11", "9.5", "9")]),

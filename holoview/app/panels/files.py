@@ -16,6 +16,7 @@ from holoview.app.desktop import copy_picture, paste_picture
 from holoview.app.file_dialog import FileDialog, FileRequest, RecoveryDialog
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
+from holoview.document.export.web_page import save_page
 from holoview.document.exports import (
     save_figure,
     save_hologram,
@@ -85,6 +86,7 @@ class FilesPanel(Panel):
                 "Patterns, lasers and bench in one file.",
                 "Ctrl+S",
             ),
+            _Save("Save page", (".html",), partial(save_page, session), "One file that any browser shows live."),
             _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
             _Save(
                 "Save view",

@@ -182,7 +182,7 @@ def _is_identity(value: Any, identity: Any) -> bool:
     return not isinstance(value, str) and bool(value == identity)
 
 
-# --- A parameter of an effect whose value is a list of numbers, such as the columns of a modulator that are stuck ---
+# --- lists of numbers -------------------------------------------------------------------------------------------------
 
 
 MAX_FREE_ENTRIES = 32

@@ -8,7 +8,7 @@ from threading import Event
 import pytest
 
 from holoview.document.editing_session import CallQueue
-from holoview.experiment.live.device_worker import DeviceWorker
+from holoview.rig.live_devices import DeviceWorker
 
 Calls = list[str]
 
