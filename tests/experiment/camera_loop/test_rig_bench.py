@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from holoview.experiment.rig_bench import levels_of_drive, on_rig, system_of_rig
 from holoview.model.system import System
-from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
+from tests.experiment.camera_loop.conftest import MakeRig
 
-MakeRig = Callable[..., RigDescription]
 THREE = '["450 nm", "520 nm", "638 nm"]'
 
 

@@ -1,14 +1,14 @@
-"""The devices' thread: calls in their order, the latest of a key, nothing once it is abandoned."""
+"""Devices of a window: calls in their order, the latest of a key, lasers that another thread switches off for good."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from threading import Event
+from threading import Event, Thread
 
 import pytest
 
 from holoview.document.call_queue import CallQueue
-from holoview.rig.live_devices import DeviceWorker
+from holoview.rig.live_devices import DeviceWorker, LaserInterlock, LasersForbidden
 
 Calls = list[str]
 
@@ -75,3 +75,58 @@ def test_an_abandoned_worker_makes_and_delivers_nothing_more(owner: _Owner) -> N
     for call in owner.queue.drain():
         call()
     assert owner.done == []
+
+
+class _SlowLasers:
+    """Lasers that take until `may_go_on` to switch on."""
+
+    wavelengths_m = (450e-9,)
+
+    def __init__(self) -> None:
+        self.is_on, self.began, self.may_go_on = False, Event(), Event()
+
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        self.began.set()
+        assert self.may_go_on.wait(60)
+        self.is_on = True
+
+    def switch_off(self) -> None:
+        self.is_on = False
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_laser_that_was_being_switched_on_goes_off_again() -> None:
+    lasers = _SlowLasers()
+    interlock = LaserInterlock(lasers)
+    interlock.begin(1)
+    raised: list[BaseException] = []
+
+    def switch_on() -> None:
+        try:
+            interlock.switch_on(450e-9, 1.0)
+        except LasersForbidden as error:
+            raised.append(error)
+
+    thread = Thread(target=switch_on)
+    thread.start()
+    assert lasers.began.wait(60)
+    interlock.forbid(1)
+    lasers.may_go_on.set()
+    thread.join()
+    assert raised and not lasers.is_on
+
+
+def test_a_later_call_may_switch_them_on() -> None:
+    lasers = _SlowLasers()
+    lasers.may_go_on.set()
+    interlock = LaserInterlock(lasers)
+    interlock.begin(1)
+    interlock.forbid(1)
+    with pytest.raises(LasersForbidden):
+        interlock.switch_on(450e-9, 1.0)
+    assert not lasers.began.is_set()
+    interlock.begin(2)
+    interlock.switch_on(450e-9, 1.0)
+    assert lasers.is_on

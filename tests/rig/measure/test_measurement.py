@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,7 @@ from holoview.rig.measure.capture_folder import CaptureStore, read_bench_record
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
 from holoview.rig.measure.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
-from tests.rig.conftest import direct_devices
-
-MakeRig = Callable[..., RigDescription]
+from tests.rig.conftest import MakeRig, direct_devices
 
 
 def _plan(rig: RigDescription, exposure_s: float | None = None, count: int = 5) -> CapturePlan:

@@ -1,4 +1,4 @@
-"""What every kind of device shares: its options, and the extra that brings its library."""
+"""Checks that all kinds of devices share: options, libraries that are missing, a stage's own coordinate."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import sys
 import pytest
 
 from holoview.rig import open_rig
-from holoview.rig.kinds.checks import find_class, table, texts
+from holoview.rig.devices import DeviceError
+from holoview.rig.kinds.checks import StageAxis, find_class, table, texts
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 
@@ -45,3 +46,18 @@ def test_a_class_is_found_by_its_path() -> None:
     assert find_class("pathlib.Path", "here").__name__ == "Path"
     with pytest.raises(UserError, match=r'here: "pathlib" has no class "Paths"; did you mean'):
         find_class("pathlib.Paths", "here")
+
+
+@pytest.mark.parametrize(
+    ("options", "position_m"), [({"zero": 12e-3}, 17e-3), ({"zero": 12e-3, "reversed": True}, 7e-3)]
+)
+def test_positions_and_distances_are_each_others_inverse(options: dict[str, float], position_m: float) -> None:
+    axis = StageAxis.of(options)
+    assert axis.position_m(5e-3) == pytest.approx(position_m, rel=1e-12)
+    assert axis.distance_m(position_m) == pytest.approx(5e-3, rel=1e-12)
+
+
+def test_a_stage_may_stop_within_the_tolerance() -> None:
+    StageAxis.of({}).require_arrived(5.009e-3, 5e-3)
+    with pytest.raises(DeviceError, match=r"stage: stopped at 5\.011 mm; expected 5 mm; .* raise stage.tolerance"):
+        StageAxis.of({}).require_arrived(5.011e-3, 5e-3)
