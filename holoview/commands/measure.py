@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     """Takes the captures that are missing; the same command goes on after any interruption."""
     rig = read_rig(args.rig)
     plan = default_plan(rig) if args.plan is None else read_plan(args.plan, rig)
-    store = CaptureStore(args.output, plan, f"{read_text(args.rig, 'a rig')}{rig.placement or ''}")
+    store = CaptureStore(args.output, plan, f"{read_text(args.rig, 'a rig')}{rig.registration or ''}")
     damaged = store.inspect()
     forecast = make_forecast(rig, plan, store.missing)
     if args.dry_run:

@@ -2,7 +2,7 @@
 
 devices        what a modulator, a camera, lasers and a stage can do; `Devices`, which are closed safely
 description    reads rig.toml: devices, their facts, safety limits, nominal geometry
-placement      where the devices are: RIG.placement.toml; devices as if they were mounted as the model has them
+registration   where the devices are: RIG.placement.toml; devices as if they were mounted as the model has them
 limits         lasers, camera and stage that can't leave the safety limits
 open_rig       opens the devices that a description names; lasers that go off with the program
 guard_process  the process that switches them off

@@ -25,7 +25,7 @@ from holoview.rig.kinds.python_file import open_python
 from holoview.rig.kinds.serial_line import open_serial
 from holoview.rig.kinds.slmsuite_kind import open_slmsuite
 from holoview.rig.limits import limit_devices
-from holoview.rig.placement import place_devices
+from holoview.rig.registration import register_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,
     VirtualCamera,
@@ -78,7 +78,7 @@ class SystemClock:
 
 
 def open_rig(rig: RigDescription) -> Devices:
-    """Opens all devices of a rig, within its safety limits and where they are placed; use it in a `with` statement.
+    """Opens all devices of a rig, within its safety limits and registered; use it in a `with` statement.
 
     Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
     answer; those that were open by then are closed.
@@ -95,7 +95,9 @@ def open_rig(rig: RigDescription) -> Devices:
         modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
-    return limit_devices(devices if rig.placement is None else place_devices(devices, rig.placement), rig.limits)
+    return limit_devices(
+        devices if rig.registration is None else register_devices(devices, rig.registration), rig.limits
+    )
 
 
 def open_lasers(rig: RigDescription) -> LasersDevice:

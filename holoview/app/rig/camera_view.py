@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from holoview.app.context import AppContext
 from holoview.app.image_labels import draw_centred_text, draw_label
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of
+from holoview.app.viewport import Viewport, VisibleArea, visible_area_of
 from holoview.experiment.live.live_view import LiveView
 from holoview.experiment.live.rig_session import MODELS
+from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import ViewSettings
 
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
@@ -23,9 +24,12 @@ _TIPS = {
     "predicted by": "rig.toml: the nominal bench. The viewer's bench: with its gap, stops and effects. The "
     "diagnosis: the nominal bench with what the last diagnosis found.",
 }
+MODES = ("side-by-side", "wipe", "difference", "camera", "prediction")
+"""What is shown of camera and prediction."""
+_VIEW = ViewSettings(plane_m=0.0, channel="luminance")
 
 
-class CameraView:
+class CameraPanes:
     """Shows what the camera sees and what it should see. model: one of MODELS."""
 
     def __init__(self, context: AppContext) -> None:
@@ -118,14 +122,6 @@ def _waiting_text(context: AppContext) -> str:
         return rig.waiting or "no picture yet"
     missing = rig.state.missing
     return f"for a prediction: {missing}" if missing else rig.view.problem or "computing the prediction"
-
-
-# --- The picture of a rig's camera and its prediction, drawn into a texture: side by side, wipe, difference in σ ---
-
-
-MODES = ("side-by-side", "wipe", "difference", "camera", "prediction")
-"""What is shown of camera and prediction."""
-_VIEW = ViewSettings(plane_m=0.0, channel="luminance")
 
 
 class CameraPicture:

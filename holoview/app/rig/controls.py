@@ -1,4 +1,8 @@
-"""Controls of a rig: its state, the big switch that turns the lasers off, and the sections below it."""
+"""Controls of a rig: its state, the big switch that turns the lasers off, devices, captures, and the diagnosis.
+
+RigControls           the panel of an open rig; its sections: lasers, pattern, camera and stage, captures and plans
+draw_live_diagnosis   the panel of the diagnosis that follows the captures
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,10 @@ _OFF_HEIGHT = 2.2  # of the switch that turns the lasers off, in lines
 _RED = imgui.ImVec4(0.68, 0.10, 0.10, 1.0)
 _BRIGHT_RED = imgui.ImVec4(0.85, 0.16, 0.14, 1.0)
 _WHITE = imgui.ImVec4(1.0, 1.0, 1.0, 1.0)
+_KINDS = ("the viewer's frame", "random", "flat", "a hologram file")
+_TOO_BRIGHT = 1e-3  # share of saturated pixels beyond which it is said in colour
+_MAX_BLUR_PX, _PLOT_EM = 20.0, 6.5
+_TIMES_S = (5.0, 600.0)
 
 
 class RigControls:
@@ -95,14 +103,6 @@ def _draw_off(context: AppContext, rig: RigSession) -> None:
         imgui.text_disabled("all lasers are off")
     else:
         imgui.text(f"{rig.state.wavelength_m * 1e9:.0f} nm is on, power {rig.state.power:.3g}")
-
-
-# --- The sections of the panel of a rig: lasers, patterns, camera and stage, captures and plans ---
-
-
-_KINDS = ("the viewer's frame", "random", "flat", "a hologram file")
-_TOO_BRIGHT = 1e-3  # share of saturated pixels beyond which it is said in colour
-_MAX_BLUR_PX, _PLOT_EM = 20.0, 6.5
 
 
 @dataclass
@@ -315,12 +315,6 @@ def _draw_histogram(picture: LivePicture) -> None:
         imgui.text_colored(theme.WARNING, text)
     else:
         imgui.text_disabled(text)
-
-
-# --- The diagnosis that follows a rig's captures: verdict, causes with intervals, what looks alike ---
-
-
-_TIMES_S = (5.0, 600.0)
 
 
 def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:

@@ -399,7 +399,7 @@ def _find_shift(rig: RigDescription, samples: Tensor, pitch_m: float, seen: Floa
         if np.abs(shift).max() > camera_pitch_m * min(rig.camera_shape) * _MAX_SHIFT:
             break  # the correlation has no peak that means anything
         tried = _place(rig, samples, pitch_m, seen, shift)
-        best = max(best, tried, key=lambda placed: placed.correlation)
+        best = max(best, tried, key=lambda registered: registered.correlation)
     is_moved = np.abs(best.shift_m).max() >= _LEAST_SHIFT_PX * camera_pitch_m
     return best if is_moved and best.correlation >= _MIN_CORRELATION else centred
 

@@ -90,7 +90,7 @@ class RigSession:
         """Reads rig.toml and opens its devices in the background. Raises UserError for a wrong description."""
         rig = read_rig(path)
         self.close_rig()
-        self.rig, self.diagnosis.placement = rig, rig.placement
+        self.rig, self.diagnosis.registration = rig, rig.registration
         self.captures = TakenCaptures(rig.path.with_name(f"{rig.path.stem}-{_now()}.captures"))
         self.reconnect()
 

@@ -21,10 +21,10 @@ from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
+from holoview.experiment.known_alignment import diagnosis_options
 from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
 from holoview.experiment.next_capture.proposals import START_COUNT, Proposal, draw_proposals, starting_proposals
-from holoview.experiment.placement_doubt import diagnosis_options
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription
@@ -117,7 +117,7 @@ class ClosedLoop:
     ) -> None:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
-        self._options = options | diagnosis_options(rig.placement)
+        self._options = options | diagnosis_options(rig.registration)
         self._session, self._time = Measurement(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None

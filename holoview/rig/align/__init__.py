@@ -4,5 +4,5 @@ probes      patterns that make dots: lenslets with a carrier, gratings
 dots        finds dots in pictures, and their bias
 geometry    where dots fall, as a function of all unknowns; its fit with uncertainties
 alignment   from the first dot to the geometry
-result      the placement that follows, sentences, and a check with a few captures
+result      the registration that follows, sentences, and a check with a few captures
 """

@@ -81,7 +81,7 @@ def find_geometry(
 ) -> FoundGeometry | None:
     """Finds where modulators and camera are; None if asked to end. The caller closes the devices.
 
-    rig: as described, without a placement. devices: those of it, as they are. Raises DeviceError where dots aren't
+    rig: as described, without a registration. devices: its open ones, as they are. Raises DeviceError where dots aren't
     seen.
     """
     total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))

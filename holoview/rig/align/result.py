@@ -1,4 +1,4 @@
-"""From the geometry that was found to the placement of the devices and to sentences; a check with a few captures."""
+"""From the geometry that was found to the registration of the devices and to sentences; a check with a few captures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from holoview.rig.description import RigDescription
 from holoview.rig.devices import DeviceError, Devices
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan
 from holoview.rig.measure.measurement import Measurement
-from holoview.rig.placement import Measured, Placement
+from holoview.rig.registration import Measured, Registration
 from holoview.util.progress import ProgressCallback
 from holoview.util.units import format_rounded
 
@@ -31,8 +31,8 @@ _SECOND = {
 }
 
 
-def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
-    """The placement of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
+def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
+    """The registration of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
     g, rig = found.geometry, rig.as_described
     pitch = math.exp(g["log_pitch"])
     offset, scale = (_unless_nominal(g, name) for name in ("offset", "scale"))
@@ -58,7 +58,7 @@ def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
     if found.slm2_turn is not None:
         values |= {name: _measured(g, own) for name, own in _SECOND.items()}
         values["gap_error"] = Measured(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
-    return Placement(
+    return Registration(
         found.camera_turn,
         found.slm2_turn,
         (first[0], first[1]),
@@ -103,9 +103,9 @@ def doubt(found: FoundGeometry) -> str | None:
     )
 
 
-def sentences(placement: Placement) -> list[str]:
-    """What a placement says, in words."""
-    p, second = placement, placement.slm2_turn
+def sentences(registration: Registration) -> list[str]:
+    """A registration in sentences."""
+    p, second = registration, registration.slm2_turn
     row, column = p.first
     result = [
         f"The camera's picture is {_turned(p.camera_turn)}.",
@@ -132,8 +132,8 @@ def _turned(turn: str) -> str:
     return ORIENTATION_WORDS.get(turn, "the right way up")
 
 
-def _pm(placement: Placement, name: str, unit: str) -> str:
-    found = placement.values[name]
+def _pm(registration: Registration, name: str, unit: str) -> str:
+    found = registration.values[name]
     number, _ = format_rounded(found.value, unit, 5).split()
     return f"{number} ± {format_rounded(found.uncertainty, unit, 2)}"
 
@@ -162,7 +162,7 @@ def check_rig_records(
 ) -> RecordFindings | None:
     """Takes two captures of every laser and plane, and checks their records; None if asked to end.
 
-    rig: with its placement. devices: those of it, placed.
+    rig: with its registration. devices: its open ones, registered.
     """
     session, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
     for done, request in enumerate(requests):
@@ -171,5 +171,5 @@ def check_rig_records(
         progress(done, len(requests), f"{request.wavelength_m * 1e9:.0f} nm, {request.distance_m * 1e3:.3g} mm")
         taken.append(session.take(request, request.levels(rig)))
     progress(len(requests), len(requests), "")
-    known = {} if rig.placement is None else rig.placement.known_effects()
+    known = {} if rig.registration is None else rig.registration.known_effects()
     return find_record_errors(join_captures(taken), known)

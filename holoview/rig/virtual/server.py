@@ -166,7 +166,7 @@ def main() -> int:
     token = sys.stdin.readline().strip()
     torch.set_num_threads(1)
     try:
-        rig = read_rig(sys.argv[1], is_placed=False)
+        rig = read_rig(sys.argv[1], is_registered=False)
         settings = read_virtual_settings(rig)
         log = LaserLog(settings.laser_log)
         bench = VirtualBench(rig, settings, log.note)

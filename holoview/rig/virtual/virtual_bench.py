@@ -65,7 +65,7 @@ _STAGE_SPEED = 5e-3  # m/s
 _LASER_LOG = re.compile(r"lasers[A-Za-z0-9_-]{0,40}\.txt")
 
 
-class PlacementTable:
+class OrientationTable:
     """Field type of hidden orientations: a table {device: turn}."""
 
     def parse(self, value: Any, where: str) -> dict[str, str]:
@@ -133,7 +133,7 @@ _KEYS: dict[str, ValueType] = {
     "laser_log": LaserLogName(),
     "faults": FaultTable(),
     "effects": EffectTable(),
-    "placement": PlacementTable(),
+    "placement": OrientationTable(),
 }
 
 

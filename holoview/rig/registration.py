@@ -1,4 +1,6 @@
-"""Where the devices of a rig are: the file RIG.placement.toml beside rig.toml, which `holoview rig align` writes.
+"""The registration of a rig, between its modulators and its camera, which `holoview rig align` finds.
+
+It stands in RIG.placement.toml beside rig.toml:
 
     [turned]                          # one of `captures.orientations`, against what modulator 1 displays
     camera = "rotate_90"              # and slm2
@@ -71,7 +73,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Placement:
+class Registration:
     """Where a rig's devices are.
 
     camera_turn, slm2_turn: of the raw picture, and of what modulator 2 displays, against what modulator 1 displays;
@@ -111,7 +113,7 @@ class Placement:
         return known
 
     def uncertain_effects(self) -> dict[str, dict[str, float]]:
-        """How well the placement is known, {effect: {parameter: standard deviation}}, in SI units."""
+        """How well the registration is known, {effect: {parameter: standard deviation}}, in SI units."""
         sigmas = {effect: self.values[name].uncertainty for name, effect in _MEASURED.items() if name in self.values}
         if "pitch" in self.values:
             sigmas["camera_alignment.magnification"] = self.values["pitch"].uncertainty / self["pitch"]
@@ -123,31 +125,33 @@ class Placement:
         return result
 
 
-def placement_path(rig_path: Path) -> Path:
-    """The file of the placement of a rig."""
+def registration_path(rig_path: Path) -> Path:
+    """The file of the registration of a rig."""
     return rig_path.with_name(f"{rig_path.stem}.placement.toml")
 
 
-def write_placement(path: Path, placement: Placement) -> None:
+def write_registration(path: Path, registration: Registration) -> None:
     """Writes the file whole or not at all; equal placements give equal files. Raises WriteError."""
-    turned = {"camera": placement.camera_turn}
-    if placement.slm2_turn is not None:
-        turned["slm2"] = placement.slm2_turn
+    turned = {"camera": registration.camera_turn}
+    if registration.slm2_turn is not None:
+        turned["slm2"] = registration.slm2_turn
     table = {
         "turned": turned,
-        "picture": {"first": list(placement.first), "shape": list(placement.shape)},
+        "picture": {"first": list(registration.first), "shape": list(registration.shape)},
         "found_for": {
-            "slm_shape": list(placement.slm_shape),
-            "camera_shape": list(placement.camera_shape),
-            "modulators": 1 if placement.slm2_turn is None else 2,
+            "slm_shape": list(registration.slm_shape),
+            "camera_shape": list(registration.camera_shape),
+            "modulators": 1 if registration.slm2_turn is None else 2,
         },
-        "values": {name: _pair(placement.values[name], _UNITS[name]) for name in _UNITS if name in placement.values},
+        "values": {
+            name: _pair(registration.values[name], _UNITS[name]) for name in _UNITS if name in registration.values
+        },
     }
     pairs_in_a_line = re.sub(r"\[\n +(.+),\n +(.+),\n\]", r"[\1, \2]", tomli_w.dumps(table))
     write_file(path, _HEADER + pairs_in_a_line)
 
 
-def read_placement(path: Path) -> Placement:
+def read_registration(path: Path) -> Registration:
     """Reads the file. Raises UserError that names the key of what is missing, unknown or wrong."""
     tables, where = parse_toml(read_text(path, _EXPECTED), str(path), _EXPECTED), str(path)
     for key in ("turned", "picture", "found_for", "values"):
@@ -155,7 +159,7 @@ def read_placement(path: Path) -> Placement:
             raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]", remedy=_REMEDY)
     turned, found_for = tables["turned"], tables["found_for"]
     two = found_for.get("modulators") == 2
-    placement = Placement(
+    registration = Registration(
         camera_turn=_turn(turned, "camera", where),
         slm2_turn=_turn(turned, "slm2", where) if two else None,
         first=_whole_pair(tables["picture"], "first", f"{where}: picture", 0),
@@ -164,10 +168,10 @@ def read_placement(path: Path) -> Placement:
         camera_shape=_whole_pair(found_for, "camera_shape", f"{where}: found_for", 1),
         values=_values(tables["values"], two, f"{where}: values"),
     )
-    raw = oriented_shape(placement.camera_shape, placement.camera_turn)
-    if any(first + n > whole for first, n, whole in zip(placement.first, placement.shape, raw, strict=True)):
+    raw = oriented_shape(registration.camera_shape, registration.camera_turn)
+    if any(first + n > whole for first, n, whole in zip(registration.first, registration.shape, raw, strict=True)):
         raise UserError(f"{where}: picture", "reaches beyond the camera's picture", remedy=_REMEDY)
-    return placement
+    return registration
 
 
 def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measured]:
@@ -213,20 +217,20 @@ def rounded_to(value: float, uncertainty: float) -> float:
     return round(value, _SPARE_DIGITS + 1 - int(np.floor(np.log10(uncertainty))))
 
 
-def place_devices(devices: Devices, placement: Placement) -> Devices:
+def register_devices(devices: Devices, registration: Registration) -> Devices:
     """The same devices: levels are turned on their way out, pictures turned back and cropped, distances measured."""
-    turns = ("none", placement.slm2_turn or "none")
-    modulators = tuple(_PlacedModulator(own, turn) for own, turn in zip(devices.modulators, turns, strict=False))
+    turns = ("none", registration.slm2_turn or "none")
+    modulators = tuple(_RegisteredModulator(own, turn) for own, turn in zip(devices.modulators, turns, strict=False))
     return replace(
         devices,
         modulators=modulators,
-        camera=_PlacedCamera(devices.camera, placement),
-        stage=_PlacedStage(devices.stage, placement),
+        camera=_RegisteredCamera(devices.camera, registration),
+        stage=_RegisteredStage(devices.stage, registration),
     )
 
 
 @dataclass(eq=False)
-class _PlacedModulator(WrappedModulator):
+class _RegisteredModulator(WrappedModulator):
     turn: str
 
     def show(self, levels: Levels) -> None:
@@ -234,28 +238,28 @@ class _PlacedModulator(WrappedModulator):
 
 
 @dataclass(eq=False)
-class _PlacedCamera(WrappedCamera):
-    placement: Placement
+class _RegisteredCamera(WrappedCamera):
+    registration: Registration
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self.placement.shape
+        return self.registration.shape
 
     def take(self) -> Counts:
-        (row, column), (rows, columns) = self.placement.first, self.placement.shape
-        picture = undone(self.device.take(), self.placement.camera_turn)
+        (row, column), (rows, columns) = self.registration.first, self.registration.shape
+        picture = undone(self.device.take(), self.registration.camera_turn)
         return np.ascontiguousarray(picture[row : row + rows, column : column + columns])
 
 
 @dataclass(eq=False)
-class _PlacedStage(WrappedStage):
-    placement: Placement
+class _RegisteredStage(WrappedStage):
+    registration: Registration
 
     @property
     def range_m(self) -> tuple[float, float]:
         low, high = self.device.range_m
-        return self.placement.distance_m(low), self.placement.distance_m(high)
+        return self.registration.distance_m(low), self.registration.distance_m(high)
 
     def move_to(self, distance_m: float) -> float:
-        setting = float(np.clip(self.placement.setting_m(distance_m), *self.device.range_m))  # undoes rounding
-        return self.placement.distance_m(self.device.move_to(setting))
+        setting = float(np.clip(self.registration.setting_m(distance_m), *self.device.range_m))  # undoes rounding
+        return self.registration.distance_m(self.device.move_to(setting))

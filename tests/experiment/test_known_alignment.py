@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment.placement_doubt import within_alignment
-from holoview.rig.placement import Measured
-from tests.rig.test_placement import PLACEMENT, VALUES
+from holoview.experiment.known_alignment import within_alignment
+from holoview.rig.registration import Measured
+from tests.rig.test_registration import REGISTRATION, VALUES
 
 # Of PLACEMENT: the stage's zero is known to 1 µm, its scale to 1e-4 (1 µm at 10 mm), the shift in y to 0.1 µm.
 Z = 10.2e-3 + 0.25e-3  # the stage at 10 mm
@@ -32,9 +32,9 @@ Z = 10.2e-3 + 0.25e-3  # the stage at 10 mm
     ],
 )
 def test_only_what_an_alignment_leaves_open_is_within_it(effect: str, values: dict[str, Any], is_within: bool) -> None:
-    assert within_alignment(PLACEMENT, {effect: values}) == [effect] * is_within
+    assert within_alignment(REGISTRATION, {effect: values}) == [effect] * is_within
 
 
 def test_values_are_those_of_the_comments() -> None:
     assert VALUES["stage_offset"] == Measured(0.25e-3, 1e-6) and VALUES["stage_scale"].uncertainty == 1e-4
-    assert PLACEMENT.setting_m(Z) == pytest.approx(10e-3)
+    assert REGISTRATION.setting_m(Z) == pytest.approx(10e-3)
