@@ -26,13 +26,12 @@ from holoview.commands.arguments import number, parse_duration, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.known_effects import read_known
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model import preset
 from holoview.model.effects.effect import Effect

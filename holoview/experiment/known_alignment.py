@@ -6,11 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holoview.diagnose.calibration_prior import is_within
-from holoview.diagnose.config import KnownConfig
+from holoview.diagnose.calibration_prior import MAX_DEVIATIONS, is_within
 from holoview.rig.registration import Registration
-
-_MOST_DEVIATIONS = KnownConfig().max_deviations
 
 
 def within_alignment(registration: Registration, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -29,7 +26,7 @@ def refinement_note(effects: Sequence[str]) -> str:
     """A sentence on effects within the alignment's uncertainties."""
     names, verb = " and ".join(effects), "refines" if len(effects) == 1 else "refine"
     return (
-        f"{names} {verb} the placement: `rig align` left so much open (up to {_MOST_DEVIATIONS:.0f} standard "
+        f"{names} {verb} the placement: `rig align` left so much open (up to {MAX_DEVIATIONS:.0f} standard "
         "deviations), so it need not be a fault of the bench."
     )
 
@@ -37,7 +34,7 @@ def refinement_note(effects: Sequence[str]) -> str:
 def _is_within(registration: Registration, effect: str, values: Mapping[str, Any]) -> bool:
     sigmas = registration.uncertain_effects()
     if effect != "plane_errors":
-        return is_within(values, sigmas.get(effect, {}), _MOST_DEVIATIONS)
+        return is_within(values, sigmas.get(effect, {}), MAX_DEVIATIONS)
     offset, scale = sigmas["distance"]["distance_error"], sigmas["stage"]["scale"]
     planes = {str(z): math.hypot(offset, registration.setting_m(z) * scale) for z in values["distances"]}
-    return is_within(dict(zip(planes, values["errors"], strict=True)), planes, _MOST_DEVIATIONS)
+    return is_within(dict(zip(planes, values["errors"], strict=True)), planes, MAX_DEVIATIONS)

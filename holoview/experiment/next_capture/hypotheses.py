@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import PLAIN, SearchConfig
 from holoview.diagnose.crop import middle_of, saving
 from holoview.diagnose.fit import (
     CandidateFit,
@@ -51,7 +51,6 @@ from holoview.diagnose.pipeline import prepare_search
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.sampling_config import PLAIN
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search import select_causes
 from holoview.diagnose.search_context import SearchContext, SearchEnd, field_samples
@@ -191,7 +190,7 @@ def slopes_of(
 ) -> NDArray[np.float32]:
     """Derivatives (parameter, pixel) of the residuals at `values`, in units of the priors."""
     residual = comparison.residual(values)
-    bounds = free.bounds(context.config.fits.steps)
+    bounds = free.bounds()
     return jacobian(residual_function(free, values, comparison), free.pack(values), residual, bounds)
 
 
@@ -316,7 +315,7 @@ class HypothesisFits:
         config, n, best = context.config.verdict, comparison.pixel_count, self._fits[0]
         nominal = next(f.cost for f in self._fits if not f.causes) / n - 1.0
         if not best.causes:
-            return nominal < jitter_excess(n, config)
+            return nominal < jitter_excess(n)
         return best.cost / n - 1.0 < explained_excess(nominal, n, config)
 
     def _believe(self, context: SearchContext, comparison: Comparison) -> Belief:
@@ -354,7 +353,7 @@ def _by_cost(fits: Sequence[CandidateFit], comparison: Comparison) -> list[Candi
 
 def _refit(context: SearchContext, fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     effects = [context.effects[name] for name in fit.causes]
-    return refit(effects, fit.values, comparison, context.config.fits) if fit.causes else fit
+    return refit(effects, fit.values, comparison) if fit.causes else fit
 
 
 def _with_nuisances(context: SearchContext, fit: CandidateFit, allows_movements: bool) -> SearchContext:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.fourier import PrunedAxis, PrunedTransform
+from holoview.numerics.fourier import PrunedAxis, PrunedTransform, chirp_z_transform, dft_matrix, phasor_of_turns
 from holoview.numerics.sampling import frequency_indices
 
 AXES = {
@@ -95,3 +95,37 @@ def test_a_band_of_all_frequencies_is_in_the_order_of_the_fft() -> None:
     assert AXES["all, padded"].indices.tolist() == frequency_indices(15).tolist()
     assert AXES["around zero"].indices.tolist() == list(range(-4, 5))
     assert AXES["over the highest frequency"].indices.tolist() == [5, 6, 7, -8, -7, -6, -5]
+
+
+@pytest.mark.parametrize("count", [5, 40, 300])
+@pytest.mark.parametrize(("first", "step"), [(0.0, 1 / 37), (-0.31, 0.00271), (0.2, -0.013), (3.7, 0.4)])
+@pytest.mark.parametrize("chirps", [True, False])
+def test_sums_are_the_sums(first: float, step: float, count: int, chirps: bool) -> None:
+    values = torch.randn(3, 37, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
+    expected = values @ dft_matrix(37, first, step, count).T
+    found = chirp_z_transform(values, first, step, count, matrix_limit=0 if chirps else 1000)
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-9)  # chirps of 18000 turns
+
+
+def test_the_frequencies_of_an_fft_give_the_fft() -> None:
+    values = torch.randn(16, dtype=torch.complex128, generator=torch.Generator().manual_seed(1))
+    centre = torch.exp(2j * torch.pi * torch.arange(16).double() * 7.5 / 16)  # positions count from the middle
+    torch.testing.assert_close(chirp_z_transform(values[None], 0.0, 1 / 16, 16)[0], torch.fft.fft(values) * centre)
+
+
+def test_single_precision_keeps_six_digits_at_full_size() -> None:
+    values = torch.randn(2, 1920, dtype=torch.complex64, generator=torch.Generator().manual_seed(2))
+    found = chirp_z_transform(values, -0.4, 0.8 / 2048, 2048)
+    expected = chirp_z_transform(values.to(torch.complex128), -0.4, 0.8 / 2048, 2048)
+    assert float((found - expected).norm() / expected.norm()) < 2e-6
+
+
+def test_whole_turns_change_nothing() -> None:
+    turns = torch.linspace(-0.5, 0.5, 33, dtype=torch.float64)
+    expected = torch.exp(2j * torch.pi * turns)
+    torch.testing.assert_close(phasor_of_turns(turns), expected, rtol=0, atol=1e-15)
+    torch.testing.assert_close(phasor_of_turns(turns + 4096), expected, rtol=0, atol=1e-11)
+
+
+def test_the_precision_is_that_of_the_turns() -> None:
+    assert phasor_of_turns(torch.zeros(2)).dtype == torch.complex64

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import RBFInterpolator
 
-from holoview.numerics.surfaces import noll_to_nm, zernike, zernike_sum
+from holoview.numerics.surfaces import noll_to_nm, thin_plate_spline_matrix, zernike, zernike_sum
 
 # Noll, J. Opt. Soc. Am. 66, 207 (1976), table I.
 NOLL_TABLE = {
@@ -64,3 +65,26 @@ def test_a_sum_is_that_of_its_terms() -> None:
     expected = 3e-8 * zernike(4, radius, angle) - 1e-8 * zernike(7, radius, angle)
     torch.testing.assert_close(zernike_sum([(4, 3e-8), (7, -1e-8)], radius, angle), expected)
     assert not zernike_sum([], radius, angle).any()
+
+
+NODES, POINTS, ASPECT = (4, 5), (7, 9), 1.5
+
+
+def _grid(shape: tuple[int, int], *, corners: bool) -> np.ndarray:
+    y, x = (np.linspace(-1, 1, n) * (1 if corners else 1 - 1 / n) for n in shape)
+    return np.stack(np.meshgrid(y, x * ASPECT, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def test_the_spline_is_that_of_scipy() -> None:
+    values = np.random.default_rng(0).standard_normal(NODES[0] * NODES[1])
+    expected = RBFInterpolator(_grid(NODES, corners=True), values, kernel="thin_plate_spline")(
+        _grid(POINTS, corners=False)
+    )
+    found = thin_plate_spline_matrix(NODES, POINTS, ASPECT) @ torch.from_numpy(values)
+    assert found.numpy() == pytest.approx(expected, abs=1e-10)
+
+
+def test_a_plane_is_reproduced() -> None:
+    nodes, points = _grid(NODES, corners=True), _grid(POINTS, corners=False)
+    found = thin_plate_spline_matrix(NODES, POINTS, ASPECT) @ torch.from_numpy(2 + nodes @ [3.0, -1.0])
+    assert found.numpy() == pytest.approx(2 + points @ [3.0, -1.0], abs=1e-10)

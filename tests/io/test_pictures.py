@@ -10,12 +10,22 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import imagecodecs
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 from PIL import Image
 
 from holoview import __version__
-from holoview.io.pictures import path_with_suffix, read_pattern, write_pattern, write_png
+from holoview.io.pictures import (
+    CELL_MAPS,
+    MAX_FRAMES,
+    memory_cells,
+    open_encoder,
+    path_with_suffix,
+    read_pattern,
+    write_pattern,
+    write_png,
+)
 from holoview.util.errors import UserError
 
 SHAPE = (6, 9)
@@ -144,3 +154,74 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
 
 def test_planes_are_numbered_by_their_distance() -> None:
     assert path_with_suffix(Path("a/b.c.png"), "10mm") == Path("a/b.c-10mm.png")
+
+
+FRAMES = list(np.random.default_rng(0).integers(0, 256, (5, 21, 30, 3), dtype=np.uint8))
+
+
+def test_a_png_holds_each_frame_exactly_with_times_and_texts(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    open_encoder(path, 5, 2.0)(FRAMES, {"holoview.plane": "10 mm"})
+    with Image.open(path) as image:
+        assert image.n_frames == 5 and image.info["loop"] == 0
+        assert image.text["holoview.plane"] == "10 mm"
+        for number, frame in enumerate(FRAMES):
+            image.seek(number)
+            assert np.array_equal(np.asarray(image.convert("RGB")), frame)
+            assert image.info["duration"] == pytest.approx(400.0)
+
+
+def test_a_single_frame_is_a_plain_png(tmp_path: Path) -> None:
+    open_encoder(tmp_path / "a.png", 1, 1.0)(FRAMES[:1], {})
+    with Image.open(tmp_path / "a.png") as image:
+        assert not image.is_animated and np.array_equal(np.asarray(image), FRAMES[0])
+
+
+def test_a_gif_and_an_mp4_are_shown_as_long(tmp_path: Path) -> None:
+    for suffix in (".gif", ".mp4"):
+        open_encoder(tmp_path / f"a{suffix}", 5, 2.0)(FRAMES, {})
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames == 5 and image.info["duration"] == 400
+    assert imageio.imread(tmp_path / "a.mp4", plugin="pyav").shape == (5, 20, 30, 3), "even sides"
+    assert imageio.immeta(tmp_path / "a.mp4", plugin="pyav")["fps"] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "seconds", "complaint"),
+    [("a.avi", 5, 1.0, "suffix"), ("a.png", 0, 1.0, "0 frames"), ("a.png", MAX_FRAMES + 1, 1.0, "frames"),
+     ("a.png", 5, 0.0, "in 0 s"), ("a.png", 5, float("nan"), "in nan s")],
+)  # fmt: skip
+def test_what_cannot_be_written_is_refused_before_anything_is_computed(
+    tmp_path: Path, name: str, frames: int, seconds: float, complaint: str
+) -> None:
+    with pytest.raises(UserError, match=complaint):
+        open_encoder(tmp_path / name, frames, seconds)
+
+
+def test_the_first_level_of_p67_is_the_word_3() -> None:
+    # bits 1, 3 / 0, 2 of 0b0011 are 1, 0 / 1, 0; mirrored left to right: 0, 1 / 0, 1
+    np.testing.assert_array_equal(memory_cells(np.array([[0]]), "p67"), [[0, 1], [0, 1]])
+
+
+def test_full_stroke_is_the_word_12() -> None:
+    # bits 1, 3 / 0, 2 of 0b1100 are 0, 1 / 0, 1; mirrored: 1, 0 / 1, 0
+    np.testing.assert_array_equal(memory_cells(np.array([[15]]), "p67"), [[1, 0], [1, 0]])
+
+
+def test_every_level_has_its_own_cells_in_its_own_mirrored_place() -> None:
+    levels = np.random.default_rng(0).integers(0, 16, (5, 7))
+    cells = memory_cells(levels, "p67")
+    assert cells.shape == (10, 14)
+    assert set(np.unique(cells)) == {0, 1}
+    upright = cells[:, ::-1].reshape(5, 2, 7, 2)
+    layout, words = CELL_MAPS["p67"].bit_of_cell, np.array(CELL_MAPS["p67"].level_codes)
+    read = sum(upright[:, r, :, c].astype(int) << layout[r][c] for r in (0, 1) for c in (0, 1))
+    np.testing.assert_array_equal(read, words[levels])
+    assert sorted(words) == list(range(16))
+
+
+def test_unknown_devices_and_levels_are_refused() -> None:
+    with pytest.raises(UserError, match='cells: "p76"; expected p67; did you mean p67'):
+        memory_cells(np.zeros((2, 2), dtype=int), "p76")
+    with pytest.raises(UserError, match="levels from 0 to 16; expected 0 to 15"):
+        memory_cells(np.array([[0, 16]]), "p67")
