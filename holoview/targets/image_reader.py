@@ -46,7 +46,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
 )
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
 Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, before anything is decoded
-logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs becomes an error here, in one line
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # its messages become an error here, in one line
 
 
 def file_format(path: Path) -> str:

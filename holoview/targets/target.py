@@ -92,7 +92,7 @@ def target_for(
     used, a distance outside the system's planes, a depth map of another size, and factors out of range; ValueError for
     a `Picture` with another `space`, and for planes that aren't a list of distances.
 
-    Limits: surfaces are matt and opaque, and what they hide is filled in from its surroundings.
+    Limits: surfaces are matt and opaque, and hidden parts are filled in from their surroundings.
 
     >>> import holoview as hv
     >>> from PIL import Image

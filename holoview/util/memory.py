@@ -1,9 +1,9 @@
 """How much memory a command may take, found out before it is asked for.
 
-Readers know from declared sizes what a file needs, and simulations know it from their plan. `require_memory` refuses
-what exceeds the limit: a share of the machine's free memory, or of what the process's control group has left, or what
-`--memory` states. The environment variable HOLOVIEW_MEMORY states the same. Worker processes get equal shares of what
-is left of it, so that all of them together stay below the limit.
+Readers know the need of a file from its declared sizes, simulations know theirs from their plan. `require_memory`
+refuses a need beyond the limit: a share of the memory that is free on the machine or in the process's control group, or
+the number of bytes that `--memory` or the environment variable HOLOVIEW_MEMORY states. Worker processes get equal
+shares of the rest, so that all of them together stay below the limit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ VARIABLE = "HOLOVIEW_MEMORY"
 """The environment variable with the most memory that the process may take in all, such as "8GB"."""
 
 WORKER_BYTES = 400_000_000
-"""What a worker process takes before its work: one that has imported torch and the studies takes 250 to 330 MB."""
+"""Memory of a worker process before its work: with torch and the studies imported it takes 250 to 330 MB."""
 
 _UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
@@ -127,12 +127,12 @@ def worker_share(workers: int, allowed: int | None = None) -> str:
 
 
 def _round_up(needed: float) -> str:
-    """A size to state so that `needed` bytes fit beside what the program itself takes."""
+    """A size to state so that `needed` bytes fit beside the memory that the program itself takes."""
     return f"{int((needed + psutil.Process().memory_info().rss) * 1.1 / 1e9) + 1}GB"
 
 
 def _cgroup_left(mount: Path, membership: Path) -> Iterator[int]:
-    """What each limit on the memory of this process's control groups leaves, in bytes; files' caches can be freed."""
+    """The bytes that each memory limit of this process's control groups leaves; files' caches count as free."""
     for group in group_folders(mount, membership, "memory"):
         for limit, usage, cache in _GROUP_FILES:
             most, used = read_lines(group / limit), read_lines(group / usage)
@@ -145,9 +145,9 @@ def _cgroup_left(mount: Path, membership: Path) -> Iterator[int]:
 
 
 def give_back_freed_memory(beyond: int) -> None:
-    """Where this process takes more than so many bytes, gives back what it has freed; elsewhere than on Linux, nothing.
+    """Gives freed memory back where this process takes more than so many bytes; outside Linux, does nothing.
 
-    GNU's allocator keeps what is freed between what is in use: of 7 GB after fits to large pictures, 3.9 GB were free.
+    GNU's allocator keeps freed memory between blocks in use: of 7 GB after fits to large pictures, 3.9 GB were free.
     """
     if sys.platform == "linux" and psutil.Process().memory_info().rss > beyond:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries lack it
