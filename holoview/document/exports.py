@@ -25,6 +25,7 @@ from holoview.model import preset
 from holoview.model.focus import with_pupil_at
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.numerics.sampling import positions
+from holoview.page.page import export_html
 from holoview.render.plane_images import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
 from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
@@ -313,7 +314,7 @@ def save_pupil_sheet(session: EditingSession, path: Path) -> BackgroundJob:
     return session.jobs.start("Save pupil sheet", work, lambda written: session.messages.post(f"{written} written"))
 
 
-# --- Writes the session's hologram and system as files ---
+# --- Writes the session's hologram and system as files, or as a page that any browser shows live ---
 
 
 def save_hologram(session: EditingSession, path: Path) -> None:
@@ -329,6 +330,22 @@ def save_preset(session: EditingSession, path: Path) -> None:
     file = with_default_suffix(path, ".toml")
     preset.save(session.system, file)
     session.messages.post(f"preset written to {file}")
+
+
+def save_page(session: EditingSession, path: Path) -> BackgroundJob:
+    """Writes the hologram and its bench, opened at the present focal plane. Raises UserError for another suffix."""
+    document, file = session.displayed_document, check_suffix(with_default_suffix(path, ".html"), [".html"])
+    hologram = Hologram(document.drive, document.system)
+
+    def work(control: JobControl) -> Path:
+        def progress(done: int, total: int) -> None:
+            control.check()
+            control.report(done, total, "pictures of the planes")
+
+        name = document.system.name or file.stem
+        return export_html(file, {name: hologram}, plane_m=document.view_settings.plane_m, progress=progress)
+
+    return session.jobs.start("Page", work, lambda written: session.messages.post(f"page written to {written}"))
 
 
 # --- Suffixes of the files that are written: a default one, and a check ---

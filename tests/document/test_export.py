@@ -8,7 +8,6 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from holoview.document.export.web_page import save_page
 from PIL import Image
 
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
@@ -17,6 +16,7 @@ from holoview.document.exports import (
     png_bytes,
     save_figure,
     save_hologram,
+    save_page,
     save_planes,
     save_preset,
     save_pupil_sheet,

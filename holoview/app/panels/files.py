@@ -16,10 +16,10 @@ from holoview.app.desktop import copy_picture, paste_picture
 from holoview.app.file_dialog import FileDialog, FileRequest, RecoveryDialog
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.document.export.web_page import save_page
 from holoview.document.exports import (
     save_figure,
     save_hologram,
+    save_page,
     save_path,
     save_path_animation,
     save_path_pictures,
