@@ -26,22 +26,20 @@ from holoview.commands.arguments import number, parse_duration, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.known_effects import read_known
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.sampling_config import SamplingConfig
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
-from holoview.experiment.next_capture.kept_captures import KeptCaptures
-from holoview.experiment.next_capture.planners import InformedPlanner
+from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.system import System
 from holoview.report.images import require_matplotlib
 from holoview.rig import open_rig, read_rig
+from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
@@ -377,11 +375,12 @@ def diagnose_rig(
     user_effects: are evaluated once with the first capture. options: of the diagnosis.
     """
     rig = read_rig(args.rig)
-    kept = KeptCaptures(args.save, read_text(args.rig, "a rig"))
-    before = kept.open()
+    kept = None if args.save is None else loop_captures(args.save, read_text(args.rig, "a rig"))
+    before = [] if kept is None else kept.resume()
 
     def keep(number: int, capture: Captures) -> None:
-        kept.add(number, capture)
+        if kept is not None:
+            kept.write(number, capture)
         if number == 0:
             check_user_effects(capture, user_effects)
 
@@ -403,8 +402,8 @@ def diagnose_rig(
         except (UserError, KeyboardInterrupt):
             _tell_where(kept)
             raise
-    kept.finish(result.parts)
-    return join_captures(result.parts), result, interruption.exit_code
+    captures = join_captures(result.parts) if kept is None else kept.join_into(args.save, result.parts)
+    return captures, result, interruption.exit_code
 
 
 def loop_as_json(result: LoopResult) -> dict[str, Any]:
@@ -428,6 +427,6 @@ def _settings(args: argparse.Namespace) -> LoopSettings:
     return dataclasses.replace(_SETTINGS, **{name: value for name, value in given.items() if value is not None})
 
 
-def _tell_where(kept: KeptCaptures) -> None:
-    if kept.folder is not None:
+def _tell_where(kept: CaptureFolder | None) -> None:
+    if kept is not None:
         print_stderr(f"the captures are in {kept.folder}; the same command goes on")

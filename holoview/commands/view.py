@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview.app.serve_options import CLIENTS, ServeOptions
+from holoview.app.serve_guard import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.output_files import add_input, add_output
@@ -152,7 +152,7 @@ def _system(args: argparse.Namespace) -> System:
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
     if args.rig is not None and not args.names:
-        from holoview.experiment.live.rig_bench import read_rig_system  # slow start: only a rig needs it
+        from holoview.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
 
         system = read_rig_system(args.rig)
     else:

@@ -3,8 +3,7 @@
 The algorithm, in the order in which it is read:
 
 pipeline            runs a diagnosis: correct, search, refine, judge, report
-config              the settings of a diagnosis, with units and evidence
-sampling_config     how predictions sample light
+config              what callers set, and how predictions sample light
 
 record_errors       correct: wrong records as causes, put right before the search
 bad_captures        captures that were left out; those that are dark, saturated or given twice

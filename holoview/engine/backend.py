@@ -53,7 +53,7 @@ def open_executor(
         return TorchExecutor(plan, inputs), f"torch, complex64 (chosen because: {error})"
 
 
-# --- Estimate of the memory that a simulation takes, from its plan ---
+# --- memory -----------------------------------------------------------------------------------------------------------
 
 
 _COMPLEX64 = 8

@@ -98,7 +98,7 @@ VIEWPORT = WgslStruct(
 """Used by the viewer (holoview/app/viewport.py)."""
 
 
-# --- Converts the numbers of a plan to the values of the shader structs, and the support of a relay to columns ---
+# --- values from a plan -----------------------------------------------------------------------------------------------
 
 
 UniformValues = dict[str, object]

@@ -2,7 +2,8 @@
 
 A pass needs neither barriers nor workgroup memory, so that it runs on every driver. It accesses memory only through the
 hooks `load(position: vec3u) -> vec2f` and `store(position: vec3u, value: vec2f)` with the position (x, y, field).
-`line_fft` describes all hooks; `line_fft_workgroup` combines several passes in one shader.
+`line_fft` describes all hooks; `line_fft_codegen` combines several passes in one shader. Below the pass stand the small
+DFTs in registers of which it consists, and the radices into which a length is factorised.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class PassShape:
 
 
 PassSteps = tuple[tuple[PassShape, Direction], ...]
-"""What one pass does: one step, or the end of a transform and the beginning of the next."""
+"""The steps of one pass: one step, or the end of a transform and the beginning of the next."""
 
 
 def pass_shapes(length: int, factors: tuple[int, ...], step: Step) -> list[PassShape]:
@@ -229,8 +230,8 @@ def _emit_step(code: WgslEmitter, shape: PassShape, direction: Direction, values
     )
 
 
-# --- Generates WGSL of small discrete Fourier transforms whose values stay in registers ---
-#
+# --- small DFTs in registers ------------------------------------------------------------------------------------------
+
 # The code is straight-line: each complex value is a `let` of type vec2f (real, imaginary). A length is factorised into
 # 2, 3, 4 and 5, which have formulas of their own; the twiddle factors between them are constants, evaluated in float64.
 

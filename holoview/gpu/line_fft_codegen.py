@@ -23,8 +23,8 @@ from holoview.gpu.fft_codegen import (
 from holoview.gpu.spectrum_order import Step, covered_digits
 from holoview.numerics.sampling import ceil_div
 
-# --- Generates WGSL of an FFT of whole lines in workgroup memory ---
-#
+# --- in workgroup memory ----------------------------------------------------------------------------------------------
+
 # The passes are those of `fft_codegen`, with the same radices and therefore the same digit-reversed spectra, but one
 # shader does all of them: between two passes the values of a line are in workgroup memory instead of a buffer. Each
 # pass works in place, so that one barrier after it is sufficient. Several columns share a workgroup, so that
@@ -154,8 +154,8 @@ fn main(
 """
 
 
-# --- Generates WGSL of an FFT of whole lines in the registers of neighbouring lanes of a subgroup ---
-#
+# --- in the registers of a subgroup -----------------------------------------------------------------------------------
+
 # A line of n = S·A points is held by S lanes with A complex registers each: lane l holds the points l, l + S, l + 2S, …
 # A forward transform consists, after Cooley and Tukey (Math. Comp. 19, 297 (1965)), of
 #
@@ -179,7 +179,7 @@ Spectrum = Iterator[tuple[int, Names]]
 """The groups of a spectrum: their number and their values."""
 
 MAX_LINES, MAX_INVOCATIONS = 4, 128
-"""Of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
+"""Most lines of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
 MAX_REGISTERS = 256
 """Complex registers of a lane: more would be spilled to memory on any adapter."""
 

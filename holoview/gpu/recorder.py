@@ -182,7 +182,7 @@ def _resource(resource: Buffer | Any) -> Any:
     return resource
 
 
-# --- Measures the time that compute passes take on the device, by timestamp queries at their start and end ---
+# --- time of compute passes -------------------------------------------------------------------------------------------
 
 
 _MAX_QUERIES = 4096  # of a query set, by the WebGPU specification

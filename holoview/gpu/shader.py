@@ -144,8 +144,8 @@ def compile_error(source: ShaderSource, message: str) -> ShaderError:
     return ShaderError(f"{file}:{line}: {quoted}\n{located.strip()}", file, line)
 
 
-# --- WGSL structs shared with Python: one definition gives the declaration, the byte layout and the packing ---
-#
+# --- structs shared with Python ---------------------------------------------------------------------------------------
+
 # Layouts follow WGSL's rules for the uniform address space, which are valid for storage buffers too: a vec3 or vec4 is
 # aligned to 16 bytes, a vec2 to 8 bytes, and the elements of an array have a stride of a multiple of 16 bytes.
 

@@ -7,7 +7,7 @@ points that are zero needn't be loaded. The stored frequencies contain the band;
 side.
 
 Two orders exist. In natural order a digit's n/r frequencies follow each other. In digit-reversed order (see
-`fft_radices`) the stored digits of a rest follow each other.
+`fft_codegen`) the stored digits of a rest follow each other.
 """
 
 from __future__ import annotations
@@ -140,9 +140,6 @@ class SpectrumOrder:
 
 def _function(head: str, lines: list[str]) -> str:
     return "\n".join([f"{head} {{", *(f"    {line}" for line in lines), "}", ""])
-
-
-# What a transform of a line is to do: its direction, the points and frequencies that aren't needed, and its length.
 
 
 Direction = Literal["forward", "inverse"]

@@ -65,8 +65,8 @@ class FftTuner:
     store: where measured times are cached. remeasure: ignore cached times. budget_s: limit of the helper's CPU time,
     and a fifth of the limit of its wall time; a strategy that isn't compiled within it is refused, in later runs too.
 
-    `tuning` is what is known so far. Call all methods in the thread that uses the device. The helper ends with `close`
-    or with the program. Raises UserError for a size that can't be transformed.
+    `tuning` holds the times that are known so far. Call all methods in the thread that uses the device. The helper
+    ends with `close` or with the program. Raises UserError for a size that can't be transformed.
     """
 
     def __init__(
@@ -250,8 +250,8 @@ def _as_message(shader: TransformShader) -> Message:
     return {"label": shader.source.label, "text": shader.source.text, "constants": dict(shader.constants)}
 
 
-# --- Caches the measured times of the FFT strategies in a JSON file ---
-#
+# --- the store of measured times --------------------------------------------------------------------------------------
+
 # The file in the user's cache folder holds an entry for each adapter, driver, version of wgpu and size. It is only a
 # cache: entries that can't be read or are invalid are ignored, and so is a failure to write.
 
@@ -357,14 +357,14 @@ def _is_by_strategy(values: object) -> bool:
     return isinstance(values, dict) and set(values) <= set(STRATEGIES)
 
 
-# --- Starts the helper process of `tune`, sends it requests, collects its answers, and ends it ---
+# --- the helper process -----------------------------------------------------------------------------------------------
 
 
 WORKER_ARGUMENTS = ("-m", "holoview.gpu.tune_worker")
 """Arguments of the Python interpreter that start the helper."""
 _JOIN_TIMEOUT_S = 2.0
 Message = dict[str, Any]
-"""One line of JSON: see `tune_worker` for the protocol."""
+"""A line of JSON; `tune_worker` states the protocol."""
 
 
 class TuningProcess:

@@ -1,4 +1,9 @@
-"""PNG files: rendered views with metadata in text chunks, and patterns of modulators."""
+"""Pictures and modulator patterns as files.
+
+PNG         views with metadata in text chunks, patterns of modulators, pictures of 16 bits with their colour space
+animations  APNG and GIF, which need no further library, and MP4 with the extra "export"
+cells       the bits in the memory cells of a phase light modulator for a picture of levels
+"""
 
 from __future__ import annotations
 
@@ -129,7 +134,7 @@ def path_with_suffix(path: Path, suffix: str) -> Path:
     return path.with_name(f"{path.stem}-{suffix}{path.suffix}")
 
 
-# --- Animated pictures: PNG (APNG) and GIF, which need no further library, and MP4 with the extra "export" ---
+# --- animations -------------------------------------------------------------------------------------------------------
 
 
 SUFFIXES = (".png", ".gif", ".mp4")
@@ -204,8 +209,8 @@ def _crop_to_even(pixels: Pixels) -> Pixels:
     return pixels[: rows - rows % 2, : columns - columns % 2]
 
 
-# --- The bits in the memory cells of a phase light modulator for a picture of levels ---
-#
+# --- memory cells -----------------------------------------------------------------------------------------------------
+
 # A pixel of a TI phase light modulator lies over 2 × 2 binary memory cells. A level, counted in rising order of optical
 # path, has a 4-bit code. One bit of it goes to each cell of the pixel, and some devices mirror the picture of cells
 # left to right. The tables of "p67" (the 0.67-inch device, DLP6750) are those that TI publishes with its MIT-licensed

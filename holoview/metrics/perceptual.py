@@ -1,4 +1,7 @@
-"""The perceptual scores of images, by their names in `holoview.metrics.perceptual_scores`."""
+"""How an image looks to a person beside its target: MS-SSIM, FLIP and ColorVideoVDP.
+
+`measure_score` computes them by their names in `holoview.metrics.perceptual_scores`.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +44,8 @@ def measure_perceptual_scores(view: View, stack: Image, names: Sequence[str]) ->
     return {name: measure_score(name, view.rgb, stack, density) for name in names}
 
 
-# --- Multi-scale structural similarity (MS-SSIM) of what a screen shows, and of what it should ---
-#
+# --- MS-SSIM ----------------------------------------------------------------------------------------------------------
+
 # Speckle, blur and lost detail lower it; an error of brightness that is even over a neighbourhood hardly does. So read
 # it beside the PSNR or the colour difference. It is computed of encoded sRGB clipped to 0…1, since its constants are
 # made for a display signal, channel by channel, as `holoview.numerics.structural_similarity` states with its source.
@@ -80,8 +83,8 @@ def _signals(light: Stack) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(signal, -1, 1)))
 
 
-# --- FLIP: the error that a person notices who flips between what a screen shows and what it should ---
-#
+# --- FLIP -------------------------------------------------------------------------------------------------------------
+
 # Colours are filtered by the contrast sensitivity of the eye at the given visual angle and compared in a space of equal
 # differences; edges and points that appear or vanish count more. 0 is no difference, 1 the largest: green beside blue.
 # The mean over all samples is the score that the authors recommend (P. Andersson, J. Nilsson, T. Akenine-Möller,
@@ -115,8 +118,8 @@ def _flip_signals(light: Stack) -> NDArray[np.float32]:
     return np.ascontiguousarray(srgb_encode(gamut_map(light)), dtype=np.float32)
 
 
-# --- ColorVideoVDP: how much worse than its target an image looks, in just-objectionable differences (JOD) ---
-#
+# --- ColorVideoVDP, in just-objectionable differences (JOD) -----------------------------------------------------------
+
 # 10 JOD are no visible difference. Of two images that are 1 JOD apart, 75 % of people prefer the better one; strong
 # errors may lead below 0. The metric filters light by the contrast sensitivity of the eye for luminance and colour, at
 # its visual angle and absolute luminance, and lets structure mask errors (R. K. Mantiuk, P. Hanji, M. Ashraf, Y. Asano

@@ -49,7 +49,7 @@ def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
 
 
 def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
-    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped to what a screen shows.
+    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped to the range of a screen.
 
     Raises UserError when the shapes differ or aren't those of images.
     """
@@ -77,7 +77,7 @@ def _psnr_per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> 
     return Psnr(mean_db=sum(planes) / len(planes), planes_db=planes)
 
 
-# --- What scores of whole images have in common: images as stacks of planes, and a score of each plane ---
+# --- scores of planes -------------------------------------------------------------------------------------------------
 
 
 Stack = NDArray[np.float64]

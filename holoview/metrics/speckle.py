@@ -110,8 +110,8 @@ def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -
     return values / (gain * target) if gain > 0.0 else np.zeros(0)
 
 
-# --- Histogram of speckle intensity and the gamma distribution that it should follow ---
-#
+# --- histogram --------------------------------------------------------------------------------------------------------
+
 # Fully developed, polarised speckle of one laser is exponentially distributed: p(s) = exp(−s) for s = I/Ī. The sum of N
 # independent patterns of equal mean has a gamma distribution of shape N; that of patterns with unequal means m has
 # nearly the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
@@ -150,7 +150,7 @@ class SpeckleHistogram:
 def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
     """Probability density of s = I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional.
 
-    It is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
+    The density is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
     """
     count, s = pattern_count, np.asarray(relative_intensity, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -173,8 +173,8 @@ def speckle_histogram(
     return SpeckleHistogram(edges, counts / (values.size * (edges[1] - edges[0])), pattern_count)
 
 
-# --- Independent speckle patterns that the lasers, frames and sources of a system contribute, by their brightness ---
-#
+# --- independent patterns of lasers, frames and sources ---------------------------------------------------------------
+
 # Patterns of different lasers count as independent and fully developed here, which those of one hologram need not be:
 # the contrast √(Σm²)/Σm for mean luminances m is the least that they can bring (Goodman, *Speckle Phenomena in Optics*,
 # 2007, ch. 3).
@@ -206,8 +206,8 @@ def mean_wavelength(system: System) -> float:
     return float(np.average(system.wavelengths_m, weights=weights if np.any(weights > 0) else None))
 
 
-# --- Speckle on the retina: its contrast at every sample and as cones see it, for pupils of several diameters ---
-#
+# --- on the retina ----------------------------------------------------------------------------------------------------
+
 # A pupil of diameter d makes grains about λ/d wide (Goodman, *Speckle Phenomena in Optics*, 2007, ch. 4): a small pupil
 # makes coarse speckle, a large one fine. Their contrast doesn't depend on the pupil as long as the patterns of the
 # lasers are fully developed and independent; then it is √(Σm²)/Σm for mean luminances m, 1/√N for N equal ones. Foveal
@@ -250,7 +250,7 @@ def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[Syst
 
 
 def default_pupils(system: System) -> tuple[float, ...]:
-    """Those of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
+    """The diameters of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
     eye = system.eye
     if eye is None:
         return PUPILS_M
@@ -264,7 +264,7 @@ def retinal_contrast(
     region: Region | None = None,
     target: NDArray[np.floating] | None = None,
 ) -> RetinalContrast:
-    """Contrast of a region of what the eye of a system sees.
+    """Contrast of a region of the picture that the eye of a system sees.
 
     luminance: (y, x) of the whole image. target: (y, x), whose structure is divided out.
     Raises UserError without an eye, and as `speckle_contrast` does.

@@ -1,4 +1,4 @@
-"""Published formulas of the human eye: its chromatic aberration, and the size of its pupil."""
+"""The eye of a viewer behind an eyepiece, published formulas of the human eye, and angles at which lengths are seen."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def natural_pupil_diameter(luminance: float, area_deg2: float, age: float = 30.0
     return 1e-3 * float(young_mm + (age - 28.58) * (0.02132 - 0.009562 * young_mm))
 
 
-# --- The eye of a viewer behind an eyepiece: where it is focused at each wavelength, and what its pupil passes ---
-#
+# --- the eye of a bench -----------------------------------------------------------------------------------------------
+
 # The eyepiece, of focal length f, has its front focal plane at z = `infinity`; the eye's pupil lies in its back focal
 # plane. A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is
 # nearer to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of
@@ -104,7 +104,7 @@ class PupilField:
 
 @dataclass(frozen=True, eq=False)
 class Prescription(Description):
-    """What is wrong with an eye that wears no glasses: sphere, cylinder and axis of its glasses, and Zernike terms.
+    """The errors of an eye that wears no glasses: sphere, cylinder and axis of its glasses, and Zernike terms.
 
     sphere_dpt, cylinder_dpt: of the glasses that the eye would need, dioptres. In a meridian at an angle θ to the axis
     they have the power sphere + cylinder·sin²θ, and the eye is focused so much further away (Thibos, Wheeler & Horner,
@@ -161,7 +161,7 @@ class Eye(Description):
     accommodation_dpt: (accommodation,) dioptres at which the eye is focused at the wavelength `reference`; None: at
     each of the bench's focal planes.
     chromatic: whether the eye has longitudinal chromatic aberration.
-    chromatic_axis: what the chromatic aberration is centred on. "eyepiece": the eye stays on the axis of the eyepiece,
+    chromatic_axis: the centre of the chromatic aberration. "eyepiece": the eye stays on the axis of the eyepiece,
     and `pupil_y` and `pupil_x` are the place of its pupil alone (an artificial pupil, or one that is decentred in the
     eye); colours then separate at the retina by the pupil's displacement times the difference of focus in dioptres
     (Thibos, Bradley, Still, Zhang & Howarth, Vision Res. 30, 33 (1990)). "pupil": the eye moves as a whole, and colours
@@ -375,7 +375,7 @@ class Eye(Description):
         return bool(self.stiles_crawford or self.prescription.cylinder_dpt or self.prescription.aberration_m)
 
 
-# --- Angles at which a viewer sees lengths of a focal plane through an eyepiece, whichever plane is in focus ---
+# --- visual angles ----------------------------------------------------------------------------------------------------
 
 
 def field_degrees(side_m: float, eyepiece_m: float) -> float:

@@ -1,4 +1,9 @@
-"""A limit of the model: what is measured of a plan, against which threshold, and why."""
+"""When the model stops being true: limits of a bench's plan, each with what is measured, its threshold and its reason.
+
+`Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS`, at the end, are all of them:
+limits of sampling (band limit, wrap-around, samples a pixel, stops and oblique light, single precision), of scalar
+diffraction, of broad lines and extended sources, and of the eye's pupil. docs/physics.md has the table of thresholds.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +27,9 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a plan.
+    """The figure of a plan.
 
-    value: in the unit of the limit. found: what it means beyond the threshold, a sentence without a full stop.
+    value: in the unit of the limit. found: the consequence beyond the threshold, a sentence without a full stop.
     where: the key of the bench that it depends on most. remedy: what to change.
     """
 
@@ -38,8 +43,8 @@ class Measured:
 class Limit:
     """A limit of the model.
 
-    name: a few words. quantity: what is measured, with its unit. reason: where the threshold comes from.
-    measure: what is measured of a plan; None where the limit doesn't apply.
+    name: a few words. quantity: the measured quantity with its unit. reason: where the threshold comes from.
+    measure: its figure for a plan; None where the limit doesn't apply.
     at_least, at_most: the threshold; one of them is given.
     refuses: whether nothing is left to see beyond the threshold, so that the plan isn't rendered.
     """
@@ -67,7 +72,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a limit says of a plan."""
+    """The verdict of a limit on a plan."""
 
     limit: Limit
     measured: Measured
@@ -79,11 +84,11 @@ class Reading:
 
     @property
     def text(self) -> str:
-        """The limit's name and what was found, in a sentence."""
+        """The limit's name and its verdict, in a sentence."""
         return f"{self.limit.name}: {self.measured.found}; {self.measured.remedy}"
 
 
-# What the grid of a plan can't hold: the band limit, wrap-around, orders beyond the samples, stops, oblique light.
+# Limits of the grid of a plan.
 #
 # Symbols: p pixel pitch, u samples along each side of a pixel, dx = p/u, P padded samples, s = λf direction sine.
 
@@ -307,7 +312,7 @@ OBLIQUE_LIGHT = Limit(
 
 
 def remainder_turns(waves: float, squared_sine: float) -> float:
-    """What the paraxial phase leaves of the phase of propagation, turns: (z/λ)·[A/(1 + √(1 − A)) − A/2]."""
+    """The phase of propagation minus the paraxial phase, turns: (z/λ)·[A/(1 + √(1 − A)) − A/2]."""
     a = min(squared_sine, 1.0)
     return waves * (a / (1 + math.sqrt(1 - a)) - a / 2)
 
@@ -341,7 +346,7 @@ SINGLE_PRECISION = Limit(
 )
 
 
-# --- What scalar diffraction can't describe: pixels near the wavelength, evanescent orders, and the near field ---
+# --- scalar diffraction -----------------------------------------------------------------------------------------------
 
 
 _COSINE = 0.95
@@ -429,7 +434,7 @@ NEAR_FIELD = Limit(
 )
 
 
-# --- Light that the observer hardly sees, and lines and sources that their samples don't resolve ---
+# --- broad lines and extended sources ---------------------------------------------------------------------------------
 
 
 _LEAST_RESPONSE = 0.5 / 255 / 12.92  # half a level of 8 bits on the linear part of sRGB's curve
@@ -486,7 +491,7 @@ CONTINUUM = Limit(
 )
 
 
-# --- An eye whose pupil lies beside the eyebox, or beyond the directions that the samples hold ---
+# --- the eye ----------------------------------------------------------------------------------------------------------
 
 
 _LEAST_SHARE = 0.01
@@ -561,7 +566,7 @@ PUPIL_SAMPLES = Limit(
 )
 
 
-# --- All limits of the model: reads them from a plan, and refuses a plan that leaves nothing to see ---
+# --- all limits -------------------------------------------------------------------------------------------------------
 
 
 def _light_left(plan: Plan) -> Measured:
@@ -624,7 +629,7 @@ LIMITS: tuple[Limit, ...] = (
 
 
 def read_limits(plan: Plan) -> tuple[Reading, ...]:
-    """What each limit that applies to a plan says of it, in the order of `LIMITS`."""
+    """The verdict of each limit that applies to a plan, in the order of `LIMITS`."""
     measured = ((limit, limit.measure(plan)) for limit in LIMITS)
     return tuple(Reading(limit, found) for limit, found in measured if found is not None)
 

@@ -1,10 +1,12 @@
-"""Discrete Fourier transforms between a window of samples and a band of frequencies, on a longer grid of zeros.
+"""Discrete Fourier transforms of a part of the samples, at a part of the frequencies; all differentiable by torch.
 
     X_k = Σ_n x_n·exp(−2πi·k·(n + offset)/P),   x_n = 1/P·Σ_k X_k·exp(2πi·k·(n + offset)/P)
 
-A field that fills `count` of P samples, and of whose spectrum only some frequencies pass a stop, needs neither the
-other samples nor the other frequencies: in two dimensions, lines outside the window or the band are never transformed.
-All functions are differentiable by torch. Markel, IEEE Trans. Audio Electroacoust. 19, 305 (1971).
+Between a window and a band: a field that fills `count` of P samples, and of whose spectrum only some frequencies pass a
+stop, needs neither the other samples nor the other frequencies. In two dimensions, lines outside the window or the band
+are never transformed. Markel, IEEE Trans. Audio Electroacoust. 19, 305 (1971).
+
+At any equally spaced frequencies: the chirp-z transform.
 """
 
 from __future__ import annotations
@@ -114,8 +116,8 @@ def _padded(values: Tensor, dim: int, before: int, after: int) -> Tensor:
     return torch.nn.functional.pad(values, [0, 0] * (-dim - 1) + [before, after])
 
 
-# --- Discrete Fourier sums at equally spaced frequencies that needn't be those of an FFT (the chirp-z transform) ---
-#
+# --- chirp-z transform ------------------------------------------------------------------------------------------------
+
 # X_k = Σ_j x_j·exp(−2πi·(first + k·step)·(j − (n − 1)/2)),  k = 0 … count − 1
 #
 # Bluestein's algorithm: with j·k = (j² + k² − (k − j)²)/2 the sum becomes a convolution with a chirp, which FFTs of n +
@@ -160,7 +162,7 @@ def dft_matrix(n: int, first: float, step: float, count: int) -> Tensor:
     return phasor_of_turns(-frequencies[:, None] * positions[None, :])
 
 
-# --- Complex exponentials of phases that are given in turns ---
+# --- phases in turns --------------------------------------------------------------------------------------------------
 
 
 def phasor_of_turns(turns: torch.Tensor) -> torch.Tensor:

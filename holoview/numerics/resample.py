@@ -119,8 +119,8 @@ def interpolate_at(values: Tensor, position_y: Tensor, position_x: Tensor) -> Te
     return torch.view_as_complex(read.movedim(0, -1).contiguous()) if values.is_complex() else read[0]
 
 
-# --- Affine warp of a map that is sampled at least twice as finely as its band needs: windowed sinc interpolation ---
-#
+# --- affine warp of a band-limited map --------------------------------------------------------------------------------
+
 # Two passes along one axis each (Catmull and Smith, SIGGRAPH 1980): first along y to where the rows of the result cross
 # the columns of the map, then along x. The first pass shears, which widens the band along x by the rotation's tangent.
 

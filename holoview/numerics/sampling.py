@@ -55,9 +55,6 @@ def frequency_indices(n: int) -> NDArray[np.int64]:
     return np.rint(np.fft.fftfreq(n) * n).astype(np.int64)
 
 
-# --- The discrete spectrum of one pixel: equal samples, or samples of a wave whose phase has a slope ---
-
-
 def pixel_spectrum(padded: int, upsample: int, slope: float) -> NDArray[np.complex128]:
     """The spectrum of one pixel along an axis, (padded,): Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
 
@@ -68,9 +65,6 @@ def pixel_spectrum(padded: int, upsample: int, slope: float) -> NDArray[np.compl
     turns = slope - np.arange(padded) / padded
     spectrum: NDArray[np.complex128] = np.exp(2j * math.pi * np.outer(np.arange(upsample), turns)).sum(axis=0)
     return spectrum
-
-
-# --- A window that falls to zero at both ends ---
 
 
 def taper(n: int, share: float) -> NDArray[np.float64]:

@@ -1,6 +1,8 @@
-"""Zernike polynomials in the order and normalisation of Noll, J. Opt. Soc. Am. 66, 207 (1976).
+"""Smooth surfaces by few numbers: Zernike polynomials on a disc, and thin-plate splines through nodes.
 
-Each polynomial has an r.m.s. of 1 over the unit disc, so that a coefficient in metres is an r.m.s. optical path.
+Zernike polynomials are in the order and normalisation of Noll, J. Opt. Soc. Am. 66, 207 (1976): each has an r.m.s. of 1
+over the unit disc, so that a coefficient in metres is an r.m.s. optical path. Thin-plate splines: Duchon 1977;
+Bookstein, IEEE PAMI 11, 567 (1989).
 """
 
 from __future__ import annotations
@@ -50,9 +52,6 @@ def noll_to_nm(noll: int) -> tuple[int, int]:
     rest = noll - n * (n + 1) // 2 - 1
     m = 2 * ((rest + 1) // 2) if n % 2 == 0 else 2 * (rest // 2) + 1
     return n, m if noll % 2 == 0 else -m
-
-
-# --- Thin-plate splines through values at equidistant nodes (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989)) ---
 
 
 def thin_plate_spline_matrix(nodes: tuple[int, int], lattice: tuple[int, int], aspect: float) -> torch.Tensor:

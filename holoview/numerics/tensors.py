@@ -1,4 +1,7 @@
-"""Rectangular regions of an image: as slices, and setting everything outside to zero."""
+"""Small operations by tensor methods, without importing torch, which takes seconds.
+
+Rectangular regions of images; linear interpolation in tables of equidistant knots; powers with finite gradients.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,6 @@ def zero_outside(images: torch.Tensor, rows: slice, columns: slice) -> None:
     images[..., rows, columns.stop :].zero_()
 
 
-# --- Linear interpolation in a table whose knots are equidistant; by tensor methods, without importing torch ---
-
-
 def knot_interval(values: Tensor, intervals: int) -> tuple[Tensor, Tensor]:
     """Where values in 0…1 lie between the equidistant knots 0, 1/intervals, …, 1; values outside are clamped.
 
@@ -39,9 +39,6 @@ def knot_interval(values: Tensor, intervals: int) -> tuple[Tensor, Tensor]:
     position = (values * intervals).clamp(0, intervals)
     below = position.floor().clamp_max(intervals - 1)
     return below.long(), position - below
-
-
-# --- Powers of numbers from 0 on, with gradients that stay finite; by tensor methods, without importing torch ---
 
 
 def power_law(values: Tensor, exponent: float) -> Tensor:

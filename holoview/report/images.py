@@ -1,4 +1,4 @@
-"""Draws a contact sheet: a grid of pictures with a title over each column and a caption under each picture."""
+"""Contact sheets (a grid of pictures with titles over columns and captions) and matplotlib figures."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)
 
 
-# --- Matplotlib figures without a window and without its global state; nothing else imports matplotlib ---
-#
-# Matplotlib comes with the extra "plots": a command calls `require_matplotlib` before it spends time on what it draws.
+# --- figures ----------------------------------------------------------------------------------------------------------
+
+# Matplotlib comes with the extra "plots": a command calls `require_matplotlib` before it computes what a figure shows.
 
 
 def require_matplotlib(purpose: str) -> None:

@@ -8,6 +8,7 @@ is optimised and measured on a periodic grid, so that all results can be compare
 
 `run_hologram_job`                the job
 `mean_number`, `paired_gains` …   means over results
+`write_live_page`                 a page on which a reader computes the holograms again
 `HologramStudy`, `SchemeStudy`    base classes of studies, with their jobs, tables and pictures
 `gain_claim`, `equal_claim`       a measured gain beside the paper's, and the verdict in words
 `score_settings` …                perceptual scores in the table of a study
@@ -45,6 +46,7 @@ from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
+from holoview.page.page import export_html
 from holoview.study.plots import bar_chart, bar_panels
 from holoview.study.study import (
     QUICK,
@@ -60,7 +62,9 @@ from holoview.study.study import (
     StudyScale,
     format_size,
 )
+from holoview.targets.focal_stack import Target
 from holoview.targets.target import Placement, target_for
+from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.view import View, simulate
 
@@ -153,7 +157,7 @@ def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult
     }
     middle = count // 2
     pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
-    return JobResult(numbers, pictures)
+    return JobResult(numbers, pictures, state.best)
 
 
 def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating]) -> dict[str, Any]:
@@ -317,10 +321,34 @@ def aimed_jobs(
     ]
 
 
+def _first_results(results: Results) -> list[tuple[StudyJob, JobResult]]:
+    """The results for the first target and seed."""
+    target_and_seed = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    return [(job, result) for job, result in results if has_settings(job, **target_and_seed)]
+
+
+def write_live_page(path: Path, title: str, results: Results) -> None:
+    """Writes a page on which a reader's browser computes the holograms of the first target and seed beside the target.
+
+    Of holograms with images of different shapes those of the first one's. Raises UserError when it can't be written.
+    """
+    chosen = [(job, result) for job, result in _first_results(results) if result.hologram is not None]
+    if not chosen:
+        raise UserError("--live", "no job kept a hologram", expected="a study whose jobs optimise one hologram each")
+    holograms: dict[str, Hologram] = {}
+    for job, result in chosen:
+        assert result.hologram is not None
+        if result.hologram.drive.shape[2:] == next(iter(holograms.values()), result.hologram).drive.shape[2:]:
+            holograms.setdefault(job.label, result.hologram)
+    job, first = chosen[0][0], next(iter(holograms.values()))
+    planes_m = first.system.planes_m
+    target = Target.from_stack(job_target(first.system, job.settings, planes_m), planes_m, str(job.settings["target"]))
+    export_html(path, holograms, target=target, title=title, backend="torch")
+
+
 def result_pictures(results: Results) -> list[StudyPicture]:
     """The target and what each scheme shows at the middle plane, for the first target and seed."""
-    target_and_seed = {key: results[0][0].settings[key] for key in ("target", "seed")}
-    chosen = [(job, result) for job, result in results if has_settings(job, **target_and_seed) and result.pictures]
+    chosen = [(job, result) for job, result in _first_results(results) if result.pictures]
     pictures = [StudyPicture("wanted", "wanted", chosen[0][1].pictures["wanted"])] if chosen else []
     for number, (job, result) in enumerate(chosen):
         caption = f"{job.settings['scheme']}: {result.numbers['psnr_db']:.2f} dB"

@@ -3,7 +3,7 @@
 A job that fails or whose process dies is repeated at once. Results are stored as they come, and a repeated run computes
 only those that its store lacks.
 
-`ResultStore`                        results as JSON and PNG files in a folder
+`ResultStore`                        results as JSON, PNG and hologram files in a folder
 `process_executor`, `dask_executor`  workers, each with its share of the machine
 `run_jobs`                           every job with its result
 """
@@ -27,13 +27,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.io.hologram import load_hologram
 from holoview.io.pictures import write_png
 from holoview.study.study import JobResult, StatusCallback, Study, StudyJob
 from holoview.targets.image_reader import read_raster
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
-from holoview.util.memory import (
+from holoview.util.memory_limit import (
     WORKER_BYTES,
     allowed_bytes,
     format_size,
@@ -52,10 +53,13 @@ _MOST_BYTES = 1 << 28  # of its numbers
 
 
 class ResultStore:
-    """The results in a folder, by the keys of their jobs. Raises WriteError when the folder can't be made."""
+    """The results in a folder, by the keys of their jobs. Raises WriteError when the folder can't be made.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    keeps_holograms: whether holograms are stored too; a job that was stored without is then done again.
+    """
+
+    def __init__(self, folder: Path, *, keeps_holograms: bool = False) -> None:
+        self.folder, self._keeps_holograms = folder, keeps_holograms
         make_folder(folder)
 
     def load(self, job: StudyJob) -> JobResult | None:
@@ -66,7 +70,13 @@ class ResultStore:
             numbers, files = stored.get("numbers"), stored.get("pictures")
             if stored.get("format") != _FORMAT or not isinstance(numbers, dict) or not isinstance(files, dict):
                 return None
-            return JobResult(numbers, {name: self._read_pixels(file) for name, file in files.items()})
+            pictures = {name: self._read_pixels(file) for name, file in files.items()}
+            if not self._keeps_holograms:
+                return JobResult(numbers, pictures)
+            if "hologram" not in stored:
+                return None
+            hologram = load_hologram(self._hologram_path(job)) if stored["hologram"] else None
+            return JobResult(numbers, pictures, hologram)
         except UserError:
             return None
 
@@ -84,6 +94,10 @@ class ResultStore:
             "numbers": result.numbers,
             "pictures": files,
         }
+        if self._keeps_holograms:
+            content["hologram"] = result.hologram is not None
+            if result.hologram is not None:
+                result.hologram.save(self._hologram_path(job))
         write_file(self._path(job), json.dumps(content, indent=1))
 
     def _read_pixels(self, name: Any) -> NDArray[np.uint8]:
@@ -95,6 +109,9 @@ class ResultStore:
 
     def _path(self, job: StudyJob) -> Path:
         return self.folder / f"{job.key}.json"
+
+    def _hologram_path(self, job: StudyJob) -> Path:
+        return self.folder / f"{job.key}.safetensors"
 
 
 # --- workers ---

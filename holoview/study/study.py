@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.io.hologram import Hologram
 from holoview.model.eye import PUPIL
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.packages import __version__
@@ -131,10 +132,11 @@ class StudyJob:
 
 @dataclass(frozen=True)
 class JobResult:
-    """The result of a job: JSON values by name, and pictures (y, x, 3) of 8-bit sRGB by name."""
+    """The result of a job: JSON values by name, pictures (y, x, 3) of 8-bit sRGB by name, and its hologram, if any."""
 
     numbers: dict[str, Any]
     pictures: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
+    hologram: Hologram | None = None
 
 
 Results = Sequence[tuple[StudyJob, JobResult]]

@@ -155,7 +155,7 @@ def _pixel_overlap(half_widths: NDArray[np.float64], reach: int, centre: float) 
     return length
 
 
-# --- A picture with depth as layers of nearly equal depth, continued beneath those that are nearer to the viewer ---
+# --- layers of a scene ------------------------------------------------------------------------------------------------
 
 
 MAX_LAYERS = 24

@@ -27,7 +27,7 @@ from PIL import Image, ImageOps
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
@@ -46,7 +46,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
 )
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
 Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, before anything is decoded
-logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs becomes an error here, in one line
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # its messages become an error here, in one line
 
 
 def file_format(path: Path) -> str:
@@ -156,7 +156,7 @@ def _decode_with_pillow(path: Path) -> Raster:
     return split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes)
 
 
-# --- The decoded image (`Raster`) before its colours are interpreted, and helpers that all decoders share ---
+# --- the decoded image, before its colours are interpreted ------------------------------------------------------------
 
 
 MAX_PIXELS = 1 << 27
@@ -239,7 +239,7 @@ def natural_sort_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-# --- Decodes PNG files of 16 bits a sample, which Pillow alone reduces to 8 bits unless they are grey ---
+# --- PNG of 16 bits a sample, which Pillow reduces to 8 bits unless they are grey -------------------------------------
 
 
 _COLOUR_TYPE = 25  # offset in the file; the bit depth stands before it
@@ -281,7 +281,7 @@ def _first_bytes(data: bytes, raw_mode: str) -> NDArray[np.uint8]:
         return np.asarray(image)
 
 
-# --- Reads the pages of TIFF files as rasters, except thumbnails and masks ---
+# --- TIFF: pages, except thumbnails and masks -------------------------------------------------------------------------
 
 
 _PHOTOMETRICS = (
@@ -406,8 +406,8 @@ def _tiff_raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
     return split_alpha(values, encoded=encoded, premultiplied=premultiplied, page=name)
 
 
-# --- Reads the pictures of an OpenEXR file, which are parts or numbered layers of one part, as rasters ---
-#
+# --- OpenEXR: parts, or numbered layers of one part -------------------------------------------------------------------
+
 # A picture consists of the channels R, G, B and perhaps A, bare or with a layer's name ("beauty.R"), or of a single
 # channel as grey. In a file of several parts, each part with R, G, B is a picture; if there is none, each part with a
 # single channel. In one part without bare R, G, B, the layers are pictures if all their names contain a number ("0.R" …

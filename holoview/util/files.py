@@ -1,4 +1,7 @@
-"""Folders of files that holoview ships (shaders, presets, assets) and of its caches."""
+"""Folders of shaders, presets, assets and caches, and the files that a user names to be read.
+
+Only regular files are opened: pipes and devices would be waited for, or never end.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ def expand_home(name: str | os.PathLike[str]) -> Path:
         return Path(name)
 
 
-# --- Opens what a user names as a file to read: regular files only, which are neither waited for nor endless ---
+# --- input files ------------------------------------------------------------------------------------------------------
 
 
 TEXT_LIMIT = 4 << 20
@@ -56,7 +59,7 @@ _NON_BLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 def require_file(path: str | os.PathLike[str], expected: str, missing: str = "") -> Path:
     """The path, if it leads to a regular file.
 
-    expected: what the file is to be. missing: what to do where there is none.
+    expected: a description of the right file. missing: the remedy where there is none.
     Raises UserError for a name without a file, and for folders, pipes, sockets and devices.
     """
     file = Path(path)

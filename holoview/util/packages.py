@@ -1,4 +1,4 @@
-"""The version of the installed package, which files and reports name."""
+"""The version of the installed package, and imports of libraries that a plain installation leaves out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Signals that ask the program to end (Ctrl-C, SIGTERM, SIGHUP), and the end of processes whose parent is gone."""
+"""The end of this program, and the beginning of others.
+
+Signals (Ctrl-C, SIGTERM, SIGHUP) ask the program to end; workers end with their parent; threads may still be at work
+when the program ends. The time at which a process began tells it apart from a later process with the same id.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,7 @@ class Interruption:
 
     @property
     def exit_code(self) -> int:
-        """What the program returns when it has ended so: 128 + the signal, or 0."""
+        """The exit code of a program that ended so: 128 + the signal, or 0."""
         return 128 + self.signal if self.signal else 0
 
 
@@ -104,7 +108,7 @@ def signals_blocked() -> Iterator[None]:
 
 
 def leave_signals_to_parent() -> None:
-    """What a worker process does first: it ignores signals that its parent handles, and ends with its parent."""
+    """The first step of a worker process: it ignores signals that its parent handles, and ends with its parent."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     end_with_parent()
@@ -125,7 +129,7 @@ def _exit_after(sentinel: int) -> None:
     os._exit(1)
 
 
-# --- The end of a program whose threads may still be at work ---
+# --- the end beside threads that work ---------------------------------------------------------------------------------
 
 
 _AT_THE_END_S, _BEFORE_LEAVING_S = 10.0, 1.0
@@ -169,7 +173,7 @@ def leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-# --- When a process began, by a clock that nobody sets: tells a process apart from a later one with the same id ---
+# --- when a process began ---------------------------------------------------------------------------------------------
 
 
 _PROC = Path("/proc")

@@ -1,4 +1,10 @@
-"""The number of CPUs that this process may use."""
+"""How many processors this process may use, and how its threads share them with other programs.
+
+process_cpu_count   processors of the affinity mask, fewer where a container grants less of their time
+group_folders       Linux's control groups, which limit what a process may take
+processor_share     the share of the processor that a thread got
+share_the_machine   how torch's threads wait for each other: to be set before torch is loaded
+"""
 
 from __future__ import annotations
 
@@ -48,7 +54,7 @@ def _quota_of(folder: Path) -> float | None:
         return None
 
 
-# --- Linux's control groups, by which containers and batch systems limit what a process may take ---
+# --- control groups ---------------------------------------------------------------------------------------------------
 
 
 MOUNT = Path("sys/fs/cgroup")
@@ -78,9 +84,6 @@ def read_lines(path: Path) -> list[str]:
         return []
 
 
-# Which share of the processor this thread has got of what it was ready for, on a machine that others use as well.
-
-
 _SCHEDSTAT = Path("/proc/thread-self/schedstat")
 
 
@@ -96,8 +99,8 @@ def processor_share() -> float:
     return ran_ns / (ran_ns + waited_ns) if ran_ns > 0 else 1.0
 
 
-# --- How torch's threads wait for each other: to be set before torch is loaded ---
-#
+# --- OpenMP -----------------------------------------------------------------------------------------------------------
+
 # An operation of torch ends when all of its threads have done their part. GNU's OpenMP lets those that are ready spin
 # for about 10 ms before they sleep, which is the fastest where each has a core of its own. Where other programs run,
 # the threads that spin take the time of those that they wait for.
@@ -110,7 +113,7 @@ SPIN_COUNT = 1000
 def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> None:
     """Lets OpenMP's threads sleep early, and starts no more of them, and of Mesa's, than a container grants CPUs.
 
-    environment: where to set this; what it says already is kept.
+    environment: where to set this; variables that are set already stay as they are.
     """
     if "OMP_WAIT_POLICY" not in environment:
         environment.setdefault("GOMP_SPINCOUNT", str(SPIN_COUNT))

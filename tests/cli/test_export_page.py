@@ -86,3 +86,8 @@ def test_a_picture_cannot_be_computed_again(holoview: Run, tmp_path: Path) -> No
     Image.fromarray(np.full((24, 32, 3), 90, np.uint8)).save(tmp_path / "grey.png")
     outcome = holoview("contrast", "grey.png", "--live", "claim.html")
     assert outcome.code == 2 and "--live" in outcome.err
+
+
+def test_a_study_without_holograms_refuses_it(holoview: Run) -> None:
+    outcome = holoview("study", "memory-effect", "--quick", "--live")
+    assert outcome.code == 2 and "--live" in outcome.err

@@ -15,11 +15,10 @@ from holoview.captures import Captures, read_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.bad_captures import BadCapture, bad_share, find_useless_captures
 from holoview.diagnose.capture_judgement import find_suspects
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import NeighbourVariances
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
@@ -163,16 +162,15 @@ def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, nam
     assert not find_suspects(context, faults, (), is_final=True).indices
 
 
-def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext) -> None:
+def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the same result: but for the pixels by which pictures are correlated, captures are judged one by one."""
     context = make_context({"gap": {"gap_error": 2e-4}})
     images = context.data.captures.images
-    split = dataclasses.replace(context.config.split, max_pixels=3 * images[0].size)
     judgement = dataclasses.replace(context.config.judgement, correlated_pixels=images[0].size // 4)
-    config = dataclasses.replace(context.config, split=split, judgement=judgement)
-    whole, few = (
-        find_suspects(one, {}, (), is_final=True) for one in (context, dataclasses.replace(context, config=config))
-    )
+    config = dataclasses.replace(context.config, judgement=judgement)
+    whole = find_suspects(context, {}, (), is_final=True)
+    monkeypatch.setattr("holoview.diagnose.capture_judgement.MAX_SET_PIXELS", 3 * images[0].size)
+    few = find_suspects(dataclasses.replace(context, config=config), {}, (), is_final=True)
     assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
     assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)
 

@@ -9,11 +9,10 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.capture_outliers import excess_stands_out, without_planes
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 from tests.diagnose.independent_camera import CameraFaults, Rail

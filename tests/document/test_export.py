@@ -12,17 +12,25 @@ from PIL import Image
 
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
 from holoview.document.editing_session import EditingSession
-from holoview.document.export.figure import save_figure, scale_bar_length
-from holoview.document.export.hologram_files import save_hologram, save_preset
-from holoview.document.export.png_images import png_bytes, save_planes, save_view
-from holoview.document.export.pupil_sheet import save_pupil_sheet
-from holoview.document.export.sweep import save_sweep
-from holoview.document.file_reader import target_from_image_bytes
+from holoview.document.exports import (
+    png_bytes,
+    save_figure,
+    save_hologram,
+    save_page,
+    save_planes,
+    save_preset,
+    save_pupil_sheet,
+    save_sweep,
+    save_view,
+    scale_bar_length,
+)
+from holoview.document.files import target_from_image_bytes
 from holoview.document.scheme_comparison import NAMES as SIDES
 from holoview.document.scheme_comparison import start_scheme_comparison
-from holoview.document.target_spec import TargetSpec
+from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
+from holoview.page.page import read_page
 from holoview.render.plane_images import render_planes
 from holoview.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import ViewSettings
@@ -122,6 +130,18 @@ def test_a_cancelled_export_leaves_nothing_behind(session: EditingSession, tmp_p
     job.cancel()
     assert session.wait_until_idle(60.0) and job.status == "cancelled"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_holds_the_hologram_and_opens_at_the_present_plane(session: EditingSession, tmp_path: Path) -> None:
+    session.edit_view("Plane", plane_m=3.5e-3)
+    save_page(session, tmp_path / "page")
+    assert session.wait_until_idle(60.0)
+    assert session.messages.all[-1].text == f"page written to {tmp_path / 'page.html'}"
+    (hologram,) = read_page(tmp_path / "page.html").values()
+    assert hologram.system == session.system and np.array_equal(hologram.drive, session.drive)
+    assert '"plane_m":0.0035' in (tmp_path / "page.html").read_text(encoding="utf-8")
+    with pytest.raises(UserError, match="suffix"):
+        save_page(session, tmp_path / "page.png")
 
 
 def test_a_missing_library_is_named_with_how_to_install_it(

@@ -12,12 +12,11 @@ from PIL import Image
 
 import tests.document.conftest as bench
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import FileLoader
-from holoview.document.file_reader import read_content, target_from_image_bytes, target_from_pixels
-from holoview.document.file_watcher import FileWatcher
+from holoview.document.files import FileLoader, FileWatcher, read_content, target_from_image_bytes, target_from_pixels
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_pattern
 from holoview.model import preset
+from holoview.page.page import export_html
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 
@@ -173,3 +172,24 @@ def test_a_folder_of_views_is_seen_by_the_eye_of_the_bench(tmp_path: Path) -> No
         spec.build(SYSTEM)
     with pytest.raises(UserError, match="pictures without depth"):
         spec.depth_at(seeing, 0, 0)
+
+
+def test_a_page_is_a_hologram_with_the_state_of_its_link(tmp_path: Path) -> None:
+    hologram = _hologram(tmp_path / "a.safetensors", 3)
+    export_html(tmp_path / "a.html", {"first": hologram, "second": hologram}, backend="torch")
+    content = read_content(tmp_path / "a.html", SYSTEM)
+    assert (content.kind, content.plane_m) == ("page", None)
+    assert content.system == SYSTEM and content.drive is not None and np.array_equal(content.drive, hologram.drive)
+    assert content.notes == ("first, the first of 2 holograms",)
+    shown = read_content(f"{tmp_path / 'a.html'}#plane=3.2mm&laser1=off", SYSTEM)
+    assert shown.plane_m == pytest.approx(3.2e-3)
+    assert shown.system is not None and not shown.system.amplitudes[:, 0].any()
+
+
+def test_a_page_that_is_opened_is_not_saved_over(session: EditingSession, tmp_path: Path) -> None:
+    hologram = _hologram(tmp_path / "a.safetensors", 3)
+    export_html(tmp_path / "a.html", hologram, backend="torch")
+    FileLoader(session).open(f"{tmp_path / 'a.html'}#plane=3.5mm")
+    _until(lambda: np.array_equal(session.drive, hologram.drive), session)
+    assert session.document.path is None
+    assert session.view_settings.plane_m == pytest.approx(3.5e-3)

@@ -31,7 +31,7 @@ ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
     *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.document.archive"),
     *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
-    *("holoview.rig.virtual.virtual_settings", "holoview.diagnose.pipeline"),
+    *("holoview.rig.virtual.virtual_bench", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )

@@ -14,10 +14,8 @@ from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import DeviceError, DeviceGone, Devices
 from holoview.rig.limits import limit_devices
 from holoview.rig.virtual.client import VirtualCamera, VirtualClock, VirtualModulator, VirtualStage
-from holoview.rig.virtual.faults import FaultInjector
-from holoview.rig.virtual.server import BenchServer
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.server import BenchServer, FaultInjector
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 from holoview.rig.virtual.wire import Disconnected, Message
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)
@@ -67,8 +65,11 @@ def write_rig(path: Path, changes: Mapping[str, Any] | None = None) -> Path:
     return path
 
 
+MakeRig = Callable[..., RigDescription]
+
+
 @pytest.fixture
-def make_rig(tmp_path: Path) -> Callable[..., RigDescription]:
+def make_rig(tmp_path: Path) -> MakeRig:
     """`make_rig({"slm2": None})` reads a small rig with changes."""
 
     def make(changes: Mapping[str, Any] | None = None) -> RigDescription:

@@ -1,4 +1,4 @@
-"""All effects by id: every module of `holoview.effects` that defines one, and files of users."""
+"""All effects by id, of `holoview.effects` and of users' files, and the field of a System with the active ones."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
 
 @contextmanager
 def without_user_effects() -> Iterator[None]:
-    """Context manager in which no user's effect is registered at first; what was registered before is restored."""
+    """Context manager without users' effects at first; afterwards the former ones are registered again."""
     before = dict(_user_effects)
     _user_effects.clear()
     try:
@@ -117,7 +117,7 @@ def _check(effect: Effect, where: str) -> None:
             raise UserError(where, f"parameter {p.name} of {effect.id}", expected="low ≤ identity ≤ high and prior > 0")
 
 
-# --- The System field that holds the active effects and their values: parsed from tables, and written to them ---
+# --- the table of active effects --------------------------------------------------------------------------------------
 
 
 EffectPairs = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]

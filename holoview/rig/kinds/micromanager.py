@@ -32,9 +32,19 @@ from typing import Any
 from holoview.model.fields import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, call_device
-from holoview.rig.kinds.answers import require_bits, require_counts, require_shape
-from holoview.rig.kinds.options import Parse, option_place, parse_options, require_device, text, texts
-from holoview.rig.kinds.stage_axis import AXIS_OPTIONS, StageAxis
+from holoview.rig.kinds.checks import (
+    AXIS_OPTIONS,
+    Parse,
+    StageAxis,
+    option_place,
+    parse_options,
+    require_bits,
+    require_counts,
+    require_device,
+    require_shape,
+    text,
+    texts,
+)
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.packages import import_optional
 

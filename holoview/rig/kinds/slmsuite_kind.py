@@ -29,13 +29,16 @@ from holoview.io.pictures import CELL_MAPS, memory_cells
 from holoview.model.fields import Choice, Number, Truth
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, Levels, call_device
-from holoview.rig.kinds.answers import require_bits, require_counts, require_levels, require_shape
-from holoview.rig.kinds.options import (
+from holoview.rig.kinds.checks import (
     Parse,
     find_class,
     option_place,
     parse_options,
+    require_bits,
+    require_counts,
     require_device,
+    require_levels,
+    require_shape,
     table,
     text,
 )

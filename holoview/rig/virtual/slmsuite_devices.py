@@ -45,7 +45,7 @@ class VirtualBenchLink:
         self, rig: str | os.PathLike[str], address: Address | None, token: str | None, live: bool = True
     ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
-        self.rig: RigDescription = read_rig(rig, is_placed=False)
+        self.rig: RigDescription = read_rig(rig, is_registered=False)
         self._live, self.is_open = live, True
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")

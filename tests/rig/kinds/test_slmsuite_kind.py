@@ -12,7 +12,7 @@ from slmsuite.hardware.slms.slm import SLM
 from holoview.io.pictures import CELL_MAPS, memory_cells
 from holoview.rig import open_rig
 from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.options import find_class
+from holoview.rig.kinds.checks import find_class
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 
