@@ -31,12 +31,10 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files
-from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import LoopState
-from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
-from holoview.experiment.camera_loop.model_update import ModelUpdates
+from holoview.experiment.camera_loop.loop import LoopState, ModelUpdates, load_loop_checkpoint
 from holoview.experiment.camera_loop.rig_job import STEP_RAD, RigJob, RigOutcome, run_on_rig, started_in_model
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.hologram_scores import PLACE_SCORES, render_for_score, score_hologram, score_places
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores

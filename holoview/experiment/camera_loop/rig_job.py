@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.experiment.camera_loop.bench_camera import BenchCamera
-from holoview.experiment.camera_loop.loop import CameraLoop, LoopState
-from holoview.experiment.camera_loop.loop_checkpoint import LoopCheckpoint
-from holoview.experiment.camera_loop.model_update import ModelUpdates
+from holoview.experiment.camera_loop.loop import CameraLoop, LoopCheckpoint, LoopState, ModelUpdates
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.hologram_job import IntermediateFiles, RunOptions, nothing_left, optimise_hologram
