@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.prepared_captures import Images
-from holoview.diagnose.bad_captures import DUPLICATE, BadCapture, equal_pictures
+from holoview.diagnose.correct.bad_captures import DUPLICATE, BadCapture, equal_pictures
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import measure_displacement
@@ -29,6 +29,25 @@ ANOTHER_PATTERN, MOVED, OUT_OF_FOCUS, NOISY, DISTURBED = (
     "noisy",
     "disturbed",
 )
+
+EXAMINED = 6
+"""[captures] Bad captures whose pictures are compared with all other patterns, the worst first. Evidence: the cost must
+not grow with the square of the session; the value: none recorded."""
+
+REASON_MAX_SHARE = 0.5
+"""[1] A reason must leave less than this share of a capture's excess. Evidence: none recorded."""
+
+DEFOCUS_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+"""[depths] Distances, in depths of field λ/NA², by which a capture may be out of focus, either way. Evidence:
+derivation: speckle decorrelates within one depth, so that steps of half a depth miss nothing, and of small errors half
+a step too much or too little leaves a quarter of the excess."""
+
+BLURS_PX = (0.4, 0.6, 0.8, 1.2, 1.8, 2.7, 4.0)
+"""[px] Blurs that a capture out of focus may have. Evidence: steps of a factor of 1.5, as for `defocus_depths`."""
+
+WHITE_CORRELATION = 0.15
+"""[1] Residuals of a noisy capture correlate with their neighbours' by less. Evidence: neighbouring pixels of speckle
+correlate by 0.5 and more; the value: none recorded."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +78,7 @@ class _Reason:
 
 def explain_suspects(context: SearchContext, suspects: Suspects) -> tuple[BadCapture, ...]:
     """The suspects with the reasons why they are bad, by index."""
-    examined = suspects.indices[: context.config.judgement.examined]
+    examined = suspects.indices[:EXAMINED]
     reasons = {k: _Examination(context, k, suspects).reason(k in examined) for k in suspects.indices}
     copies = equal_pictures(context.data.captures)
     found = []
@@ -80,12 +99,12 @@ class _Examination:
 
     def __init__(self, context: SearchContext, k: int, suspects: Suspects) -> None:
         self._context, self._values, self._k, self._suspects = context, suspects.values, k, suspects
-        self._config, self._captures = context.config.judgement, context.data.captures
+        self._captures = context.data.captures
         self._comparison = context.data_weighted_comparison(np.array([k]), 0.0)
         self._own = suspects.predicted[k]
         prediction = self._comparison.predictor(np.array([k]), self._values)
         self._dark = prediction.counts_without_lasers(self._captures.camera.black_level)
-        self._limit = self._config.reason_max_share * self._excess(self._own[None])[0]
+        self._limit = REASON_MAX_SHARE * self._excess(self._own[None])[0]
 
     def reason(self, is_examined: bool) -> _Reason:
         """The first kind of change that explains the picture. is_examined: compute further predictions."""
@@ -131,7 +150,7 @@ class _Examination:
     def _defocused(self) -> list[tuple[float, _Reason]]:
         wavelength_m, distance_m = (c[self._k] for c in (self._captures.wavelength_m, self._captures.distance_m))
         sine = self._captures.relay2.first_order_sine(wavelength_m, self._captures.slms[0].pitch_m)
-        depths = np.array(self._config.defocus_depths)
+        depths = np.array(DEFOCUS_DEPTHS)
         offsets = np.concatenate([depths, -depths]) * wavelength_m / sine**2
         if not self._captures.is_fourier:
             offsets = offsets[distance_m + offsets > 0]
@@ -148,7 +167,7 @@ class _Examination:
         ]
 
     def _blurred(self) -> list[tuple[float, _Reason]]:
-        blurs = self._config.blurs_px
+        blurs = BLURS_PX
         excess = self._excess(np.stack([gaussian_filter(self._own, sigma) for sigma in blurs]))
         return [
             (float(e), _Reason(OUT_OF_FOCUS, f"Its picture is blurred by about {sigma:g} pixels."))
@@ -169,7 +188,7 @@ class _Examination:
         weight, light = self._weighted_light()
         model = np.asarray(weight * self._own, dtype=np.float64)
         residual = light - model * float((light * model).sum() / max(float(np.square(model).sum()), 1e-30))
-        return max(_neighbour_correlation(residual, weight > 0)) < self._config.white_correlation
+        return max(_neighbour_correlation(residual, weight > 0)) < WHITE_CORRELATION
 
     def _weighted_light(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         weight = self._comparison.weight[0]

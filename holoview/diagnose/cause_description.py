@@ -6,12 +6,12 @@ import numpy as np
 
 from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
-from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.fit import free_parameters_of
 from holoview.diagnose.fit_statistics import fit_quality
 from holoview.diagnose.judge import Decision, SearchResult
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.power_law import PowerLawFit
+from holoview.diagnose.report.diagnosis import Cause
 from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import confidence_intervals, local_information, local_jacobian
@@ -28,13 +28,8 @@ def describe_causes(
     """
     if decision.best is None:
         return []
-    fit, held_out, report, steps = (
-        decision.best.fit,
-        result.comparison,
-        context.config.report,
-        context.config.fits.steps,
-    )
-    after = fit_quality(held_out, held_out.fit_gains(fit.values), report)
+    fit, held_out, steps = decision.best.fit, result.comparison, context.config.fits.steps
+    after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
     intervals = confidence_intervals(fit, local_information(fit, effects, fine, steps), fine, context.config)
@@ -45,7 +40,7 @@ def describe_causes(
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in fit.causes}
     causes = []
     for effect in effects:
-        before = fit_quality(held_out, held_out.fit_gains(fit.without(effect.id).values), report)
+        before = fit_quality(held_out, held_out.fit_gains(fit.without(effect.id).values))
         share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
         causes.append(
             Cause(

@@ -18,17 +18,20 @@ from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
-from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
-from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
-from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
-from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
+from holoview.diagnose.fit_statistics import (
+    break_down_excess,
+    explained_variance,
+    fit_quality,
+    held_out_groups,
+    sample_captures,
+)
 from holoview.diagnose.judge import Decision, SearchResult, Verdict, with_further_cause
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
@@ -36,6 +39,8 @@ from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import CheckedRecords, check_records
 from holoview.diagnose.refine import wider_names
+from holoview.diagnose.report.diagnosis import CandidateResult, Cause, Diagnosis
+from holoview.diagnose.report.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
@@ -174,7 +179,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     """What a search within a share of the time works with."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
-    useless = find_useless_captures(captures, config.judgement)
+    useless = find_useless_captures(captures)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     middle = middle_of_context(whole)
@@ -324,14 +329,14 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     captures, comparison, config = context.data.captures, result.comparison, context.config
     values = decision.values
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
-    after = fit_quality(comparison, best, config.report)
+    after = fit_quality(comparison, best)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
     roughness = pattern_roughness(captures)
     wants_maps = free_maps and _is_open(findings, after.chi2_per_pixel)
     pixels = find_pixel_maps(findings.searched, values) if wants_maps else ()
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
-        before=fit_quality(comparison, nominal, config.report),
+        before=fit_quality(comparison, nominal),
         after=after,
         causes=tuple(findings.causes if law is None else [*findings.causes, describe_power_law(context, law)]),
         values=values if law is None else values | law.values,
@@ -339,11 +344,11 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
         free_maps=_free_maps(findings, values, progress) if wants_maps else (),
         pixel_maps=pixels,
-        groups=held_out_groups(captures, comparison, nominal, best, config.report),
+        groups=held_out_groups(captures, comparison, nominal, best),
         candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
-        samples=sample_captures(captures, comparison, nominal, best, config.report.samples),
-        excess_before=break_down_excess(captures, comparison, nominal, roughness, config.breakdown),
-        excess_after=break_down_excess(captures, comparison, best, roughness, config.breakdown),
+        samples=sample_captures(captures, comparison, nominal, best),
+        excess_before=break_down_excess(captures, comparison, nominal, roughness),
+        excess_after=break_down_excess(captures, comparison, best, roughness),
         signal_explained=(explained_variance(comparison, nominal), explained_variance(comparison, best)),
         fixed_pattern=context.prnu,
         gain_spread=gain_spread(context.kept_captures, findings.gain),
@@ -366,7 +371,7 @@ def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) 
     base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
     if context is not findings.context:
         held_out = context.model_weighted_comparison(context.split.held_out, values)
-    return likely_fits(fit_free_maps(context, base, held_out), context.config.free_maps)
+    return likely_fits(fit_free_maps(context, base, held_out))
 
 
 def prepare_search(

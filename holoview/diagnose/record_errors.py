@@ -18,11 +18,11 @@ from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.config.decision import VerdictConfig
-from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import fit_quality
 from holoview.diagnose.judge import with_further_cause
 from holoview.diagnose.likelihood import Comparison, Values
+from holoview.diagnose.report.diagnosis import Cause, Diagnosis
 from holoview.util.errors import UserError
 
 DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")
@@ -132,4 +132,4 @@ def _quality(captures: Captures, corrections: Hypothesis, known: Values, config:
     held_out = split_captures(corrected, pattern_roughness(corrected), config.split).held_out
     predictor, variance = PredictorWithKnownEffects(corrected, known), neighbour_variance(data, held_out)
     comparison = Comparison(predictor, data, held_out, variance, config.comparison)
-    return fit_quality(comparison, comparison.fit_gains({}), config.report)
+    return fit_quality(comparison, comparison.fit_gains({}))

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Cause
 from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session

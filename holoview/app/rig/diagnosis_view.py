@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.experiment.live.live_diagnosis import FIRST, MOST, cause_text
 from holoview.experiment.live.rig_session import RigSession
 

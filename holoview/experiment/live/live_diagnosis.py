@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
-from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Cause, Diagnosis
 from holoview.experiment.placement_doubt import diagnosis_options
 from holoview.rig.placement import Placement
 from holoview.session.editing_session import EditingSession

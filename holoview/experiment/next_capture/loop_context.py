@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.correct.bad_captures import find_useless_captures
 from holoview.diagnose.crop import middle_of, saving
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import prepare_search
@@ -29,7 +29,7 @@ def loop_context(
     end: when fits have to end. known: effects that the nominal model has.
     """
     cut = searched_part(check_records(captures, known, config).captures, config)
-    useless = find_useless_captures(cut, config.judgement)
+    useless = find_useless_captures(cut)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
     budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))
