@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from holoview.captures import read_captures
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.sampling_config import SamplingConfig
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 
 KINDS = ("exchanged", "other pattern", "dark", "saturated", "moved", "out of focus", "noisy", "duplicate")

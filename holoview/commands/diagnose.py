@@ -26,12 +26,12 @@ from holoview.commands.diagnose_rig import add_rig_options, check_rig_options, d
 from holoview.commands.known_effects import read_known
 from holoview.commands.number_options import whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.experiment.next_capture.closed_loop import LoopResult
 from holoview.model import preset
 from holoview.model.effects.effect import Effect

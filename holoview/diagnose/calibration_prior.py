@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from holoview.diagnose.config import KnownConfig
 from holoview.diagnose.fit import (
+    FINAL_TOLERANCE,
     CandidateFit,
     FittedValues,
     FreeParameters,
@@ -22,12 +22,22 @@ from holoview.diagnose.fit import (
     residual_function,
 )
 from holoview.diagnose.formatting import format_number
-from holoview.diagnose.judge import NOMINAL_FIT, first_per_cause_set, rank_on_held_out
+from holoview.diagnose.judge import JITTER_CHI2, NOMINAL_FIT, first_per_cause_set, rank_on_held_out
 from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR
 from holoview.diagnose.screening import screen_effects, without_costly_fits
 from holoview.diagnose.search_context import SearchContext, SearchEnded
 from holoview.numerics.least_squares import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
+
+_BASES = 3  # [fits] Single causes beside which they are fitted, at most.
+_AS_GOOD_COST = 1.5
+"""[1] Cost of such a cause over the best one's, at most. Evidence: stroke and stroke_map within 1.02, the next one 1.9
+on the virtual rig."""
+MAX_DEVIATIONS = 3.0
+"""[σ of the alignment] A larger correction is no error of the measurement, but a cause to be named. Evidence: one
+normal deviate in 400 is larger."""
+_LISTED = 3  # [corrections] Named in the note. Evidence: none needed: the others are in the JSON.
 
 Uncertainties = Mapping[str, Mapping[str, float]]
 """{effect id: {parameter: standard deviation}}, SI units."""
@@ -43,7 +53,7 @@ def known_corrections(
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
     end, context.predictor.end = context.predictor.end, context.end
     try:
-        if not placed or rank_on_held_out(context, []).best.chi2_per_pixel < context.config.verdict.jitter_chi2:
+        if not placed or rank_on_held_out(context, []).best.chi2_per_pixel < JITTER_CHI2:
             return {}
         bases = [NOMINAL_FIT, *_single_causes(context, placed, progress)]
         fits = context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
@@ -55,13 +65,11 @@ def known_corrections(
     return {
         name: own
         for name, own in best.values.items()
-        if name in placed and is_within(own, placed[name], context.config.known.max_deviations)
+        if name in placed and is_within(own, placed[name], MAX_DEVIATIONS)
     }
 
 
-def correction_notes(
-    corrections: FittedValues | None, uncertain: Uncertainties, config: KnownConfig
-) -> tuple[str, ...]:
+def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties) -> tuple[str, ...]:
     """A sentence on the corrections, if there are any, with the largest ones in standard deviations."""
     if corrections is None:
         return ("Known effects stayed as they were measured: the time for their correction was over; give it more.",)
@@ -72,7 +80,7 @@ def correction_notes(
     }
     if not deviations:
         return ()
-    largest = sorted(deviations, key=lambda one: -deviations[one])[: config.listed]
+    largest = sorted(deviations, key=lambda one: -deviations[one])[:_LISTED]
     texts = [f"{name}.{p} by {format_number(name, p, corrections[name][p])}" for name, p in largest]
     return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}, others by less.",)
 
@@ -84,27 +92,26 @@ def _single_causes(context: SearchContext, placed: Uncertainties, progress: Prog
     first_look = next(iter(screen_effects(context, {}, effects, progress, "known effects")))
     fits = first_per_cause_set(sorted((fit for batch in first_look for fit in batch), key=lambda f: f.cost))
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    config = context.config.known
-    cheap = without_costly_fits(context, fits, unbiased)[: config.bases]
-    return [fit for fit in cheap if fit.cost < config.as_good_cost * cheap[0].cost]
+    cheap = without_costly_fits(context, fits, unbiased)[:_BASES]
+    return [fit for fit in cheap if fit.cost < _AS_GOOD_COST * cheap[0].cost]
 
 
 def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertainties) -> CandidateFit:
     """A cause and the errors of known effects, fitted together: tolerant of what both leave, then not."""
-    config, indices, values = context.config.fits, context.split.fine, dict(base.values)
+    indices, values = context.split.fine, dict(base.values)
     causes = (*base.causes, *placed)
     error = context.relative_model_error(values)
     listed = free_parameters_of([context.effects[name] for name in causes], values).entries
     free = FreeParameters(tuple((e, p) for e, p in listed if e not in placed or p.name in placed[e]))
-    bounds, cost = free.bounds(config.steps), base.cost
-    for is_tolerant in (True, False) if error > config.tolerant_min_error else (False,):
+    bounds, cost = free.bounds(), base.cost
+    for is_tolerant in (True, False) if error > TOLERANT_MIN_ERROR else (False,):
         comparison = (
             context.half_tolerant_comparison(indices, error)
             if is_tolerant
             else context.model_weighted_comparison(indices, values)
         )
         function = _with_prior(residual_function(free, values, comparison), free, placed)
-        iterations, tolerance = config.final_iterations, config.final_tolerance
+        iterations, tolerance = FINAL_ITERATIONS, FINAL_TOLERANCE
         minimum = levenberg_marquardt(function, free.pack(values), bounds, iterations=iterations, tolerance=tolerance)
         values, cost = free.unpack(minimum.x, values), minimum.cost
     return CandidateFit(causes, values, cost)

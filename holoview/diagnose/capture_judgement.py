@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import Images
 from holoview.diagnose.capture_reasons import Suspects
-from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.capture_split import MAX_SET_PIXELS, split_captures
 from holoview.diagnose.correct.bad_captures import (
     equal_pictures,
     excess_stands_out,
@@ -63,7 +63,7 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
     every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
     excess, pixels = _fit_all(context, judged, values, every)
-    ordinary = np.array([jitter_excess(n, context.config.verdict) for n in pixels])
+    ordinary = np.array([jitter_excess(n) for n in pixels])
     median = float(np.median(excess))
     is_strict = is_final and median <= context.config.verdict.explained_excess
     min_ratio = MIN_RATIO if is_strict else TOLERANT_RATIO
@@ -90,7 +90,7 @@ def _fit_all(
 
     Few large pictures are compared at a time: a comparison keeps some ten arrays of them.
     """
-    at_once = max(context.config.split.max_pixels // predicted[0].size, 2)
+    at_once = max(MAX_SET_PIXELS // predicted[0].size, 2)
     squares, pixels = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
     for part in np.array_split(judged, math.ceil(len(judged) / at_once)):
         comparison = context.model_weighted_comparison(part, values)
@@ -128,7 +128,7 @@ def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:
     captures, left_out = context.data.captures, tuple(sorted(set(indices)))
     if len(captures) - len(left_out) < 2:
         return context
-    split = split_captures(captures, pattern_roughness(captures), context.config.split, left_out)
+    split = split_captures(captures, pattern_roughness(captures), left_out)
     return replace(context, split=split, left_out=left_out)
 
 

@@ -8,15 +8,26 @@ candidates are ranked on captures that no fit has used.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.config import SplitConfig
 
 Indices = NDArray[np.intp]
+
+# The cost must not grow with the session; the search study used one capture of each wavelength for screening, two for
+# joint fits. Rough captures show small errors.
+_MAX_COARSE = 6  # captures that a screening uses
+_MAX_FINE = 12  # captures that a joint fit uses
+_MAX_ROUGH = 18  # captures that a search along axes uses
+_MAX_HELD_OUT = 16  # captures that candidates are ranked on
+_HELD_OUT_PER_WAVELENGTH = 2  # if enough are left to fit (search study)
+_SCARCE_STRIDE = 3  # with fewer than two captures a wavelength, every so many-th is held out
+MAX_SET_PIXELS = 8_000_000
+"""[px] Of the pictures in one set, but a picture of each wavelength at least. Measured: a fit keeps some ten arrays of
+them and one for each parameter, of four bytes a pixel, in every process."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +50,10 @@ class CaptureSplit:
 
 
 def split_captures(
-    captures: Captures, roughness: NDArray[np.float64], config: SplitConfig, left_out: Collection[int] = ()
+    captures: Captures,
+    roughness: NDArray[np.float64],
+    left_out: Collection[int] = (),
+    max_pixels: int = MAX_SET_PIXELS,
 ) -> CaptureSplit:
     """The captures to search, fit and rank on, of every plane if there are enough.
 
@@ -48,32 +62,25 @@ def split_captures(
     out. Of large pictures each set has fewer, so that their pixels fit into memory.
     """
     groups = _by_wavelength(captures, roughness, left_out)
-    config = _limited_by_pixels(config, max(config.max_pixels // captures.images[0].size, len(groups)))
+    most = max(max_pixels // captures.images[0].size, len(groups))
+    sizes = [min(size, most) for size in (_MAX_COARSE, _MAX_FINE, _MAX_ROUGH, _MAX_HELD_OUT)]
     if sum(len(group) for group in groups) < 2 * len(groups):
-        return _split_scarce(groups, config)
+        return _split_scarce(groups, sizes)
     coarse = [group[0] for group in groups]
     spare = [k for group in groups if len(group) > 2 for k in group[1:]]  # with one to hold out beside it
-    coarse += _of_missing_planes(coarse, spare, captures, roughness, config.max_coarse)
+    coarse += _of_missing_planes(coarse, spare, captures, roughness, sizes[0])
     rest = [[k for k in group if k not in coarse] for group in groups]
-    most = config.held_out_per_wavelength
-    held_out = [k for group in rest for k in _pick_held_out(group, captures, min(most, max(1, len(group) - 1)))]
+    held_out = [
+        k
+        for group in rest
+        for k in _pick_held_out(group, captures, min(_HELD_OUT_PER_WAVELENGTH, max(1, len(group) - 1)))
+    ]
     left = [[k for k in group if k not in held_out] for group in rest]
-    held_out += _of_missing_planes(held_out, [k for one in left for k in one], captures, roughness, config.max_held_out)
+    held_out += _of_missing_planes(held_out, [k for one in left for k in one], captures, roughness, sizes[3])
     left = [[k for k in group if k not in held_out] for group in left]
     fine = coarse + [group[len(group) // 2] for group in left if group]
     rough = fine + [group[-1] for group in left if len(group) > 1]
-    return CaptureSplit(
-        _at_most(coarse, config.max_coarse),
-        _at_most(fine, config.max_fine),
-        _at_most(rough, config.max_rough),
-        _at_most(held_out, config.max_held_out),
-    )
-
-
-def _limited_by_pixels(config: SplitConfig, most: int) -> SplitConfig:
-    """The settings for sets of at most `most` captures."""
-    sizes = {name: min(getattr(config, name), most) for name in ("max_coarse", "max_fine", "max_rough", "max_held_out")}
-    return replace(config, **sizes)
+    return CaptureSplit(*(_at_most(part, n) for part, n in zip((coarse, fine, rough, held_out), sizes, strict=True)))
 
 
 def _by_wavelength(captures: Captures, roughness: NDArray[np.float64], left_out: Collection[int]) -> list[list[int]]:
@@ -111,13 +118,13 @@ def _of_missing_planes(
     return found
 
 
-def _split_scarce(groups: list[list[int]], config: SplitConfig) -> CaptureSplit:
+def _split_scarce(groups: list[list[int]], sizes: list[int]) -> CaptureSplit:
     """So few captures that whole wavelengths are held out, at least one."""
     everything = [k for group in groups for k in group]
-    held_out = everything[1 :: config.scarce_stride] or everything[-1:]
+    held_out = everything[1::_SCARCE_STRIDE] or everything[-1:]
     fitted = [k for k in everything if k not in held_out] or everything
-    fine = _at_most(fitted, config.max_fine)
-    return CaptureSplit(_at_most(fitted, config.max_coarse), fine, fine, _at_most(held_out, config.max_held_out))
+    fine = _at_most(fitted, sizes[1])
+    return CaptureSplit(_at_most(fitted, sizes[0]), fine, fine, _at_most(held_out, sizes[3]))
 
 
 def _at_most(indices: list[int], count: int) -> Indices:

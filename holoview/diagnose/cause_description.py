@@ -28,14 +28,14 @@ def describe_causes(
     """
     if decision.best is None:
         return []
-    fit, held_out, steps = decision.best.fit, result.comparison, context.config.fits.steps
+    fit, held_out = decision.best.fit, result.comparison
     after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
-    intervals = confidence_intervals(fit, local_information(fit, effects, fine, steps), fine, context.config)
+    intervals = confidence_intervals(fit, local_information(fit, effects, fine), fine, context.config)
     one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
     few = near.model_weighted_comparison(near.split.coarse[one_or_two], fit.values)
-    lookalikes = lookalike_correlations(near, fit, local_jacobian(fit, effects, few, steps), few)
+    lookalikes = lookalike_correlations(near, fit, local_jacobian(fit, effects, few), few)
     separate = best_separating_capture(near, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in fit.causes}
     causes = []

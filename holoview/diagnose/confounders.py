@@ -26,10 +26,7 @@ def lookalike_correlations(
     """
     residual = comparison.residual(fit.values)
     others = [e for e in context.effects.values() if e.id not in fit.causes]
-    jobs = [
-        partial(effect_jacobian, e, {**fit.values, e.id: identity_values(e)}, comparison, residual, context.config.fits)
-        for e in others
-    ]
+    jobs = [partial(effect_jacobian, e, {**fit.values, e.id: identity_values(e)}, comparison, residual) for e in others]
     slopes = context.run_parallel(jobs)
     owner = np.array([effect for effect, _ in at.parameters.entries])
     result: dict[str, dict[str, float]] = {}

@@ -24,11 +24,27 @@ from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.central_region import central_region, central_slices, speckle_px
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import RegionConfig
-from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.config import RegionConfig, SamplingConfig
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.starts.picture import measure_displacement
 from holoview.util.errors import UserError
+
+_MIN_SIDE_SPECKLES = 64
+"""[speckles] Across the middle on a Fourier bench with many captures. Evidence: measured: pairs of faults are named as
+well with modulators of 64 × 48 pixels, which have so many speckles; of 1024 × 768 pixels, a field with 128 takes 1.4
+times as long."""
+_ALL_SPECKLES = 1 << 16
+"""[speckles] Of all captures together, in the middle on a Fourier bench. Evidence: 16 captures of 64 × 64 pixels."""
+_CUT_CAPTURES = 6
+"""[captures] That are predicted whole to see what light the middle lacks. Evidence: that share grows steadily with the
+roughness of the patterns; the roughest is among them. The value: a whole field takes seconds."""
+MAX_TIME_SHARE = 0.7
+"""[1] Of the time of a search, after which the middle is given up with the best that was found there. Evidence: a
+reason: whole pictures have to be fitted and judged too. With 0.6, a pair of faults in 32 captures of 1600 × 1200 pixels
+was found in time on one day, and not on another on which the machine was slower by a quarter."""
+_MAX_DISPLACEMENT = 0.125
+"""[1] Displacement of a far field from its prediction, over the middle's width, from which the middle is wider by it on
+either side. Evidence: a reason: seven eighths of it are seen and predicted."""
 
 
 def middle_of_context(context: SearchContext) -> SearchContext | None:
@@ -49,10 +65,10 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         data=data,
         system=cut.nominal_system(),
         field_budget=fields,
-        split=split_captures(cut, pattern_roughness(cut), context.config.split, context.left_out),
+        split=split_captures(cut, pattern_roughness(cut), context.left_out),
         predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
         variances=NeighbourVariances(data),
-        end=context.end.after_share(config.max_time_share),
+        end=context.end.after_share(MAX_TIME_SHARE),
     )
 
 
@@ -62,7 +78,7 @@ def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
     predicted = np.asarray(comparison.predictor(comparison.indices, {}).signal)
     light = np.where(comparison.weight > 0, comparison.light, np.float32(0.0))
     moved = np.abs(measure_displacement(light, predicted))
-    if (moved <= context.config.region.max_displacement * np.array(cut.shape)).all():
+    if (moved <= _MAX_DISPLACEMENT * np.array(cut.shape)).all():
         return 0
     return math.ceil((moved / speckle_px(context.data.captures)).max())
 
@@ -77,7 +93,7 @@ def measure_missing_light(context: SearchContext, middle: SearchContext) -> NDAr
         return np.zeros(len(context.data.captures))
     used, roughness = np.array(sorted(middle.split.used)), pattern_roughness(context.data.captures)
     used = used[np.argsort(-roughness[used], kind="stable")]
-    few = np.linspace(0, len(used) - 1, min(len(used), context.config.region.cut_captures)).round().astype(int)
+    few = np.linspace(0, len(used) - 1, min(len(used), _CUT_CAPTURES)).round().astype(int)
     known = used[few]
     jobs = [partial(_error_of, context, middle, np.array([k])) for k in known]
     errors = np.array(context.run_parallel(jobs))
@@ -110,8 +126,8 @@ def middle_of(captures: Captures, config: RegionConfig, further_speckles: int = 
     """
     if not captures.is_fourier:
         return central_region(captures, config.side_px, config.further_px)
-    enough = math.ceil(math.sqrt(config.all_speckles / len(captures)))
-    side = min(config.side_px, max(config.min_side_speckles, enough))
+    enough = math.ceil(math.sqrt(_ALL_SPECKLES / len(captures)))
+    side = min(config.side_px, max(_MIN_SIDE_SPECKLES, enough))
     return central_region(captures, side, further_speckles)
 
 

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.config import FitConfig, StepConfig
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.list_parameter import ListParameter
@@ -42,6 +41,51 @@ from holoview.numerics.least_squares import (
 )
 from holoview.numerics.nelder_mead import nelder_mead
 from holoview.util.errors import UserError
+
+_STEP_REGULAR = 0.02
+"""[prior] Of parameters that images depend on smoothly. Evidence: small enough for a slope, large enough for images in
+single precision."""
+_STEP_EVEN = 0.1
+"""[prior²] Of parameters whose square images depend on. Evidence: images are nearly linear in the square; smaller steps
+are lost in the jumps of irises on a grid."""
+_STEP_HARD_EDGE = 0.4  # [prior] Of parameters that move a hard edge. Evidence: the edge passes over many samples.
+_FIT_ITERATIONS = 6  # [1] Levenberg–Marquardt iterations of a fit. Evidence: the search study.
+_FIT_TOLERANCE = 2e-3
+"""[1] A fit ends when an iteration lowers the cost by less than this share. Evidence: the search study."""
+_REFIT_ITERATIONS = 3  # [1] Iterations of a fit from values that were fitted before.
+FINAL_TOLERANCE = 1e-4  # [1] Tolerance of the last joint fit and of refits.
+_SCAN_STARTS = 2
+"""[1] Points of a scan from which an effect is fitted. Evidence: the search study fitted from the best one or two."""
+_SINGLE_START_PARAMETERS = 4  # [parameters] Effects with so many or more are fitted from one point.
+_COMPARED_STARTS = 4
+"""[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: of fringes on a modulator, two
+captures took the opposite wedge for the better one."""
+_START_SEPARATION = 1.5
+"""[scan steps] Points this near to a better one aren't starts of their own. Evidence: they are neighbours in the
+scan."""
+_SECOND_CYCLE_COST = 0.99
+"""[1] Parameters are scanned a second time if the first cycle left less than this share of the cost. Evidence: the
+search study used two cycles for Zernike terms."""
+_NEGLIGIBLE_SHARE = 0.02
+"""[prior] Values this near to the identity are set to it unless the captures insist. Evidence: fewer parameters, and an
+image that isn't rotated at all needs no interpolation."""
+_INSISTENCE = 9.0
+"""[Δχ²] The captures insist on a value if the identity costs more. Evidence: derivation: 3 σ of one parameter."""
+_LONGER_STEP_FACTOR = 5.0
+"""[1] Fits with few parameters are repeated with steps so many times longer. Evidence: where irises on a grid jump,
+short differences find no slope."""
+_FEW_PARAMETERS = 2  # [parameters] So many are few: the fit is repeated with longer steps, and axes are searched.
+_AXIS_MAX_CHI2 = 1.01  # [χ²/n] Axes are searched while χ²/n is above; it was 1.05 before.
+_AXIS_REACH = 10.0  # [steps] An axis is searched this far either way.
+_AXIS_POINTS = 17  # [points] Of the scan of an axis.
+_AXIS_EVALUATIONS = 10  # [1] Evaluations of the golden section that follows.
+_EDGE_MAX_COST = 0.9  # [1] Hard edges are searched exactly if the fit left less than this share of the cost.
+_SCAN_EDGE_SIZE = 1.0  # [prior] First simplex for hard edges after a scan.
+_FIRST_EDGE_SIZE = 0.5  # [prior] First simplex for hard edges after a fit.
+_LAST_EDGE_SIZE = 0.05  # [prior] Last simplex for hard edges.
+_EDGE_EVALUATIONS = 100  # [1] Evaluations of one simplex search.
+_EDGE_ITERATIONS = 3  # [1] Iterations of the fit of other parameters between two simplex searches.
+_EDGE_TOLERANCE = 1e-3  # [1] Tolerance of that fit.
 
 FittedValues = dict[str, dict[str, Any]]
 """{effect id: {parameter: value}}; the value of a list of numbers is a tuple."""
@@ -76,12 +120,12 @@ class FreeParameters:
             result[effect] = p.written(result.get(effect, {}), float(p.from_fit(float(number) * _scale(p))))
         return result
 
-    def bounds(self, steps: StepConfig) -> SearchDomain:
+    def bounds(self) -> SearchDomain:
         """The bounds of the vector, and steps of its forward differences."""
         lower = [(0.0 if p.even_symmetric else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
         lengths = [
-            steps.hard_edge if p.non_smooth else steps.even if p.even_symmetric else steps.regular
+            _STEP_HARD_EDGE if p.non_smooth else _STEP_EVEN if p.even_symmetric else _STEP_REGULAR
             for _, p in self.entries
         ]
         return SearchDomain(
@@ -165,17 +209,16 @@ def local_fit(
     effects: Sequence[Effect],
     start: FittedValues,
     comparison: Comparison,
-    config: FitConfig,
     *,
-    iterations: int | None = None,
-    tolerance: float | None = None,
+    iterations: int = _FIT_ITERATIONS,
+    tolerance: float = _FIT_TOLERANCE,
     include_fine: bool = False,
     step_factor: float = 1.0,
     fixed: FixedParameters = frozenset(),
 ) -> CandidateFit:
     """Levenberg–Marquardt on all parameters of the effects, then a downhill simplex if all of them are hard edges.
 
-    iterations, tolerance: those of `config` when None. include_fine: vary the fine parameters too. step_factor: of the
+    iterations, tolerance: of least squares. include_fine: vary the fine parameters too. step_factor: of the
     difference steps. fixed: (effect, parameter) pairs that keep their start.
     """
     free = free_parameters_of(effects, start, include_fine=include_fine)
@@ -183,18 +226,18 @@ def local_fit(
     values, cost = start, cost_or_inf(comparison, start)
     if len(varied):
         function = residual_function(varied, start, comparison)
-        bounds = varied.bounds(config.steps).with_longer_steps(step_factor)
+        bounds = varied.bounds().with_longer_steps(step_factor)
         minimum = levenberg_marquardt(
             function,
             varied.pack(start),
             bounds,
-            iterations=config.iterations if iterations is None else iterations,
-            tolerance=config.tolerance if tolerance is None else tolerance,
+            iterations=iterations,
+            tolerance=tolerance,
             parts=residual_parts(varied, start, comparison),
         )
         edges = hard_edge_mask(varied)
-        if edges.all() and minimum.cost < config.edge_max_cost * cost:
-            minimum = nelder_mead(function, minimum, bounds, edges, config.first_edge_size, config.edge_evaluations)
+        if edges.all() and minimum.cost < _EDGE_MAX_COST * cost:
+            minimum = nelder_mead(function, minimum, bounds, edges, _FIRST_EDGE_SIZE, _EDGE_EVALUATIONS)
         values, cost = varied.unpack(minimum.x, start), minimum.cost
     return CandidateFit(tuple(e.id for e in effects), values, cost)
 
@@ -203,7 +246,6 @@ def refit(
     effects: Sequence[Effect],
     values: FittedValues,
     comparison: Comparison,
-    config: FitConfig,
     *,
     step_factor: float = 1.0,
     fixed: FixedParameters = frozenset(),
@@ -213,9 +255,8 @@ def refit(
         effects,
         values,
         comparison,
-        config,
-        iterations=config.refit_iterations,
-        tolerance=config.final_tolerance,
+        iterations=_REFIT_ITERATIONS,
+        tolerance=FINAL_TOLERANCE,
         step_factor=step_factor,
         fixed=fixed,
     )
@@ -243,7 +284,6 @@ def effect_jacobian(
     values: FittedValues,
     comparison: Comparison,
     residual: NDArray[np.float32],
-    config: FitConfig,
     *,
     step_factor: float = 1.0,
 ) -> NDArray[np.float32]:
@@ -252,7 +292,7 @@ def effect_jacobian(
     residual: the residuals at `values`. step_factor: of the difference steps.
     """
     free = free_parameters_of([effect], values)
-    bounds = free.bounds(config.steps).with_longer_steps(step_factor)
+    bounds = free.bounds().with_longer_steps(step_factor)
     return jacobian(residual_function(free, values, comparison), free.pack(values), residual, bounds)
 
 
@@ -274,7 +314,6 @@ def scan_effect(
     comparison: Comparison,
     base: FittedValues,
     starts: Sequence[Mapping[str, float]],
-    config: FitConfig,
 ) -> list[CandidateFit]:
     """The effect at its identity and at `starts` on top of `base`, the lowest cost first; nothing is fitted.
 
@@ -284,7 +323,7 @@ def scan_effect(
     points = [dict(identity), *({**identity, **point} for point in starts)]
     fits = _evaluate_points(comparison, causes, base, effect.id, points)
     several = sum(p.scan is not None for p in effect.parameters) > 1
-    if several and fits[0].cost < config.second_cycle_cost * cost_at_identity(fits, effect):
+    if several and fits[0].cost < _SECOND_CYCLE_COST * cost_at_identity(fits, effect):
         best = fits[0].values[effect.id]
         combined = [{**best, **_off_identity(point, identity)} for point in points[1:]]
         fresh = [point for point in combined if point not in points]
@@ -303,25 +342,24 @@ def fit_from_scan(
     comparison: Comparison,
     base: FittedValues,
     fits: Sequence[CandidateFit],
-    config: FitConfig,
-    max_starts: int | None = None,
+    max_starts: int = _SCAN_STARTS,
 ) -> CandidateFit:
     """The best local fit of one effect, its base unchanged, from the best points of a scan.
 
     Of an effect with many parameters from one, which is the best on all captures of the comparison: a few of them can't
     tell opposite wedges apart.
     """
-    if sum(not p.secondary for p in effect.parameters) >= config.single_start_parameters:
-        best_few = [f for f in fits if np.isfinite(f.cost)][: config.compared_starts]
+    if sum(not p.secondary for p in effect.parameters) >= _SINGLE_START_PARAMETERS:
+        best_few = [f for f in fits if np.isfinite(f.cost)][:_COMPARED_STARTS]
         starts = sorted(best_few, key=lambda s: cost_or_inf(comparison, s.values))[:1]
     else:
-        starts = _separated_starts(fits, effect, config, config.starts if max_starts is None else max_starts)
-    best = min((local_fit([effect], s.values, comparison, config) for s in starts), key=lambda f: f.cost)
+        starts = _separated_starts(fits, effect, max_starts)
+    best = min((local_fit([effect], s.values, comparison) for s in starts), key=lambda f: f.cost)
     return CandidateFit((*base, effect.id), best.values, best.cost)
 
 
 def fit_rival_parameters(
-    effect: Effect, comparison: Comparison, base: FittedValues, fits: Sequence[CandidateFit], config: FitConfig
+    effect: Effect, comparison: Comparison, base: FittedValues, fits: Sequence[CandidateFit]
 ) -> CandidateFit:
     """The best local fit of one effect, its base unchanged, of all parameters together from the best of one alone.
 
@@ -331,21 +369,21 @@ def fit_rival_parameters(
     for p in effect.parameters:
         own = [f for f in fits if _off_identity(f.values[effect.id], identity).keys() == {p.name}]
         fixed = frozenset((effect.id, other.name) for other in effect.parameters if other is not p)
-        alone += [local_fit([effect], f.values, comparison, config, fixed=fixed) for f in own[:1]]
+        alone += [local_fit([effect], f.values, comparison, fixed=fixed) for f in own[:1]]
     best = min(alone, key=lambda f: f.cost)
-    together = local_fit([effect], best.values, comparison, config)
+    together = local_fit([effect], best.values, comparison)
     return CandidateFit((*base, effect.id), together.values, together.cost)
 
 
-def find_hard_edges(effect: Effect, fit: CandidateFit, comparison: Comparison, config: FitConfig) -> CandidateFit:
+def find_hard_edges(effect: Effect, fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     """A point of a scan with the effect's hard edges found by a simplex; unchanged where the effect has none."""
     free = free_parameters_of([effect], fit.values)
     edges = hard_edge_mask(free)
     if not edges.any():
         return fit
     function, start = residuals_and_start(free, fit, comparison)
-    bounds = free.bounds(config.steps)
-    minimum = nelder_mead(function, start, bounds, edges, config.scan_edge_size, config.edge_evaluations)
+    bounds = free.bounds()
+    minimum = nelder_mead(function, start, bounds, edges, _SCAN_EDGE_SIZE, _EDGE_EVALUATIONS)
     return CandidateFit(fit.causes, free.unpack(minimum.x, fit.values), minimum.cost)
 
 
@@ -364,13 +402,11 @@ def _off_identity(point: Mapping[str, float], identity: Mapping[str, float]) -> 
     return {name: value for name, value in point.items() if value != identity[name]}
 
 
-def _separated_starts(
-    fits: Sequence[CandidateFit], effect: Effect, config: FitConfig, max_starts: int
-) -> list[CandidateFit]:
+def _separated_starts(fits: Sequence[CandidateFit], effect: Effect, max_starts: int) -> list[CandidateFit]:
     """The best points of a scan with finite costs that aren't neighbours."""
     chosen: list[CandidateFit] = []
     for fit in fits:
-        separate = all(_scan_distance(fit, other, effect) > config.start_separation for other in chosen)
+        separate = all(_scan_distance(fit, other, effect) > _START_SEPARATION for other in chosen)
         if np.isfinite(fit.cost) and separate:
             chosen.append(fit)
         if len(chosen) == max_starts:
@@ -387,78 +423,70 @@ def _scan_distance(a: CandidateFit, b: CandidateFit, effect: Effect) -> float:
     return max(abs(first[name] - second[name]) / step for name, step in steps.items())
 
 
-def refit_with_longer_steps(
-    effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
-) -> CandidateFit:
+def refit_with_longer_steps(effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     """Few parameters fitted again with longer difference steps, which see past the jumps of irises on a grid."""
-    if len(free_parameters_of(effects, fit.values)) > config.few_parameters:
+    if len(free_parameters_of(effects, fit.values)) > _FEW_PARAMETERS:
         return fit
-    longer = refit(effects, fit.values, comparison, config, step_factor=config.longer_step_factor)
+    longer = refit(effects, fit.values, comparison, step_factor=_LONGER_STEP_FACTOR)
     return min(fit, longer, key=lambda f: f.cost)
 
 
-def refine_hard_edges(
-    effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
-) -> CandidateFit:
+def refine_hard_edges(effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     """Hard edges by a large simplex, then all parameters by least squares, then hard edges by a small simplex."""
     free = free_parameters_of(effects, fit.values)
     edges = hard_edge_mask(free)
     if not edges.any():
         return fit
-    (function, start), bounds = residuals_and_start(free, fit, comparison), free.bounds(config.steps)
-    best = nelder_mead(function, start, bounds, edges, config.first_edge_size, config.edge_evaluations)
+    (function, start), bounds = residuals_and_start(free, fit, comparison), free.bounds()
+    best = nelder_mead(function, start, bounds, edges, _FIRST_EDGE_SIZE, _EDGE_EVALUATIONS)
     if not edges.all():
         smooth = levenberg_marquardt(
             function,
             best.x,
             bounds,
-            iterations=config.edge_iterations,
-            tolerance=config.edge_tolerance,
+            iterations=_EDGE_ITERATIONS,
+            tolerance=_EDGE_TOLERANCE,
             parts=residual_parts(free, fit.values, comparison),
         )
         best = min(best, smooth, key=lambda m: m.cost)
-    best = nelder_mead(function, best, bounds, edges, config.last_edge_size, config.edge_evaluations)
+    best = nelder_mead(function, best, bounds, edges, _LAST_EDGE_SIZE, _EDGE_EVALUATIONS)
     return CandidateFit(fit.causes, free.unpack(best.x, fit.values), best.cost)
 
 
-def search_along_axes(
-    effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
-) -> CandidateFit:
+def search_along_axes(effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     """While χ² exceeds the noise: a search along each axis of effects with few parameters, then a fit from there."""
     free = free_parameters_of(effects, fit.values)
     counts = Counter(effect for effect, _ in free.entries)
-    axes = [i for i, (effect, _) in enumerate(free.entries) if counts[effect] <= config.few_parameters]
-    if not axes or fit.cost < config.axis_max_chi2 * comparison.pixel_count:
+    axes = [i for i, (effect, _) in enumerate(free.entries) if counts[effect] <= _FEW_PARAMETERS]
+    if not axes or fit.cost < _AXIS_MAX_CHI2 * comparison.pixel_count:
         return fit
-    (function, best), bounds = residuals_and_start(free, fit, comparison), free.bounds(config.steps)
-    offsets = np.linspace(-config.axis_reach, config.axis_reach, config.axis_points)
+    (function, best), bounds = residuals_and_start(free, fit, comparison), free.bounds()
+    offsets = np.linspace(-_AXIS_REACH, _AXIS_REACH, _AXIS_POINTS)
     for axis in axes:
         step = float(bounds.step[axis])
         best = min(best, axis_scan(function, best.x, bounds, axis, step * offsets), key=lambda m: m.cost)
-        spacing = 2 * step * config.axis_reach / (config.axis_points - 1)
-        moved = minimise_along_axis(function, best.x, bounds, axis, spacing, evaluations=config.axis_evaluations)
+        spacing = 2 * step * _AXIS_REACH / (_AXIS_POINTS - 1)
+        moved = minimise_along_axis(function, best.x, bounds, axis, spacing, evaluations=_AXIS_EVALUATIONS)
         best = min(best, moved, key=lambda m: m.cost)
     if best.cost >= fit.cost:
         return fit
     found = CandidateFit(fit.causes, free.unpack(best.x, fit.values), best.cost)
-    return min(found, refit(effects, found.values, comparison, config), key=lambda f: f.cost)
+    return min(found, refit(effects, found.values, comparison), key=lambda f: f.cost)
 
 
-def drop_negligible_values(
-    effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
-) -> CandidateFit:
+def drop_negligible_values(effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     """Sets negligible values to their identity unless the captures insist on them, and fits the others again."""
     values, cost, fixed = fit.values, fit.cost, set()
     for e, p in free_parameters_of(effects, fit.values, include_fine=True).entries:
         away = abs(p.read(values.get(e, {})) - p.identity)  # NaN for entries of lists, which have no identity
-        if not 0.0 < away < config.negligible * p.prior:
+        if not 0.0 < away < _NEGLIGIBLE_SHARE * p.prior:
             continue
         without = {**values, e: p.written(values[e], p.identity)}
-        allowed = cost + config.insistence * max(1.0, cost / comparison.pixel_count)
+        allowed = cost + _INSISTENCE * max(1.0, cost / comparison.pixel_count)
         if (cost_without := cost_or_inf(comparison, without)) < allowed:
             values, cost = without, cost_without
             fixed.add((e, p.name))
     if not fixed:
         return fit
-    fitted = refit(effects, values, comparison, config, fixed=frozenset(fixed))
+    fitted = refit(effects, values, comparison, fixed=frozenset(fixed))
     return CandidateFit(fit.causes, fitted.values, fitted.cost)

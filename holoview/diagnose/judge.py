@@ -18,7 +18,36 @@ import numpy as np
 from holoview.diagnose.config import SearchConfig, VerdictConfig
 from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf
 from holoview.diagnose.likelihood import Comparison
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_context import MAX_TOLERATED_ERROR, SearchContext
+
+MIN_EXPLAINED_SHARE = 0.5
+"""[1] … and explain this share of the excess. Evidence: the screening study: no false alarm in 10 runs each of no
+fault, PRNU, and jitter of exposure, wavelength and camera; jitter gives many causes a little."""
+JITTER_EXCESS = 0.02
+"""[χ²/n] Excess that jitter of an ordinary laboratory leaves: consistent below it, and a single cause that reaches it
+ends the search. Evidence: the search study."""
+CHANCE_SIGMAS = 2.5
+"""[σ] Excess within so many standard deviations √(2/n) is chance. Evidence: the standard deviation is a derivation."""
+EXPLAINED_MAX_SHARE = 0.2
+"""[1] … and up to this share of the nominal excess. Evidence: the search study; of a large error a blur explains nine
+tenths."""
+RIVAL_FACTOR = 2.0
+"""[1] Causes that leave less than so many times the best excess can't be excluded. Evidence: the search study."""
+RIVAL_EXCESS = 0.01
+"""[χ²/n] … for which the best excess counts as at least this. Evidence: the search study; smaller differences may be
+the model's own accuracy."""
+RIVAL_EXCESS_SHARE = 0.1
+"""[1] … but no more than this share of the nominal excess. Evidence: small faults are told apart too."""
+NEAR_CHI2 = 1.3
+"""[χ²/n] Below it the weights of the noise order candidates, above it tolerant weights; a single cause that reaches it
+is ranked at once. Evidence: weights from a wrong model favour similar errors."""
+_TIE_EXCESS_SHARE = 0.02
+"""[1] Candidates within this share of the best excess tie, apart from the next two. Evidence: the search study."""
+_TIE_EXCESS = 0.02  # [χ²/n] … and within this χ²/n. Evidence: the search study.
+_TIE_NEAR_SHARE = 0.1
+"""[1] … which counts at most as this share of the excess, so that near the floor small differences decide."""
+FLOOR_CHI2 = 1.05  # [χ²/n] Below it no further cause is searched. Evidence: the search study.
+JITTER_CHI2 = 1.0 + JITTER_EXCESS  # [χ²/n] That jitter of an ordinary laboratory leaves.
 
 
 @dataclass(frozen=True)
@@ -75,13 +104,13 @@ def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> Se
     weights that tolerate its error.
     """
     indices, all_fits = context.split.held_out, [NOMINAL_FIT, *fits]
-    rough = context.data_weighted_comparison(indices, context.config.fits.max_tolerated_error)
+    rough = context.data_weighted_comparison(indices, MAX_TOLERATED_ERROR)
     first = min(all_fits, key=lambda f: cost_or_inf(rough, f.values))
     tolerant = context.tolerant_comparison(indices, context.relative_model_error(first.values, indices))
     first = min(all_fits, key=lambda f: cost_or_inf(tolerant, f.values))
     comparison = context.model_weighted_comparison(indices, first.values)
     scores = [score_on_held_out(f, comparison, tolerant) for f in fits]
-    near = min((s.chi2_per_pixel for s in scores), default=np.inf) < context.config.ranking.near_chi2
+    near = min((s.chi2_per_pixel for s in scores), default=np.inf) < NEAR_CHI2
     if near:
         ordered = sorted(scores, key=lambda s: s.chi2_per_pixel)
         ordered = _simpler_first(ordered, comparison.pixel_count, context.config)
@@ -114,10 +143,10 @@ def _simpler_first(scores: Sequence[HeldOutScore], pixels: float, config: Search
     """
     if not scores:
         return []
-    best, ties = scores[0], config.ranking
+    best = scores[0]
     excess = max(best.excess, 0.0)
-    tolerance = ties.tie_excess_share * excess
-    limit = best.chi2_per_pixel + tolerance + min(ties.tie_excess, ties.tie_near_share * excess)
+    tolerance = _TIE_EXCESS_SHARE * excess
+    limit = best.chi2_per_pixel + tolerance + min(_TIE_EXCESS, _TIE_NEAR_SHARE * excess)
     limit += config.verdict.min_delta_chi2 / pixels
     leaders = [s for s in scores if s.chi2_per_pixel <= limit]
     rest = [s for s in scores if s.chi2_per_pixel > limit]
@@ -157,8 +186,8 @@ def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig
     excess = nominal.excess
     gain = (nominal.chi2_per_pixel - best.chi2_per_pixel) * n
     share = _share_explained(nominal, best)
-    if not (result.candidates and gain > config.min_delta_chi2 and share >= config.min_explained_share):
-        is_consistent = excess < jitter_excess(n, config)
+    if not (result.candidates and gain > config.min_delta_chi2 and share >= MIN_EXPLAINED_SHARE):
+        is_consistent = excess < jitter_excess(n)
         return Decision(Verdict.CONSISTENT if is_consistent else Verdict.UNEXPLAINED, None)
     if best.excess > explained_excess(excess, n, config):
         return Decision(Verdict.PARTLY, best)
@@ -183,20 +212,20 @@ def with_further_cause(verdict: Verdict) -> Verdict:
     return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)
 
 
-def chance_excess(pixels: float, config: VerdictConfig) -> float:
+def chance_excess(pixels: float) -> float:
     """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
-    return float(config.chance_sigmas * (2.0 / pixels) ** 0.5)
+    return float(CHANCE_SIGMAS * (2.0 / pixels) ** 0.5)
 
 
 def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig) -> float:
     """The excess χ²/n − 1 that causes may leave and count as an explanation."""
-    max_excess = min(config.explained_excess, config.explained_max_share * nominal_excess)
-    return max(chance_excess(pixels, config), max_excess)
+    max_excess = min(config.explained_excess, EXPLAINED_MAX_SHARE * nominal_excess)
+    return max(chance_excess(pixels), max_excess)
 
 
-def jitter_excess(pixels: float, config: VerdictConfig) -> float:
+def jitter_excess(pixels: float) -> float:
     """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance, which don't depend on each other, leave."""
-    return math.hypot(config.jitter_excess, chance_excess(pixels, config))
+    return math.hypot(JITTER_EXCESS, chance_excess(pixels))
 
 
 def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:
@@ -213,8 +242,8 @@ def _rivals_of(
 
     A candidate that contains all of the best's causes, or the same physics under another name, isn't a rival.
     """
-    accuracy = min(config.rival_excess, config.rival_excess_share * result.nominal.excess)
-    limit = config.rival_factor * max(best.excess, max(config.min_delta_chi2 / result.pixel_count, accuracy))
+    accuracy = min(RIVAL_EXCESS, RIVAL_EXCESS_SHARE * result.nominal.excess)
+    limit = RIVAL_FACTOR * max(best.excess, max(config.min_delta_chi2 / result.pixel_count, accuracy))
     return tuple(
         c
         for c in result.candidates

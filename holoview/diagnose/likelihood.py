@@ -23,9 +23,24 @@ from scipy.stats import t as student
 
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures
-from holoview.diagnose.config import ComparisonConfig
 from holoview.numerics.subpixel_shift import image_gradient, shift_images
 from holoview.util.errors import UserError
+
+_MAX_SHIFT_PX = 0.5
+"""[px] Largest movement of the camera in one capture. Evidence: beyond it the first order says nothing."""
+_FIRST_ORDER_SHIFT_PX = 0.02  # [px] Movements up to here are taken out in one step, larger ones in two.
+_TYPICAL_SHIFT_PX = 0.2
+"""[px] Standard deviation of the Gaussian prior of a movement. Evidence: the screening study's jitter of 0.5 µm is
+0.125 px of a camera with a pitch of 4 µm."""
+_SHARED_SHIFT_P_VALUE = 1e-4
+"""[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual. Evidence: it
+replaced 5 σ of the mean, which few captures reach by chance."""
+_MAX_PART_PIXELS = 4_000_000
+"""[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: with all of eight pictures of
+1600 × 1200 pixels, two processes took 9 to 11 GB; smaller sessions are one part."""
+_INFEASIBLE_FACTOR = 10.0
+"""[1] Residuals of parameters that no bench can have are so many times those of a dark image. Evidence: they must
+exceed those of every bench that can be."""
 
 Values = Mapping[str, Mapping[str, float]]
 Floats = NDArray[np.float64]
@@ -74,12 +89,11 @@ class Comparison:
         data: PreparedCaptures,
         indices: NDArray[np.intp],
         variance: Images,
-        config: ComparisonConfig,
         *,
         fit_shifts: bool = False,
     ) -> None:
         self.predictor, self.data, self.indices = predictor, data, indices
-        self.config, self.fit_shifts = config, fit_shifts
+        self.fit_shifts = fit_shifts
         usable = data.usable[indices]
         self.light = data.light[indices]
         self.weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
@@ -113,7 +127,7 @@ class Comparison:
         One alone where there are few pixels, and where movements are fitted: their mean depends on all captures.
         """
         count, pixels = self.weight.shape[0], self.weight[0].size
-        size = max(1, self.config.max_part_pixels // pixels)
+        size = max(1, _MAX_PART_PIXELS // pixels)
         if self.fit_shifts or size >= count:
             return [(slice(None), self)]
         starts = range(0, count, size)
@@ -151,7 +165,7 @@ class Comparison:
     @property
     def infeasible_residual(self) -> NDArray[np.float32]:
         """Residuals, flat, for parameters that no bench can have: worse than those of a dark image."""
-        return np.float32(self.config.infeasible_factor) * self._weighted_light.ravel()
+        return np.float32(_INFEASIBLE_FACTOR) * self._weighted_light.ravel()
 
     def residual(self, values: Values) -> NDArray[np.float32]:
         """Whitened residuals, flat: the vector whose sum of squares a fit minimises."""
@@ -172,9 +186,9 @@ class Comparison:
         light, model: weighted captures and prediction. Movements beyond the first order are found in two steps: first
         with shifted images, then with exact predictions for a moved camera; the better of both is returned.
         """
-        limit = self.config.max_shift_px
+        limit = _MAX_SHIFT_PX
         shift = self._estimate_shifts(light, model, signal)
-        if np.abs(shift).max() <= self.config.first_order_shift_px:
+        if np.abs(shift).max() <= _FIRST_ORDER_SHIFT_PX:
             own = shift - self._common_shift(shift)
             return replace(_fit_gain(light, self.weight, shift_images(signal, own)), shift=shift)
         nearer = shift_images(signal, shift)
@@ -215,16 +229,16 @@ class Comparison:
         right = np.einsum("kcp,kp->kc", flat, light.reshape(len(signal), -1), dtype=np.float64)
         gain = np.abs(right[:, 0]) / np.maximum(normal[:, 0, 0], 1e-30)
         for axis in (1, 2):  # the prior of a movement
-            normal[:, axis, axis] += 1.0 / np.maximum(gain * self.config.typical_shift_px, 1e-12) ** 2
+            normal[:, axis, axis] += 1.0 / np.maximum(gain * _TYPICAL_SHIFT_PX, 1e-12) ** 2
         normal += 1e-9 * np.eye(3) * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-30 * np.eye(3)
         solved = np.linalg.solve(normal, right[..., None])[..., 0]
         positive_gain = np.where(solved[:, 0] > 0, solved[:, 0], np.inf)
-        limit = self.config.max_shift_px
+        limit = _MAX_SHIFT_PX
         return np.asarray(np.clip(-solved[:, 1:] / positive_gain[:, None], -limit, limit))
 
     def _common_shift(self, shift: Floats) -> Floats:
         """The mean movement on each axis where it is significant against the scatter of the captures, else zero."""
-        return np.where(mean_is_significant(shift, self.config.shared_shift_p_value), shift.mean(axis=0), 0.0)
+        return np.where(mean_is_significant(shift, _SHARED_SHIFT_P_VALUE), shift.mean(axis=0), 0.0)
 
 
 def _fit_gain(light: Images, weight: Images, signal: Images) -> GainFit:

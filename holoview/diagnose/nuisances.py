@@ -22,7 +22,7 @@ import numpy as np
 
 from holoview.captures.prepared_captures import estimate_prnu
 from holoview.diagnose.capture_split import spread_over_wavelengths
-from holoview.diagnose.config import LaserDriftConfig, SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.judge import (
     Decision,
@@ -34,8 +34,41 @@ from holoview.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.diagnose.likelihood import Comparison, Values, mean_is_significant
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import SearchContext
+
+_OTHER_SAMPLINGS = (
+    SamplingConfig(1, 2, 2),
+    SamplingConfig(2, 2, 1),
+    SamplingConfig(2, 2, 2),
+    SamplingConfig(1, 3, 1),
+    SamplingConfig(1, 4, 1),
+    SamplingConfig(2, 3, 2),
+)
+"""[1] Ways of sampling that are tried. Evidence: the screening study: data made with samples a fourth as large and read
+with half as large ones were misread as partial coherence."""
+_SAMPLING_CAPTURES = 4  # [captures] Held-out captures that are predicted with each.
+_SAMPLING_MAX_SAMPLES = 1 << 26
+"""[samples] Larger grids aren't tried. Evidence: derivation: half a gigabyte for a field in single precision."""
+_CACHE_MB = 64
+"""[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
+prediction."""
+_MAX_LEFT_SHARE = 0.5
+"""[1] Other samples count if they leave less than this share of the excess; a cause is needed with them if it removes
+this share of what is left."""
+_PRNU_MAX_CHI2 = 3.0  # [χ²/n] Up to here residuals tell PRNU from errors of the model; it was 1.5 before.
+_MAX_PRNU = 0.1  # [1] Largest standard deviation of the pixels' relative sensitivity; the benchmark has 0.01.
+_MIN_PRNU_CHI2 = 0.005  # [χ²/n] PRNU that adds less than this is ignored.
+_JITTER_MAX_EXCESS = 0.5
+"""[1] The camera moves if taking movements out leaves less than this share of the excess. Evidence: real movements
+explain nearly all of it, those that imitate a wrong model little."""
+DRIFT_STEP_M = 0.02e-9
+"""[m] Distance between two wavelengths that are tried; the screening study detected an offset of 0.0026 nm in bright
+captures."""
+DRIFT_STEPS = 10
+"""[1] Steps tried either way, ± 0.2 nm with the default step. Evidence: the benchmark drifts by 0.05 nm r.m.s., of
+which this is 4 σ."""
+_DRIFT_P_VALUE = 1e-3
+"""[1] A mean drift less probable than this under jitter alone is systematic. Evidence: it replaced 3 σ of the mean."""
 
 
 def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:
@@ -47,8 +80,8 @@ def excuse_laser_drift(context: SearchContext, result: SearchResult, decision: D
     """Consistent after all where undirected drift of the lasers leaves no more than jitter does; with a note."""
     if decision.verdict is not Verdict.UNEXPLAINED or DRIFT_EFFECT not in context.effects:
         return decision, []
-    drift = estimate_laser_drift(result.comparison, {}, context.config.laser_drift)
-    max_excess = jitter_excess(result.pixel_count, context.config.verdict)
+    drift = estimate_laser_drift(result.comparison, {})
+    max_excess = jitter_excess(result.pixel_count)
     if drift.is_systematic or drift.chi2_per_pixel - 1.0 > max_excess:
         return decision, []
     note = f"The wavelengths drift by {drift.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
@@ -59,27 +92,26 @@ def _detect_camera_jitter(context: SearchContext, values: FittedValues) -> Searc
     """The context with a camera that moves from capture to capture, where that explains most of the excess."""
     comparison = context.model_weighted_comparison(context.split.held_out, values)
     excess = comparison.chi2_per_pixel(values) - 1.0
-    small = excess < jitter_excess(comparison.pixel_count, context.config.verdict)
+    small = excess < jitter_excess(comparison.pixel_count)
     if context.has_camera_jitter or small or len(context.split.held_out) < 2:
         return context
     moving = replace(context, has_camera_jitter=True)
     left = moving.model_weighted_comparison(context.split.held_out, values).chi2_per_pixel(values) - 1.0
-    return moving if left < context.config.nuisances.jitter_max_excess * excess else context
+    return moving if left < _JITTER_MAX_EXCESS * excess else context
 
 
 def _detect_prnu(context: SearchContext, values: FittedValues) -> SearchContext:
     """The context with PRNU, where the residuals of two disjoint sets of captures show the same pattern."""
-    config = context.config.nuisances
     sets = [context.split.fine, context.split.held_out]
     comparisons = [context.model_weighted_comparison(indices, values) for indices in sets]
-    if context.prnu or max(c.chi2_per_pixel(values) for c in comparisons) > config.prnu_max_chi2:
+    if context.prnu or max(c.chi2_per_pixel(values) for c in comparisons) > _PRNU_MAX_CHI2:
         return context
     fits = [c.fit_gains(values) for c in comparisons]
     expected = [fitted.expected for fitted in fits]
     residuals = [c.residual_counts(fitted) for c, fitted in zip(comparisons, fits, strict=True)]
-    prnu = min(estimate_prnu(residuals, expected, [c.weight > 0 for c in comparisons]), config.max_prnu)
+    prnu = min(estimate_prnu(residuals, expected, [c.weight > 0 for c in comparisons]), _MAX_PRNU)
     added = [np.square(prnu * e * c.weight).sum() / c.pixel_count for e, c in zip(expected, comparisons, strict=True)]
-    return replace(context, prnu=prnu) if max(added) > config.min_prnu_chi2 else context
+    return replace(context, prnu=prnu) if max(added) > _MIN_PRNU_CHI2 else context
 
 
 DRIFT_EFFECT, _PARAMETER = "wavelength_offset", "offset"
@@ -94,10 +126,10 @@ class LaserDrift:
     is_systematic: bool
 
 
-def estimate_laser_drift(comparison: Comparison, values: FittedValues, config: LaserDriftConfig) -> LaserDrift:
+def estimate_laser_drift(comparison: Comparison, values: FittedValues) -> LaserDrift:
     """The wavelength that suits each capture best, and what is left with it."""
     known = values.get(DRIFT_EFFECT, {})
-    offsets_m = config.step_m * np.arange(-config.steps, config.steps + 1)
+    offsets_m = DRIFT_STEP_M * np.arange(-DRIFT_STEPS, DRIFT_STEPS + 1)
     squares = [
         comparison.fit_gains(
             {**values, DRIFT_EFFECT: {**known, _PARAMETER: known.get(_PARAMETER, 0.0) + float(offset)}}
@@ -108,7 +140,7 @@ def estimate_laser_drift(comparison: Comparison, values: FittedValues, config: L
     return LaserDrift(
         rms_m=float(np.sqrt(np.mean(np.square(drifts)))),
         chi2_per_pixel=float(np.min(squares, axis=0).sum() / comparison.pixel_count),
-        is_systematic=bool(mean_is_significant(drifts, config.p_value)),
+        is_systematic=bool(mean_is_significant(drifts, _DRIFT_P_VALUE)),
     )
 
 
@@ -123,7 +155,7 @@ def drop_sampling_artefacts(
     A model that predicts the captures down to their noise isn't checked.
     """
     best, config = decision.best, context.config
-    at_noise = best is not None and best.excess <= chance_excess(result.pixel_count, config.verdict)
+    at_noise = best is not None and best.excess <= chance_excess(result.pixel_count)
     if decision.verdict is Verdict.CONSISTENT or at_noise:
         return decision, []
     comparison = _check_comparison(context, decision)
@@ -156,11 +188,11 @@ def _credit_sampling(
         return decision, []
     sampling, chi2 = alternative
     gained = (left - chi2) * comparison.pixel_count
-    max_excess = config.sampling_check.max_left_share * (left - 1.0)
+    max_excess = _MAX_LEFT_SHARE * (left - 1.0)
     if gained < config.verdict.min_delta_chi2 or chi2 - 1.0 > max_excess:
         return decision, []
     note = f"With {sampling.description} χ²/n is {chi2:.4g}, not {left:.4g}; {sampling.cli_options} diagnoses so."
-    if decision.best is None and chi2 - 1.0 < jitter_excess(comparison.pixel_count, config.verdict):
+    if decision.best is None and chi2 - 1.0 < jitter_excess(comparison.pixel_count):
         decision = Decision(Verdict.CONSISTENT, None)
     return decision, [note]
 
@@ -176,21 +208,20 @@ def _best_alternative(alternatives: AlternativeComparisons, values: Values) -> t
 
 def _alternative_comparisons(context: SearchContext, comparison: Comparison) -> dict[SamplingConfig, Comparison]:
     """The comparison with each other sampling, except those whose grids would be too large."""
-    config = context.config.sampling_check
     rows, columns = context.system.modulators[0].shape
     samples = context.system.sampling.upsample**2 * rows * columns
     affordable = [
         sampling
-        for sampling in config.alternatives
-        if sampling != context.sampling and samples * (sampling.finer * sampling.padding) ** 2 <= config.max_samples
+        for sampling in _OTHER_SAMPLINGS
+        if sampling != context.sampling and samples * (sampling.finer * sampling.padding) ** 2 <= _SAMPLING_MAX_SAMPLES
     ]
-    create = partial(context.predictor.create, cache_mb=config.cache_mb)
+    create = partial(context.predictor.create, cache_mb=_CACHE_MB)
     return {sampling: comparison.with_predictor(create(**asdict(sampling))) for sampling in affordable}
 
 
 def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:
     """A few held-out captures, with the weights of the noise at the best model."""
-    count = context.config.sampling_check.captures
+    count = _SAMPLING_CAPTURES
     few = spread_over_wavelengths(context.data.captures, context.split.held_out, count)
     return context.model_weighted_comparison(few, decision.best.fit.values if decision.best else {})
 
@@ -208,7 +239,7 @@ def _find_dispensable_cause(
         if (left - chi2) * comparison.pixel_count < config.verdict.min_delta_chi2:
             continue
         gain = chi2 - alternatives[sampling].chi2_per_pixel(best.fit.values)
-        needed_gain = config.sampling_check.max_left_share * (chi2 - 1.0)
+        needed_gain = _MAX_LEFT_SHARE * (chi2 - 1.0)
         if gain < max(needed_gain, config.verdict.min_delta_chi2 / comparison.pixel_count):
             return name
     return None

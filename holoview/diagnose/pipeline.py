@@ -21,7 +21,7 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
 from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
@@ -41,7 +41,6 @@ from holoview.diagnose.record_errors import CheckedRecords, check_records
 from holoview.diagnose.refine import wider_names
 from holoview.diagnose.report.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.report.free_maps import FreeMapFit, fit_free_maps, likely_fits
-from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
     BestSoFar,
@@ -54,12 +53,24 @@ from holoview.diagnose.search_context import (
     field_samples,
 )
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
+from holoview.diagnose.starts.stuck import MIN_LINE_SIGMAS
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
+
+_CORRECTION_TIME_SHARE = 0.7
+"""[1] Of a search's time, which they may take before it. Evidence: 16 s of one core on the virtual rig (48 × 64 pixels,
+24 captures)."""
+_MAX_STRETCH = 4.0
+"""[1] Where other programs use the processor too, this time is divided by the share of it that the search gets, up to
+this factor. Evidence: beside three other programs on two cores, a fault that takes 28 s of one core stayed unexplained
+after a minute; the value: what a person waits for."""
+_LAST_BEGIN = 0.7
+"""[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the longest
+step of a pair, its causes fitted without each other, took 20 of 80 s."""
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
@@ -155,7 +166,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     diagnosis = _search(records, request, share)
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
-        diagnosis = records.or_as_recorded(diagnosis, as_recorded, request.config.verdict)
+        diagnosis = records.or_as_recorded(diagnosis, as_recorded)
     return dataclasses.replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
 
 
@@ -201,8 +212,8 @@ def _limited(context: SearchContext, request: _Request, share: float) -> SearchC
     budget, samples = request.config.budget, field_samples(context.data.captures)
     time_s, stretch = request.time_s, 1.0
     if time_s is None:
-        time_s, stretch = budget.time_for(samples), budget.max_stretch
-    end = SearchEnd(share * time_s, request.is_asked_to_end, budget.last_begin, stretch)
+        time_s, stretch = budget.time_for(samples), _MAX_STRETCH
+    end = SearchEnd(share * time_s, request.is_asked_to_end, _LAST_BEGIN, stretch)
     fields, so_far = math.inf if request.thorough else budget.fields_for(samples), request.so_far
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
@@ -214,15 +225,13 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
     """The request with known effects corrected within their uncertainties, and notes on that."""
     if not request.uncertain:
         return request, ()
-    share, silent = request.config.known.time_share, dataclasses.replace(request, so_far=None)
+    share, silent = _CORRECTION_TIME_SHARE, dataclasses.replace(request, so_far=None)
     with request.start_workers() as pool:
         prepared = _prepare(records, silent, pool, share)
         context = prepared.middle or prepared.whole
         corrections = known_corrections(context, request.uncertain, request.progress)
     known = add_effect_values(request.known, corrections or {})
-    return dataclasses.replace(request, known=known), correction_notes(
-        corrections, request.uncertain, request.config.known
-    )
+    return dataclasses.replace(request, known=known), correction_notes(corrections, request.uncertain)
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
@@ -354,7 +363,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         gain_spread=gain_spread(context.kept_captures, findings.gain),
         captures=len(captures),
         bad_captures=findings.bad_captures,
-        notes=(*findings.notes, *line_notes(pixels, config.stuck.min_line_sigmas)),
+        notes=(*findings.notes, *line_notes(pixels, MIN_LINE_SIGMAS)),
         seconds=math.nan,
     )
 
@@ -406,7 +415,7 @@ def prepare_search(
         data=data,
         system=ActiveEffects(known).actual_system(captures.nominal_system()),
         effects=visible,
-        split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
+        split=split_captures(captures, pattern_roughness(captures), left_out),
         predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
         workers=pool,
         variances=NeighbourVariances(data),

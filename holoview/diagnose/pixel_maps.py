@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.stuck import LEVELS, LINE_SEGMENTS
 from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 
 Floats = NDArray[np.float64]
@@ -48,11 +49,11 @@ class PixelMap:
 
 def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
     """The maps of all modulators, of what the fine captures leave to explain on top of a base."""
-    config, captures = context.config.stuck, context.data.captures
+    captures = context.data.captures
     comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
     found = []
-    for number, gains in sorted(replacement_gains(context, base, comparison, config.levels).items()):
-        columns, rows = (significance(line_gains(gains, axis, config.line_segments)).max(axis=0) for axis in (1, 2))
+    for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
+        columns, rows = (significance(line_gains(gains, axis, LINE_SEGMENTS)).max(axis=0) for axis in (1, 2))
         found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
     return tuple(found)
 

@@ -58,7 +58,7 @@ def fit_power_law(effect: Effect, captures: Captures, gain: Floats, config: Sear
         law = np.log(np.maximum(emitted, 1e-300) / captures.power)
         return np.asarray(log_gain - centre_per_wavelength(captures, law), dtype=np.float64)
 
-    bounds, start = free.bounds(config.fits.steps), free.pack({})
+    bounds, start = free.bounds(), free.pack({})
     solution = least_squares(residual, start, bounds=(bounds.lower, bounds.upper), x_scale=1.0)
     left = float(np.std(solution.fun))
     if 1.0 - (left / spread) ** 2 < limits.min_explained:

@@ -17,10 +17,9 @@ from holoview.captures.records.power_order import PowerOrder
 from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.config.decision import VerdictConfig
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import fit_quality
-from holoview.diagnose.judge import with_further_cause
+from holoview.diagnose.judge import RIVAL_FACTOR, with_further_cause
 from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.report.diagnosis import Cause, Diagnosis
 from holoview.util.errors import UserError
@@ -53,10 +52,10 @@ class CheckedRecords:
         findings = dataclasses.replace(self.findings, corrections=(), rivals=())
         return CheckedRecords(captures, tuple(range(len(captures))), findings, ())
 
-    def or_as_recorded(self, corrected: Diagnosis, as_recorded: Diagnosis, config: VerdictConfig) -> Diagnosis:
+    def or_as_recorded(self, corrected: Diagnosis, as_recorded: Diagnosis) -> Diagnosis:
         """Of the diagnoses with and without corrections the latter, with a note, if that excludes the former."""
         before, after = (d.after.chi2_per_pixel - 1.0 for d in (corrected, as_recorded))
-        if before < config.rival_factor * after:
+        if before < RIVAL_FACTOR * after:
             return corrected
         names = " and ".join(correction.effect for correction in self.findings.corrections)
         note = f"The records look as if they were wrong ({names}), but the captures are explained better as recorded."
@@ -129,7 +128,7 @@ def _quality(captures: Captures, corrections: Hypothesis, known: Values, config:
     except UserError:
         return _NO_IMAGE
     data = prepare_captures(corrected)
-    held_out = split_captures(corrected, pattern_roughness(corrected), config.split).held_out
+    held_out = split_captures(corrected, pattern_roughness(corrected)).held_out
     predictor, variance = PredictorWithKnownEffects(corrected, known), neighbour_variance(data, held_out)
-    comparison = Comparison(predictor, data, held_out, variance, config.comparison)
+    comparison = Comparison(predictor, data, held_out, variance)
     return fit_quality(comparison, comparison.fit_gains({}))

@@ -23,6 +23,7 @@ from functools import partial
 import numpy as np
 
 from holoview.diagnose.fit import (
+    FINAL_TOLERANCE,
     CandidateFit,
     FittedValues,
     cost_or_inf,
@@ -35,6 +36,11 @@ from holoview.diagnose.fit import (
     search_along_axes,
 )
 from holoview.diagnose.judge import (
+    FLOOR_CHI2,
+    JITTER_CHI2,
+    NEAR_CHI2,
+    RIVAL_EXCESS,
+    RIVAL_FACTOR,
     Decision,
     HeldOutScore,
     SearchResult,
@@ -46,31 +52,68 @@ from holoview.diagnose.screening import fit_over_range, is_slow, is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 
+FINAL_ITERATIONS = 5  # [1] Iterations of the last joint fit.
+_LAST_ITERATIONS = 20
+"""[1] Iterations of the last fit of what is near the floor. Evidence: measured: after the others, the two parameters of
+crosstalk were 11 and 21 % off with χ²/n 1.0196; with these 0.01 and 0.02 %, and 0.9935."""
+_LAST_TOLERANCE = 1e-6  # [1] Its tolerance. Evidence: as `last_iterations`.
+TOLERANT_MIN_ERROR = 0.02
+"""[error] Below it no tolerant fit precedes the one with the noise's weights; paired with `NEAR_ERROR`."""
+FAR_ERROR = 0.15
+"""[error] A tolerant fit that leaves more isn't refined. Evidence: weights of the noise alone lead nowhere there."""
+_TOLERANT_ROUNDS = 6
+"""[1] Tolerant fits after each other, while the last one leaves a large error. Evidence: measured: two aberrations of
+0.35 µm left 0.18 of the light after one, 0.019 after two; three of 0.4 µm, from a fifth of them, needed five."""
+_TOLERANT_GAIN = 0.95
+"""[1] … and lowered it below this share. Evidence: measured: causes that were wrong left 0.99 or more."""
+_BETTER_COST = 0.95  # [1] The same causes are refined again from values that cost less than this share.
+_AXIS_CANDIDATES = 2  # [candidates] Searched along their axes.
+_AXIS_ROUNDS = 2  # [1] Rounds of that.
+_AXIS_GAIN_SHARE = 0.9
+"""[1] … of which the second follows if the first left less than this share of the excess. Evidence: a round for two
+causes takes a tenth of a minute."""
+_LAST_FITS = 3
+"""[candidates] Fitted to the end at most, where they are near the floor. Evidence: the cost; the best and two
+rivals."""
+_NEAR_ERROR_SHARE = 0.2
+"""[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: what stays far off
+lacks a cause, with which other values would be best."""
+_NEAR_ERROR = 0.02  # [error] … or below this error; paired with `TOLERANT_MIN_ERROR`.
+_MAX_NEAR_ERROR = 0.1
+"""[error] … which counts at most as this error. Evidence: of pairs with errors above 1, searches along the axes of the
+first cause, which left an error of 0.2, took a third of the time and gained nothing."""
+_EXPLAINS_NOTHING_SHARE = 0.9  # [1] Candidates that leave more than this share of the nominal excess aren't polished.
+_SETTLED_EXCESS = 0.1
+"""[χ²/n] No further stage of the screening, and no further base, if the best excess is below this … Evidence: scans of
+ranges bring nothing so close."""
+SETTLED_SHARE = 0.05
+"""[1] … and below this share of the nominal excess; a further cause that leaves less than this share of its base's
+excess ends a screening."""
+_MAX_FINE_EXCESS_SHARE = 0.9  # [1] Fine parameters stay free if they leave less than this share of the excess.
+
 
 def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
     """A joint fit of all causes on the fine captures; with tolerant weights alone where that leaves a large error.
 
     It isn't worse on the coarse captures than the fit that it began with, unless both leave a small error there.
     """
-    config = context.config.fits
     effects = [context.effects[name] for name in fit.causes]
-    if (error := context.relative_model_error(fit.values)) > config.tolerant_min_error:
+    if (error := context.relative_model_error(fit.values)) > TOLERANT_MIN_ERROR:
         fit, error = _fit_tolerantly(context, effects, fit, error, include_fine)
-        if error > config.far_error:
+        if error > FAR_ERROR:
             return fit
     comparison = context.model_weighted_comparison(context.split.fine, fit.values)
     refined = local_fit(
         effects,
         fit.values,
         comparison,
-        config,
-        iterations=config.final_iterations,
-        tolerance=config.final_tolerance,
+        iterations=FINAL_ITERATIONS,
+        tolerance=FINAL_TOLERANCE,
         include_fine=include_fine,
     )
     for improve in (refit_with_longer_steps, refine_hard_edges, drop_negligible_values):
-        refined = improve(effects, refined, comparison, config)
-    if error > config.tolerant_min_error and context.relative_model_error(refined.values) > error:
+        refined = improve(effects, refined, comparison)
+    if error > TOLERANT_MIN_ERROR and context.relative_model_error(refined.values) > error:
         return fit
     return refined
 
@@ -83,26 +126,24 @@ def _fit_tolerantly(
     Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from.
     Rough captures can lead astray where another cause is missing; a fit that leaves more than before isn't taken.
     """
-    config = context.config.fits
-    for _ in range(config.tolerant_rounds):
+    for _ in range(_TOLERANT_ROUNDS):
         comparison = context.half_tolerant_comparison(context.split.fine, error)
-        fitted = local_fit(effects, fit.values, comparison, config, include_fine=include_fine)
+        fitted = local_fit(effects, fit.values, comparison, include_fine=include_fine)
         before, left = error, context.relative_model_error(fitted.values)
         if left < before:
             fit, error = fitted, left
-        if error <= config.far_error or left > config.tolerant_gain * before:
+        if error <= FAR_ERROR or left > _TOLERANT_GAIN * before:
             break
     return fit, error
 
 
 def refine_along_axes(context: SearchContext, fit: CandidateFit) -> CandidateFit:
     """A refined fit on rougher captures, which show smaller errors: fitted, then searched along its axes."""
-    config = context.config.fits
     effects = [context.effects[name] for name in fit.causes]
     comparison = context.model_weighted_comparison(context.split.rough, fit.values)
-    refitted = refit(effects, fit.values, comparison, config)
+    refitted = refit(effects, fit.values, comparison)
     best = min(replace(fit, cost=cost_or_inf(comparison, fit.values)), refitted, key=lambda f: f.cost)
-    return search_along_axes(effects, best, comparison, config)
+    return search_along_axes(effects, best, comparison)
 
 
 class RefinementQueue:
@@ -114,7 +155,7 @@ class RefinementQueue:
 
     def refine_new(self, fits: Sequence[CandidateFit]) -> bool:
         """Refines those that are new; whether there were any."""
-        better = self._context.config.fits.better_cost
+        better = _BETTER_COST
         fresh = [f for f in fits if f.cost < better * self._start_costs.get(f.causes, np.inf)]
         self._start_costs |= {f.causes: f.cost for f in fresh}
         self.fits += self._context.run_parallel([partial(refine_fit, self._context, f) for f in fresh])
@@ -129,14 +170,14 @@ def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_cos
     best = result.best
     effects = [context.effects[name] for name in best.causes]
     has_fine = any(p.secondary for e in effects for p in e.parameters)
-    if explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
+    if explains_everything(result) or not has_fine or not _is_near(context, best.fit):
         return result
     if not (is_costly_far or _is_affordable(context, best)):
         return result
     freed = refine_fit(context, best.fit, include_fine=True)
     score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
     gained = (best.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
-    max_excess = context.config.selection.max_fine_excess_share * best.excess
+    max_excess = _MAX_FINE_EXCESS_SHARE * best.excess
     if gained < context.config.verdict.min_delta_chi2 or score.excess > max_excess:
         return result
     return rank_on_held_out(context, [freed, *(c.fit for c in result.candidates[1:])])
@@ -150,14 +191,13 @@ def refine_leaders_along_axes(
     What is far off lacks a cause: with it, other values of the causes that it has would be best. is_costly_far: also
     costly ones, and those of large fields, that aren't quite near.
     """
-    config = context.config.selection
-    for _ in range(config.axis_rounds):
-        if result.best.chi2_per_pixel < config.floor_chi2:
+    for _ in range(_AXIS_ROUNDS):
+        if result.best.chi2_per_pixel < FLOOR_CHI2:
             break
-        max_excess = config.explains_nothing_share * result.nominal.excess
+        max_excess = _EXPLAINS_NOTHING_SHARE * result.nominal.excess
         helpful = [
             c.fit
-            for c in result.candidates[: config.axis_candidates]
+            for c in result.candidates[:_AXIS_CANDIDATES]
             if c.excess < max_excess and (is_costly_far or _is_affordable(context, c))
         ]
         leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
@@ -169,37 +209,35 @@ def refine_leaders_along_axes(
             break
         before = result.best.excess
         result = rank_on_held_out(context, [*better, *(c.fit for c in result.candidates)])
-        if result.best.excess > config.axis_gain_share * before:
+        if result.best.excess > _AXIS_GAIN_SHARE * before:
             break
     return result
 
 
 def _is_affordable(context: SearchContext, score: HeldOutScore) -> bool:
     """Whether a candidate is quite near the floor, or takes little time."""
-    return score.chi2_per_pixel < context.config.ranking.near_chi2 or not is_slow(context, score.fit)
+    return score.chi2_per_pixel < NEAR_CHI2 or not is_slow(context, score.fit)
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether a fit leaves a small error, or a small part of the nominal bench's error."""
-    config = context.config.selection
-    limit = min(config.near_error_share * context.relative_model_error({}), config.max_near_error)
-    return context.relative_model_error(fit.values) < max(config.near_error, limit)
+    limit = min(_NEAR_ERROR_SHARE * context.relative_model_error({}), _MAX_NEAR_ERROR)
+    return context.relative_model_error(fit.values) < max(_NEAR_ERROR, limit)
 
 
-def explains_everything(context: SearchContext, result: SearchResult) -> bool:
+def explains_everything(result: SearchResult) -> bool:
     """Whether the best candidate leaves no more than jitter."""
-    return result.best.chi2_per_pixel < context.config.verdict.jitter_chi2
+    return result.best.chi2_per_pixel < JITTER_CHI2
 
 
-def is_settled(context: SearchContext, result: SearchResult) -> bool:
+def is_settled(result: SearchResult) -> bool:
     """Whether so little is left that other causes can't leave much less."""
-    config = context.config.selection
-    return result.best.excess < min(config.settled_excess, config.settled_share * result.nominal.excess)
+    return result.best.excess < min(_SETTLED_EXCESS, SETTLED_SHARE * result.nominal.excess)
 
 
-def is_at_floor(context: SearchContext, result: SearchResult) -> bool:
+def is_at_floor(result: SearchResult) -> bool:
     """Whether so little is left that no further cause is searched."""
-    return result.best.chi2_per_pixel < context.config.selection.floor_chi2
+    return result.best.chi2_per_pixel < FLOOR_CHI2
 
 
 def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult:
@@ -208,11 +246,11 @@ def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult
     Candidates that come about as close to the floor are fitted too, so that no rival loses for want of a fit.
     """
     excess, config = result.best.excess, context.config
-    is_near = chance_excess(result.pixel_count, config.verdict) < excess < config.verdict.explained_excess
+    is_near = chance_excess(result.pixel_count) < excess < config.verdict.explained_excess
     if not (result.candidates and is_near) or context.budget_exhausted:
         return result
-    limit = config.verdict.rival_factor * max(excess, config.verdict.rival_excess)
-    close = [c.fit for c in result.candidates[: config.selection.last_fits] if c.excess < limit]
+    limit = RIVAL_FACTOR * max(excess, RIVAL_EXCESS)
+    close = [c.fit for c in result.candidates[:_LAST_FITS] if c.excess < limit]
     jobs = [partial(_fitted_to_the_end, context, fit) for fit in close if not is_very_costly(context, fit)]
     if not jobs:
         return result
@@ -221,17 +259,16 @@ def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult
 
 def _fitted_to_the_end(context: SearchContext, fit: CandidateFit) -> CandidateFit:
     """A fit of all causes on the rougher captures, by least squares and then along its axes."""
-    config, comparison = context.config.fits, context.model_weighted_comparison(context.split.rough, fit.values)
+    comparison = context.model_weighted_comparison(context.split.rough, fit.values)
     effects = [context.effects[name] for name in fit.causes]
     fitted = local_fit(
         effects,
         fit.values,
         comparison,
-        config,
-        iterations=config.last_iterations,
-        tolerance=config.last_tolerance,
+        iterations=_LAST_ITERATIONS,
+        tolerance=_LAST_TOLERANCE,
     )
-    return search_along_axes(effects, fitted, comparison, config)
+    return search_along_axes(effects, fitted, comparison)
 
 
 def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> SearchResult:

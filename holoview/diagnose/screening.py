@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.capture_split import spread_over_wavelengths
+from holoview.diagnose.config import USUAL_SAMPLES
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
@@ -42,6 +43,53 @@ from holoview.diagnose.starts.stuck import StuckStarts, is_stuck_effect
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
+
+_DECISIVE_TANGENT_GAIN = 0.5
+"""[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields aren't
+computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all others 11 s, of
+which undiffracted light explained 0.68."""
+TANGENT_MAX_ERROR = 0.05
+"""[error] Below it tangents rank the effects. Evidence: the screening study: tangents ranked the cause first for 31 of
+31 faults at errors of 0.003 to 0.03, and for 30 of 31 at 0.15."""
+LOCAL_MAX_ERROR = 0.35
+"""[error] Below it every effect is fitted from its identity before any scan. Evidence: the screening study: tangents
+ranked the cause first for 26 of 31 faults at 0.5, for 8 of 31 at 1."""
+_TANGENT_FITS = 8
+"""[effects] The best by their tangents are fitted. Evidence: the screening study: on smooth captures the cause was
+among the first 5; 3 more as a margin."""
+_TANGENT_FITS_AT_ONCE = 4
+"""[effects] Of these, fitted between two decisions whether to stop. Evidence: of pairs, the second cause was mostly
+among the first two; a multiple of two keeps two processes busy."""
+_COSTLY_STEP_FACTOR = 20.0
+"""[1] Difference steps of costly effects are so many times longer. Evidence: over short steps an iris on a grid passes
+over whole samples, which changes more than the rest."""
+_NO_SCAN_CHI2 = 2.0
+"""[χ²/n] Near the truth, no range is scanned if the model is this close. Evidence: nothing lies beyond the reach of
+tangents there."""
+_SCAN_CAPTURES = 2  # [captures] A scan compares.
+_COSTLY_SCAN_POINTS = 3  # [points] Of the scan of a costly effect.
+_COSTLY_MAX_COST = 0.9
+"""[1] A costly effect is fitted if a point of its scan leaves less than this share of the cost without it."""
+_LOCAL_ITERATIONS = 4
+"""[1] Levenberg–Marquardt iterations of a local fit in a screening; the search study needed at most 6 for complete
+fits."""
+_POINTS_PER_PARAMETER = 3
+"""[points] A local fit counts as so many points of a scan for each parameter; only the order in which effects are
+tried depends on this and the next three."""
+_UPSTREAM_COST = 4.0  # [1] Relative cost of a field where the effect acts before the camera.
+_CAMERA_POSE_COST = 0.2  # [1] Relative cost of a prediction where the effect acts on the camera.
+_DOWNSTREAM_COST = 2.0  # [1] Relative cost of a prediction where the effect acts on anything else.
+_COSTLY_FIELDS = 5
+"""[fields] A capture whose prediction adds so many or more is costly. Evidence: the search study summed a bandwidth at
+5 Gauss–Hermite points."""
+_VERY_COSTLY_FIELDS = 25
+"""[fields] A capture with so many or more is very costly. Evidence: 5², for the two dimensions of a source."""
+_COSTLY_EXCESS_SHARE = 0.4
+"""[1] Costly fits are pursued if their excess is below this share of the best simple fit's. Evidence: lost contrast
+imitates whatever is unknown."""
+_COSTLY_CHANCE = 5.0
+"""[√n] … or if Σ residual² exceeds the n pixels by less than this many √n. Evidence: derivation: 3.5 σ of χ², whose
+standard deviation is √(2n)."""
 
 
 def incoherent_field_count(context: SearchContext, values: Values) -> int:
@@ -66,39 +114,37 @@ def max_field_count(context: SearchContext, effect: Effect) -> int:
 
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
-    config = context.config.screening
-    points = len(list(effect.starting_points(context.system))) + config.points_per_parameter * len(effect.parameters)
+    points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
     if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
-        return points * (config.upstream_cost * max_field_count(context, effect))
+        return points * (_UPSTREAM_COST * max_field_count(context, effect))
     on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
-    return points * (config.camera_pose_cost if on_camera else config.downstream_cost)
+    return points * (_CAMERA_POSE_COST if on_camera else _DOWNSTREAM_COST)
 
 
 def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
     """Whether predictions with this effect add many fields."""
-    return max_field_count(context, effect) >= context.config.budget.costly_fields
+    return max_field_count(context, effect) >= _COSTLY_FIELDS
 
 
 def is_very_costly_effect(context: SearchContext, effect: Effect) -> bool:
     """Whether predictions with this effect add very many fields."""
-    return max_field_count(context, effect) >= context.config.budget.very_costly_fields
+    return max_field_count(context, effect) >= _VERY_COSTLY_FIELDS
 
 
 def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add many fields."""
-    return incoherent_field_count(context, fit.values) >= context.config.budget.costly_fields
+    return incoherent_field_count(context, fit.values) >= _COSTLY_FIELDS
 
 
 def is_slow(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether a prediction with these values takes as long as a costly one of usual fields."""
-    budget = context.config.budget
-    size = max(1.0, field_samples(context.data.captures) / budget.usual_samples)
-    return size * incoherent_field_count(context, fit.values) >= budget.costly_fields
+    size = max(1.0, field_samples(context.data.captures) / USUAL_SAMPLES)
+    return size * incoherent_field_count(context, fit.values) >= _COSTLY_FIELDS
 
 
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add very many fields."""
-    return incoherent_field_count(context, fit.values) >= context.config.budget.very_costly_fields
+    return incoherent_field_count(context, fit.values) >= _VERY_COSTLY_FIELDS
 
 
 def without_costly_fits(
@@ -112,11 +158,10 @@ def without_costly_fits(
     costly = {id(f): is_costly(context, f) for f in fits}
     if not any(costly.values()):
         return list(fits)
-    budget = context.config.budget
     left = {id(f): cost_or_inf(comparison, f.values) - comparison.pixel_count for f in fits}
     simple = [left[id(f)] for f in fits if not costly[id(f)]]
-    by_chance = budget.costly_chance * comparison.pixel_count**0.5
-    limit = max(budget.costly_excess_share * min(simple, default=math.inf), by_chance)
+    by_chance = _COSTLY_CHANCE * comparison.pixel_count**0.5
+    limit = max(_COSTLY_EXCESS_SHARE * min(simple, default=math.inf), by_chance)
     return [f for f in fits if left[id(f)] <= limit or not costly[id(f)]]
 
 
@@ -133,15 +178,15 @@ def screen_effects(
     most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
     error without other causes: local fits, then scans. Large: scans alone. Of large fields what takes longest is last.
     """
-    config, error = context.config.screening, context.relative_model_error(base)
+    error = context.relative_model_error(base)
     screening = _Screening(context, base, effects, error, progress, note)
     ordered = sorted({*effects} - {*screening.late}, key=lambda e: (search_cost(context, e), e.id))
     is_done = False
-    if error < (config.local_max_error if base else config.tangent_max_error):
+    if error < (LOCAL_MAX_ERROR if base else TANGENT_MAX_ERROR):
         yield screening.nearby_fits(ordered)
         unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-        is_done = cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count
-    elif error < config.local_max_error:
+        is_done = cost_or_inf(unbiased, base) < _NO_SCAN_CHI2 * unbiased.pixel_count
+    elif error < LOCAL_MAX_ERROR:
         yield screening.local_fits(ordered)
     if not is_done:
         starts = screening.image_starts()
@@ -182,8 +227,8 @@ class _EffectFitter:
         if effect.has_rival_parameters:
             return self.scan_and_fit(_no_starts, effect)
         start = {**self.base, effect.id: identity_values(effect)}
-        config, varied = self.context.config, [*(self._base_effects() if with_base else []), effect]
-        fit = local_fit(varied, start, self.comparison, config.fits, iterations=config.screening.local_iterations)
+        varied = [*(self._base_effects() if with_base else []), effect]
+        fit = local_fit(varied, start, self.comparison, iterations=_LOCAL_ITERATIONS)
         return CandidateFit((*self.base, effect.id), fit.values, fit.cost)
 
     def _base_effects(self) -> list[Effect]:
@@ -211,26 +256,25 @@ class _EffectFitter:
         """For each parameter of the effect that isn't fine, whether residuals depend on it at these values."""
         at = {**self.base, effect.id: values}
         residual = self.scan_comparison.residual(at)
-        slopes = effect_jacobian(effect, at, self.scan_comparison, residual, self.context.config.fits)
+        slopes = effect_jacobian(effect, at, self.scan_comparison, residual)
         return np.asarray(slopes.any(axis=1))
 
     def scan_and_fit(self, starts: StartProvider, effect: Effect) -> CandidateFit:
         """A scan on a few captures, then local fits on all coarse ones. starts: points beyond those of the scan."""
         if is_costly_effect(self.context, effect):
-            return self._fit_costly(effect, self.context.config.screening.costly_max_cost)
-        config = self.context.config.fits
+            return self._fit_costly(effect, _COSTLY_MAX_COST)
         points = [*starts(effect), *effect.starting_points(self.context.system)]
-        scan = scan_effect(effect, self.scan_comparison, self.base, points, config)
+        scan = scan_effect(effect, self.scan_comparison, self.base, points)
         if effect.has_rival_parameters:
-            return fit_rival_parameters(effect, self.comparison, self.base, scan, config)
-        first = find_hard_edges(effect, scan[0], self.scan_comparison, config)
-        return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]], config)
+            return fit_rival_parameters(effect, self.comparison, self.base, scan)
+        first = find_hard_edges(effect, scan[0], self.scan_comparison)
+        return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]])
 
     def tangent_space(self) -> NDArray[np.float32]:
         """Orthonormal changes (number, pixel) of the residuals that the base's own parameters make."""
         residual, slopes = self.comparison.residual(self.base), [np.empty((0, 0), np.float32)]
         for effect in self._base_effects():
-            slopes.append(effect_jacobian(effect, self.base, self.comparison, residual, self.context.config.fits))
+            slopes.append(effect_jacobian(effect, self.base, self.comparison, residual))
         found = [row for rows in slopes for row in rows if row.any()]
         if not found:
             return np.empty((0, residual.size), np.float32)
@@ -243,9 +287,8 @@ class _EffectFitter:
         cause that took some of an effect's part, the effect alone could gain little.
         """
         start = {**self.base, effect.id: identity_values(effect)}
-        config = self.context.config
-        factor = config.screening.costly_step_factor if is_costly_effect(self.context, effect) else 1.0
-        slopes = effect_jacobian(effect, start, self.comparison, residual, config.fits, step_factor=factor)
+        factor = _COSTLY_STEP_FACTOR if is_costly_effect(self.context, effect) else 1.0
+        slopes = effect_jacobian(effect, start, self.comparison, residual, step_factor=factor)
         slopes = np.asarray(slopes - (slopes @ base.T) @ base, dtype=np.float32)
         left = residual - base.T @ (base @ residual)
         normal = (slopes @ slopes.T).astype(np.float64)
@@ -258,13 +301,12 @@ class _EffectFitter:
         The fit is begun only where a point leaves no more than a share `max_cost` of the cost without the effect.
         """
         points = list(effect.starting_points(self.context.system))
-        count = self.context.config.screening.costly_scan_points
+        count = _COSTLY_SCAN_POINTS
         points = [points[(2 * k + 1) * len(points) // (2 * count)] for k in range(count)]
-        config = self.context.config.fits
-        scan = scan_effect(effect, self.scan_comparison, self.base, points, config)
+        scan = scan_effect(effect, self.scan_comparison, self.base, points)
         if scan[0].cost > max_cost * cost_at_identity(scan, effect):
             return CandidateFit((*self.base, effect.id), scan[0].values, float("inf"))
-        fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, config, max_starts=1)
+        fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, max_starts=1)
         return replace(fit, cost=cost_or_inf(self.comparison, fit.values))
 
 
@@ -283,11 +325,11 @@ class _Screening:
         self._context, self._base, self._progress, self._note = context, base, progress, note
         self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
         slow = [e for e in effects if is_stuck_effect(e) or is_very_costly_effect(context, e)]
-        is_large = field_samples(context.data.captures) > context.config.screening.max_early_samples
+        is_large = field_samples(context.data.captures) > context.config.max_early_samples
         self.late: Sequence[Effect] = slow if is_large and len(slow) < len(effects) else ()
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
-        few = spread_over_wavelengths(context.data.captures, coarse, context.config.screening.scan_captures)
+        few = spread_over_wavelengths(context.data.captures, coarse, _SCAN_CAPTURES)
         self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
         self._base_cost = cost_or_inf(comparison, base)
 
@@ -306,7 +348,7 @@ class _Screening:
         """
         seen, others = self._fits_of_seen(effects, self._quick_starts)
         yield seen
-        promising, size = self._best_by_tangent(others), self._context.config.screening.tangent_fits_at_once
+        promising, size = self._best_by_tangent(others), _TANGENT_FITS_AT_ONCE
         imitated = {name for effect in promising for name in effect.degenerate_limit} - {
             effect.id for effect in promising
         }
@@ -331,7 +373,7 @@ class _Screening:
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
-        displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
+        displaced = DisplacementStarts(self._base, self.fitter.comparison)
         return partial(_all_starts, (displaced, self._residual_starts))
 
     @cached_property
@@ -369,11 +411,11 @@ class _Screening:
     @cached_property
     def _quick_starts(self) -> StartProvider:
         """Those of ghosts, fringes, smears and errors of planes; without stuck pixels."""
-        config, comparison = self._context.config.starts, self.fitter.comparison
+        comparison = self.fitter.comparison
         fitted = comparison.fit_gains(self._base)
         providers = (
-            GhostStarts(fitted, comparison, config),
-            FringeStarts(fitted, comparison, config),
+            GhostStarts(fitted, comparison),
+            FringeStarts(fitted, comparison),
             ModulatorFringeStarts(self._context, self._base, comparison),
             SmearStarts(fitted, comparison),
             self._plane_starts,
@@ -388,14 +430,14 @@ class _Screening:
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
         """Those whose derivatives explain most, the best first; of very many fields only where no other does."""
-        context, config = self._context, self._context.config
+        context = self._context
         many = [e for e in effects if is_very_costly_effect(context, e)]
         gains: dict[Effect, float] = {}
         for some in ([e for e in effects if e not in many], many):
-            if max(gains.values(), default=0.0) < config.screening.decisive_tangent_gain * self._base_cost:
+            if max(gains.values(), default=0.0) < _DECISIVE_TANGENT_GAIN * self._base_cost:
                 found = context.map_effects(self._tangent_gain, some, self._progress, f"{self._note}, tangents")
                 gains |= dict(zip(some, found, strict=True))
-        return [e for e in sorted(gains, key=lambda e: -gains[e])[: config.screening.tangent_fits] if gains[e] > 0]
+        return [e for e in sorted(gains, key=lambda e: -gains[e])[:_TANGENT_FITS] if gains[e] > 0]
 
     def _improving(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> list[CandidateFit]:
         """Fits of some effects that cost less than the base, the best first."""

@@ -15,6 +15,8 @@ from functools import partial
 
 from holoview.diagnose.fit import CandidateFit, cost_or_inf, local_fit
 from holoview.diagnose.judge import (
+    FLOOR_CHI2,
+    NEAR_CHI2,
     HeldOutScore,
     SearchResult,
     Verdict,
@@ -28,6 +30,7 @@ from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import (
+    SETTLED_SHARE,
     RefinementQueue,
     explains_everything,
     fit_to_the_end,
@@ -42,6 +45,35 @@ from holoview.diagnose.screening import is_costly, is_costly_effect, screen_effe
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
+
+_SHORT_LIST = 3  # [fits] The best of a screening are refined. Evidence: the search study.
+_CLOSE_FITS = 2  # [fits] Refined beyond these where they are close. Evidence: the search study.
+_CLOSE_COST = 1.3  # [1] Close: less than so many times the best cost. Evidence: the search study.
+_AS_GOOD_COST = 1.05  # [1] Of one batch, fits below so many times the best cost are refined at once.
+_JOINT_FITS = 3  # [fits] Joint fits of a base and one more cause after each stage of a screening.
+_REFINED_JOINT_FITS = 2  # [fits] The best of these are refined.
+_MAX_CAUSES = 3
+"""[causes] At most so many are named. Evidence: the search study named pairs only; more: none recorded."""
+_PROMISING_SHARE = 0.5
+"""[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the nominal
+excess, on held-out or on smooth captures; for a further cause no ranges are scanned, if one leaves less than this share
+of the cost. Evidence: beside a cause that was found near the nominal bench, the other one is mostly near too; the scans
+take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage explained six
+tenths of them, and nothing of rough ones."""
+_SUPERFLUOUS_COST = 2.0
+"""[1] Without one of its causes, the best candidate is refined only if a fit to coarse captures costs less than so many
+times as much as with it. Evidence: derivation: fewer causes come first within a tenth of the excess."""
+_JOINT_NO_SCAN_CHI2 = 2.0
+"""[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; paired with
+`NO_SCAN_CHI2`."""
+_WORTHWHILE_COST = 0.7
+"""[1] A further cause that leaves less than this share of the base's excess is fitted jointly at once. Evidence: weak
+fringes beside a bandwidth left nothing of an excess of 0.23, and were passed over for twenty thousand fields while the
+share was one of the cost."""
+MAX_FURTHER_EXCESS_SHARE = 0.8  # [1] A further cause must leave less than this share of the excess.
+_RERANKED = 3  # [candidates] Refined again once nuisances are known.
+_RERANKED_EXCESS_FACTOR = 4.0  # [1] Of those whose excess is below so many times the best …
+_RERANKED_EXCESS = 0.1  # [χ²/n] … plus this.
 
 
 @dataclass(frozen=True)
@@ -69,9 +101,8 @@ def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[Sea
     settled = detect_nuisances(context, result.best.fit.values)
     if settled is context:
         return context, result
-    config = context.config.selection
-    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
-    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
+    max_excess = _RERANKED_EXCESS_FACTOR * result.best.excess + _RERANKED_EXCESS
+    near = [c.fit for c in result.candidates[:_RERANKED] if c.excess < max_excess]
     return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
 
 
@@ -86,7 +117,7 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
     if initial.fits:
         refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
         result = rank_on_held_out(context, [*refined, *initial.fits])
-    elif varying and result.nominal.excess > jitter_excess(result.pixel_count, context.config.verdict):
+    elif varying and result.nominal.excess > jitter_excess(result.pixel_count):
         result = _search_single_causes(context, varying, progress)
     return prefer_fewer_numbers(context, _with_further_causes(context, result, varying, progress))
 
@@ -112,7 +143,7 @@ def _with_further_causes(
     context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
     """Causes added one by one, as long as these predict held-out captures better."""
-    for number in range(max(len(result.best.causes), 1) + 1, context.config.selection.max_causes + 1):
+    for number in range(max(len(result.best.causes), 1) + 1, _MAX_CAUSES + 1):
         if _is_done(context, result):
             break
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
@@ -126,9 +157,8 @@ def _search_single_causes(
     context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
     """Single causes; ends early when one explains everything, or two do of which one shows near the nominal bench."""
-    config = context.config.selection
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    near_cost = context.config.ranking.near_chi2 * unbiased.pixel_count
+    near_cost = NEAR_CHI2 * unbiased.pixel_count
     screened: list[CandidateFit] = []
     queue, result = RefinementQueue(context), rank_on_held_out(context, [])
     for number, stage in enumerate(screen_effects(context, {}, effects, progress, "one cause")):
@@ -136,19 +166,19 @@ def _search_single_causes(
             screened = first_per_cause_set(sorted([*screened, *batch], key=lambda f: f.cost))
             if not batch or cost_or_inf(unbiased, batch[0].values) > near_cost:
                 continue
-            as_good = [f for f in batch[: config.short_list] if f.cost < config.as_good_cost * batch[0].cost]
+            as_good = [f for f in batch[:_SHORT_LIST] if f.cost < _AS_GOOD_COST * batch[0].cost]
             if queue.refine_new(as_good):
                 result = rank_on_held_out(context, queue.fits)
-            if explains_everything(context, result):
+            if explains_everything(result):
                 return result
-        queue.refine_new(_short_list(context, without_costly_fits(context, screened, unbiased)))
+        queue.refine_new(_short_list(without_costly_fits(context, screened, unbiased)))
         result = rank_on_held_out(context, queue.fits)
-        if number == 0 and not is_settled(context, result) and _is_promising(context, result):
+        if number == 0 and not is_settled(result) and _is_promising(context, result):
             result = _search_second_causes_early(context, result, effects, progress)
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
         else:
             result = refine_leaders_along_axes(context, result)
-        if is_settled(context, result) or (len(result.best.causes) > 1 and is_at_floor(context, result)):
+        if is_settled(result) or (len(result.best.causes) > 1 and is_at_floor(result)):
             break
     return result
 
@@ -163,10 +193,10 @@ def _search_second_causes_early(
     """
     result = refine_leaders_along_axes(context, result, is_costly_far=False)
     result = free_fine_parameters(context, result, is_costly_far=False)
-    if is_settled(context, result):
+    if is_settled(result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)
-    is_over = is_at_floor(context, result) or context.budget_exhausted
+    is_over = is_at_floor(result) or context.budget_exhausted
     return result if is_over else refine_leaders_along_axes(context, result)
 
 
@@ -175,7 +205,7 @@ def _is_promising(context: SearchContext, result: SearchResult) -> bool:
 
     Where a second cause spoils the speckle of rough patterns, the first one alone gains nothing there.
     """
-    share = context.config.selection.promising_share
+    share = _PROMISING_SHARE
     if result.best.excess < share * result.nominal.excess:
         return True
     smooth = _smooth_comparison(context)
@@ -194,14 +224,14 @@ def _search_further_causes(
     """The candidates, and those with one cause more than the best ones; ends early when one explains nearly all."""
     fits = [c.fit for c in result.candidates]
     bases, count = [c.fit for c in _bases(context, result, number - 1)], 0
-    while bases and not context.budget_exhausted and count <= context.config.selection.bases:
+    while bases and not context.budget_exhausted and count <= context.config.bases:
         base, count = bases.pop(0), count + 1
         compatible = [e for e in effects if _is_compatible(context, e, base)]
         wider = _with_one_more_cause(context, base, compatible, progress, f"{number} causes")
         fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
         most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
         result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
-        if explains_everything(context, result) or is_settled(context, result):
+        if explains_everything(result) or is_settled(result):
             break
         bases = _with_exchanged_base(base, result.best.fit) + bases
     return result
@@ -218,14 +248,9 @@ def _with_one_more_cause(
     context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> list[CandidateFit]:
     """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
-    config = context.config.selection
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
-    best = (
-        noise + config.worthwhile_cost * (base_cost - noise)
-        if base_cost > noise
-        else config.worthwhile_cost * base_cost
-    )
+    best = noise + _WORTHWHILE_COST * (base_cost - noise) if base_cost > noise else _WORTHWHILE_COST * base_cost
     screened, joint = list[CandidateFit](), list[CandidateFit]()
     for stage in screen_effects(context, base.values, effects, progress, note):
         for batch in stage:
@@ -233,23 +258,22 @@ def _with_one_more_cause(
             if batch and (cost := cost_or_inf(unbiased, batch[0].values)) < best:
                 best = cost
                 joint = _joint_fits(context, batch[:1])
-                if joint[0].cost < noise * _near_chi2(context, base_cost / noise):
+                if joint[0].cost < noise * _near_chi2(base_cost / noise):
                     return joint
         best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
-        promising = without_costly_fits(context, best_first, unbiased)[: config.joint_fits]
-        joint = _joint_fits(context, promising)[: config.refined_joint_fits]
-        enough = max(config.joint_no_scan_chi2 * noise, config.promising_share * base_cost)
+        promising = without_costly_fits(context, best_first, unbiased)[:_JOINT_FITS]
+        joint = _joint_fits(context, promising)[:_REFINED_JOINT_FITS]
+        enough = max(_JOINT_NO_SCAN_CHI2 * noise, _PROMISING_SHARE * base_cost)
         settled = joint and joint[0].cost < enough
         if context.budget_exhausted or settled:
             break
     return joint
 
 
-def _near_chi2(context: SearchContext, base_chi2: float) -> float:
+def _near_chi2(base_chi2: float) -> float:
     """χ²/n of smooth captures below which a cause beside a base, whose own is given, leaves nearly nothing."""
-    config = context.config.selection
-    least = config.floor_chi2 - 1
-    return 1 + min(context.config.ranking.near_chi2 - 1, max(least, config.settled_share * (base_chi2 - 1)))
+    least = FLOOR_CHI2 - 1
+    return 1 + min(NEAR_CHI2 - 1, max(least, SETTLED_SHARE * (base_chi2 - 1)))
 
 
 def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
@@ -258,23 +282,22 @@ def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[Ca
     for fit in fits:
         comparison = context.tolerant_comparison(coarse, context.relative_model_error(fit.values))
         effects = [context.effects[name] for name in fit.causes]
-        jobs.append(partial(local_fit, effects, fit.values, comparison, context.config.fits))
+        jobs.append(partial(local_fit, effects, fit.values, comparison))
     unbiased = context.data_weighted_comparison(coarse, 0.0)
     joint = context.run_parallel(jobs)
     return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
 
 
-def _short_list(context: SearchContext, fits: list[CandidateFit]) -> list[CandidateFit]:
+def _short_list(fits: list[CandidateFit]) -> list[CandidateFit]:
     """The best of sorted fits, and a few that are close to the best."""
     if not fits:
         return []
-    config = context.config.selection
-    close = [f for f in fits[config.short_list :] if f.cost < config.close_cost * fits[0].cost]
-    return fits[: config.short_list] + close[: config.close_fits]
+    close = [f for f in fits[_SHORT_LIST:] if f.cost < _CLOSE_COST * fits[0].cost]
+    return fits[:_SHORT_LIST] + close[:_CLOSE_FITS]
 
 
 def _is_done(context: SearchContext, result: SearchResult) -> bool:
-    return is_at_floor(context, result) or not result.candidates or context.budget_exhausted
+    return is_at_floor(result) or not result.candidates or context.budget_exhausted
 
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
@@ -283,9 +306,9 @@ def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[He
     Far from the floor they are ordered by the smooth captures: rough ones favour whatever loses contrast. Of the same
     physics under two names, that of fewer numbers comes alone.
     """
-    count = context.config.selection.bases if causes == 1 else 1
+    count = context.config.bases if causes == 1 else 1
     same = [c for c in result.candidates if len(c.causes) == causes and not _has_shorter_name(context, c, result)]
-    if result.best.chi2_per_pixel > context.config.ranking.near_chi2:
+    if result.best.chi2_per_pixel > NEAR_CHI2:
         smooth = _smooth_comparison(context)
         same.sort(key=lambda c: cost_or_inf(smooth, c.fit.values))
     affordable = without_costly_fits(context, [c.fit for c in same], result.tolerant_comparison)
@@ -295,7 +318,7 @@ def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[He
 
 def _has_shorter_name(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
     """Whether the same physics, in fewer numbers, explains about as much: fits on top of it are faster."""
-    limit = context.config.selection.as_good_cost * score.tolerant_chi2
+    limit = _AS_GOOD_COST * score.tolerant_chi2
     return any(
         other.fit.parameter_count < score.fit.parameter_count
         and other.tolerant_chi2 < limit
@@ -308,7 +331,7 @@ def _has_shorter_name(context: SearchContext, score: HeldOutScore, result: Searc
 def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> bool:
     before = score_on_held_out(old.best.fit, new.comparison, new.tolerant_comparison)
     gained = (before.chi2_per_pixel - new.best.chi2_per_pixel) * new.pixel_count
-    max_excess = context.config.selection.max_further_excess_share * before.excess
+    max_excess = MAX_FURTHER_EXCESS_SHARE * before.excess
     return gained > context.config.verdict.min_delta_chi2 and new.best.excess < max_excess
 
 
@@ -322,9 +345,7 @@ def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> Se
         return result
     fewer = _joint_fits(context, [best.fit.without(name) for name in best.causes])
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    limit = context.config.selection.superfluous_cost * max(
-        cost_or_inf(unbiased, best.fit.values), unbiased.pixel_count
-    )
+    limit = _SUPERFLUOUS_COST * max(cost_or_inf(unbiased, best.fit.values), unbiased.pixel_count)
     refits = context.run_parallel([partial(refine_fit, context, fit) for fit in fewer if fit.cost < limit])
     return rank_on_held_out(context, [*(c.fit for c in result.candidates), *refits]) if refits else result
 

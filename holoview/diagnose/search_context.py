@@ -22,14 +22,22 @@ from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures, add_model_error, neighbour_variance
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
 from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
-from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
 from holoview.util.processor_share import processor_share
 from holoview.util.progress import ProgressCallback
+
+MAX_TOLERATED_ERROR = 1.0
+"""[error] Weights tolerate at most so large an error of the model. Evidence: the search study screened with weights
+that tolerate an error of the mean light."""
+_HALF_TOLERATED_ERROR = 0.5
+"""[1] First joint fits tolerate this share of the present error, and at most this error. Evidence: the search study."""
+_SCREENING_FACTOR = 4.0
+"""[1] After so many times these fields no further effect is tried alone either. Evidence: single faults of 128 × 96
+modulator pixels take less than half of it, and a session whose fields take a second each has to end."""
 
 
 class _Score(Protocol):
@@ -272,9 +280,7 @@ class SearchContext:
     @property
     def screening_exhausted(self) -> bool:
         """Whether so much is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
-        return self.end.is_near or self.predictor.fields_requested > (
-            self.config.budget.screening_factor * self.field_budget
-        )
+        return self.end.is_near or self.predictor.fields_requested > (_SCREENING_FACTOR * self.field_budget)
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
@@ -287,15 +293,15 @@ class SearchContext:
         variance = add_model_error(self.variances(indices), light, relative_model_error) + self._missing_variance(
             indices, light
         )
-        return Comparison(self.predictor, self.data, indices, variance, self.config.comparison)
+        return Comparison(self.predictor, self.data, indices, variance)
 
     def tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
         """Weights from the images that tolerate the present relative error of the model, up to a limit."""
-        return self.data_weighted_comparison(indices, min(error, self.config.fits.max_tolerated_error))
+        return self.data_weighted_comparison(indices, min(error, MAX_TOLERATED_ERROR))
 
     def half_tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
         """Weights from the images that tolerate a share of the present error, for a fit that is to lower it."""
-        share = self.config.fits.half_tolerated_error
+        share = _HALF_TOLERATED_ERROR
         return self.data_weighted_comparison(indices, min(share, share * error))
 
     def model_weighted_comparison(self, indices: NDArray[np.intp], values: Values) -> Comparison:
@@ -307,7 +313,7 @@ class SearchContext:
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
         variance = variance + self._missing_variance(indices, expected)
-        return Comparison(self.predictor, self.data, indices, variance, self.config.comparison, fit_shifts=shifts)
+        return Comparison(self.predictor, self.data, indices, variance, fit_shifts=shifts)
 
     def _missing_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
         """Variance (counts²) of light from beyond cut modulators: a weak field interferes with that of a pixel."""

@@ -25,9 +25,22 @@ from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures
 from holoview.captures.records.central_region import speckle_px
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import OnePictureConfig, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
+
+_BLOCK_WIDTHS = 6.0
+"""[speckles] Side of a block. Evidence: a block holds more than 30 speckles, and the margins don't eat it up."""
+_MARGIN_WIDTHS = 2.0
+"""[speckles] Distance between pixels that are fitted and pixels that are held out. Evidence: derivation: the picture's
+autocorrelation is below a hundredth there."""
+_MIN_BLOCKS = 3
+"""[blocks] Smallest number of blocks along each side of the picture; narrower blocks are used if needed. Evidence:
+derivation: with three, one is held out in the middle."""
+ONE_PICTURE_MAX_EXCESS = 0.02
+"""[χ²/n] An explanation of one picture is complete up to this excess. Evidence: as `JITTER_EXCESS`: captures of other
+patterns, which would refute a cause that only imitates this picture, are missing; so nothing but what a laboratory's
+jitter leaves is allowed."""
 
 Flags = NDArray[np.bool_]
 _FAR_FIELD_WIDTHS = 2  # a beam that fills half of the modulator
@@ -61,7 +74,7 @@ def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
     """The context of a session of which only one capture counts, whose picture is split."""
     captures = context.data.captures.subset([capture])
     one = PreparedCaptures(captures, context.data.light[[capture]], context.data.usable[[capture]])
-    data = split_picture(one, context.config.one_picture)
+    data = split_picture(one)
     return replace(
         context,
         data=data,
@@ -73,9 +86,9 @@ def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
     )
 
 
-def split_picture(data: PreparedCaptures, config: OnePictureConfig) -> PreparedCaptures:
+def split_picture(data: PreparedCaptures) -> PreparedCaptures:
     """The one picture twice: with the pixels that are fitted, and with those that are held out."""
-    held_out, fitted = held_out_blocks(data.captures.shape, speckle_width_px(data), config)
+    held_out, fitted = held_out_blocks(data.captures.shape, speckle_width_px(data))
     usable = np.concatenate([data.usable & fitted, data.usable & held_out])
     return PreparedCaptures(data.captures.subset([0, 0]), np.repeat(data.light, 2, axis=0), usable)
 
@@ -86,10 +99,10 @@ def one_picture_split() -> CaptureSplit:
     return CaptureSplit(fitted, fitted, fitted, held_out)
 
 
-def held_out_blocks(shape: tuple[int, int], speckle_px: float, config: OnePictureConfig) -> tuple[Flags, Flags]:
+def held_out_blocks(shape: tuple[int, int], speckle_px: float) -> tuple[Flags, Flags]:
     """The pixels that are held out, every other block along rows and columns, and those that are fitted, (y, x)."""
-    side = max(1, min(round(config.block_widths * speckle_px), min(shape) // config.min_blocks))
-    margin = max(1, min(round(config.margin_widths * speckle_px), side // 3))
+    side = max(1, min(round(_BLOCK_WIDTHS * speckle_px), min(shape) // _MIN_BLOCKS))
+    margin = max(1, min(round(_MARGIN_WIDTHS * speckle_px), side // 3))
     y, x = (np.arange(n) // side % 2 == 1 for n in shape)
     held_out = y[:, None] & x[None, :]
     near = maximum_filter(held_out, size=2 * margin + 1, mode="constant")  # a row at a time, however wide the margin
@@ -122,7 +135,7 @@ def config_for_one_picture(config: SearchConfig, speckle_px: float) -> SearchCon
     verdict = replace(
         config.verdict,
         min_delta_chi2=config.verdict.min_delta_chi2 * max(speckle_px, 1.0) ** 2,
-        explained_excess=min(config.verdict.explained_excess, config.one_picture.max_excess),
+        explained_excess=min(config.verdict.explained_excess, ONE_PICTURE_MAX_EXCESS),
     )
     return replace(config, verdict=verdict)
 

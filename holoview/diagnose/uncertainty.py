@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from holoview.diagnose.config import SearchConfig, StepConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
@@ -73,22 +73,18 @@ class LocalInformation:
         return cls(at.parameters, (at.slopes @ at.slopes.T).astype(np.float64), scores, at.residual)
 
 
-def local_jacobian(
-    fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison, steps: StepConfig
-) -> LocalJacobian:
+def local_jacobian(fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison) -> LocalJacobian:
     """The derivatives by all parameters of the effects that the fit varied."""
     free = _varied_parameters(free_parameters_of(effects, fit.values, include_fine=True), fit)
     residual = comparison.residual(fit.values)
     function = residual_function(free, fit.values, comparison)
-    slopes = jacobian(function, free.pack(fit.values), residual, free.bounds(steps))
+    slopes = jacobian(function, free.pack(fit.values), residual, free.bounds())
     return LocalJacobian(free, slopes, residual, len(comparison.indices))
 
 
-def local_information(
-    fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison, steps: StepConfig
-) -> LocalInformation:
+def local_information(fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison) -> LocalInformation:
     """From derivatives as of `local_jacobian`, of some captures at a time where there are many pixels."""
-    parts = [LocalInformation.of(local_jacobian(fit, effects, part, steps)) for _, part in comparison.parts()]
+    parts = [LocalInformation.of(local_jacobian(fit, effects, part)) for _, part in comparison.parts()]
     normal = np.sum([part.normal for part in parts], axis=0)
     scores, residual = (np.concatenate(rows) for rows in zip(*((p.scores, p.residual) for p in parts), strict=True))
     return LocalInformation(parts[0].parameters, normal, scores, residual)
@@ -156,7 +152,7 @@ def _profile_of_edge(
     x = at.parameters.pack(fit.values)
     cost = float(np.square(at.residual, dtype=np.float64).sum())
     rise = config.verdict.min_delta_chi2 * max(1.0, cost / comparison.pixel_count)
-    bounds = at.parameters.bounds(config.fits.steps)
+    bounds = at.parameters.bounds()
     return profile_half_width(function, Minimum(x, cost, at.residual, 0), axis, bounds, rise)
 
 

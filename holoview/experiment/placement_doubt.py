@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holoview.diagnose.calibration_prior import is_within
-from holoview.diagnose.config import KnownConfig
+from holoview.diagnose.calibration_prior import MAX_DEVIATIONS, is_within
 from holoview.rig.placement import Placement
 
-_MOST_DEVIATIONS = KnownConfig().max_deviations
+_MOST_DEVIATIONS = MAX_DEVIATIONS
 
 
 def within_alignment(placement: Placement, found: Mapping[str, Mapping[str, Any]]) -> list[str]:

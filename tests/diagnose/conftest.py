@@ -15,7 +15,6 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings
 from holoview.captures.virtual_measurement import make_captures as measure
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
@@ -77,7 +76,7 @@ def make_context_of(captures: Captures) -> SearchContext:
         data=data,
         system=captures.nominal_system(),
         effects=effects,
-        split=split_captures(captures, pattern_roughness(captures), SearchConfig().split),
+        split=split_captures(captures, pattern_roughness(captures)),
         predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures=captures, known_values={})),
         workers=WorkerPool(1),
         variances=NeighbourVariances(data),

@@ -12,7 +12,7 @@ import pytest
 
 from holoview.captures import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import BudgetConfig, SearchConfig
+from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, SearchConfig
 from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
@@ -61,7 +61,7 @@ def test_large_fields_are_fewer() -> None:
     budget, usual = BudgetConfig(), 256 * 192
     assert budget.fields_for(usual // 4) == budget.fields_for(usual) == budget.max_fields
     assert budget.fields_for(4 * usual) == budget.max_fields / 4
-    assert budget.fields_for(1000 * usual) == budget.min_fields
+    assert budget.fields_for(1000 * usual) == MIN_FIELDS
     assert BudgetConfig(max_fields=200).fields_for(1000 * usual) == 200
 
 
@@ -87,8 +87,7 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
     """On a Fourier bench of 1024 × 768 pixels a row that only seemed to be stuck took longer than the whole search."""
     context, tried = make_context(truth), list[tuple[str, ...]]()
     assert context.relative_model_error({}) == pytest.approx(error, rel=0.1)
-    screening = dataclasses.replace(context.config.screening, max_early_samples=0)
-    context = dataclasses.replace(context, config=dataclasses.replace(context.config, screening=screening))
+    context = dataclasses.replace(context, config=dataclasses.replace(context.config, max_early_samples=0))
 
     def look(*_: Any) -> Any:
         assert tried, "nothing else was tried"
@@ -104,11 +103,10 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
 
 @pytest.mark.parametrize(("share", "computed"), [(0.05, [2]), (1.0, [2, 1])], ids=["decisive", "never decisive"])
 def test_derivatives_of_very_many_fields_are_left_out_where_another_effect_explains_most(
-    make_context: MakeContext, share: float, computed: list[int]
+    make_context: MakeContext, monkeypatch: pytest.MonkeyPatch, share: float, computed: list[int]
 ) -> None:
     context, totals = make_context({"undiffracted": {"share": 0.01}}), list[int]()
-    screening = dataclasses.replace(context.config.screening, decisive_tangent_gain=share)
-    context = dataclasses.replace(context, config=dataclasses.replace(context.config, screening=screening))
+    monkeypatch.setattr("holoview.diagnose.screening._DECISIVE_TANGENT_GAIN", share)
 
     def note(done: int, total: int, what: str) -> None:
         if what.endswith("tangents") and done == total:

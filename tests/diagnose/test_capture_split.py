@@ -9,7 +9,6 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import SplitConfig
 
 Make = Callable[..., Captures]
 
@@ -18,7 +17,7 @@ Make = Callable[..., Captures]
 @pytest.mark.parametrize("wavelengths", [1, 2, 4, 10])
 def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int) -> None:
     captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
-    found = split_captures(captures, np.random.default_rng(count).uniform(size=count), SplitConfig())
+    found = split_captures(captures, np.random.default_rng(count).uniform(size=count))
     assert len(found.coarse) and len(found.fine) and len(found.held_out)
     assert not set(found.held_out) & (set(found.rough) | set(found.fine) | set(found.coarse))
     assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.rough) <= 18 and len(found.held_out) <= 16
@@ -27,7 +26,7 @@ def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavele
 def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> None:
     captures = make_captures(16)
     rough = np.random.default_rng(1).permutation(16).astype(float)
-    found = split_captures(captures, rough, SplitConfig())
+    found = split_captures(captures, rough)
     for wavelength in captures.wavelengths_m:
         own = np.flatnonzero(captures.wavelength_m == wavelength)
         assert own[rough[own].argmin()] in found.coarse
@@ -38,7 +37,7 @@ def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> Non
 
 def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:
     captures = make_captures(32, distance_m=np.resize(np.repeat([3e-3, 5e-3], 2), 32))
-    found = split_captures(captures, np.random.default_rng(2).uniform(size=32), SplitConfig())
+    found = split_captures(captures, np.random.default_rng(2).uniform(size=32))
     for indices in (found.fine, found.held_out):
         assert set(captures.distance_m[indices]) == {3e-3, 5e-3}
 
@@ -49,8 +48,8 @@ def test_of_large_pictures_each_set_has_as_many_as_its_pixels_allow(
 ) -> None:
     """One of each of the two wavelengths at least."""
     captures = make_captures(16)
-    config = SplitConfig(max_pixels=pictures * captures.images[0].size)
-    found = split_captures(captures, np.random.default_rng(3).uniform(size=16), config)
+    most = pictures * captures.images[0].size
+    found = split_captures(captures, np.random.default_rng(3).uniform(size=16), max_pixels=most)
     assert tuple(len(part) for part in (found.coarse, found.fine, found.rough, found.held_out)) == expected
     for part in (found.coarse, found.fine, found.held_out):
         assert len(np.unique(captures.wavelength_m[part])) == 2

@@ -14,7 +14,6 @@ from scipy.ndimage import gaussian_filter
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
-from holoview.diagnose.config import ComparisonConfig
 from holoview.diagnose.likelihood import Comparison
 from holoview.numerics.subpixel_shift import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
@@ -52,7 +51,7 @@ def _comparison(captures: Captures, fake: Fake, shifts: bool = False, black: flo
     seen: PreparedCaptures = prepare_captures(captures)
     variance = captures.camera.noise_variance(np.maximum(seen.light - black, 0))
     smooth = gaussian_filter(variance, (0, 3, 3))
-    return Comparison(fake, seen, np.arange(COUNT), smooth, ComparisonConfig(), fit_shifts=shifts)
+    return Comparison(fake, seen, np.arange(COUNT), smooth, fit_shifts=shifts)
 
 
 STILL = np.zeros((COUNT, 2))
@@ -104,10 +103,10 @@ def test_pixels_that_arent_trusted_weigh_nothing() -> None:
 
 
 @pytest.mark.parametrize("captures_at_once", [1, 3, COUNT])
-def test_parts_hold_every_residual_once(captures_at_once: int) -> None:
+def test_parts_hold_every_residual_once(monkeypatch: pytest.MonkeyPatch, captures_at_once: int) -> None:
     captures, fake = _session(np.linspace(0.5, 2.0, COUNT), STILL)
     whole = _comparison(captures, fake)
-    whole.config = ComparisonConfig(max_part_pixels=captures_at_once * SIZE[0] * SIZE[1] + 1)
+    monkeypatch.setattr("holoview.diagnose.likelihood._MAX_PART_PIXELS", captures_at_once * SIZE[0] * SIZE[1] + 1)
     values, parts = {"black": {"counts": 1.5}}, whole.parts()
     assert [len(part.indices) for _, part in parts] == {1: [1] * 8, 3: [3, 3, 2], 8: [8]}[captures_at_once]
     found = np.full(whole.weight.size, np.nan, np.float32)
@@ -117,10 +116,10 @@ def test_parts_hold_every_residual_once(captures_at_once: int) -> None:
     assert sum(part.pixel_count for _, part in parts) == whole.pixel_count
 
 
-def test_movements_are_fitted_in_all_captures_at_once() -> None:
+def test_movements_are_fitted_in_all_captures_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """What they share is an effect, and no part knows it."""
     captures, fake = _session(np.ones(COUNT), STILL)
     whole = _comparison(captures, fake, shifts=True)
-    whole.config = ComparisonConfig(max_part_pixels=1)
+    monkeypatch.setattr("holoview.diagnose.likelihood._MAX_PART_PIXELS", 1)
     ((where, only),) = whole.parts()
     assert only is whole and where == slice(None)

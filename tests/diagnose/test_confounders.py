@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.config import FitConfig
 from holoview.diagnose.confounders import best_separating_capture, proposed_captures
 from holoview.diagnose.fit import CandidateFit, effect_jacobian, identity_values
 from holoview.diagnose.judge import HeldOutScore
@@ -29,7 +28,7 @@ def _alike(context: SearchContext, first: str, second: str, index: int | None = 
     slopes = []
     for name in (first, second):
         one = context.effects[name]
-        slopes.append(effect_jacobian(one, {name: identity_values(one)}, comparison, residual, FitConfig()))
+        slopes.append(effect_jacobian(one, {name: identity_values(one)}, comparison, residual))
     chosen = slopes[1] if index is None else slopes[1][[index]]
     return canonical_correlation(slopes[0], chosen)
 

@@ -11,7 +11,6 @@ import pytest
 from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config.decision import VerdictConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.record_errors import CheckedRecords
@@ -43,7 +42,7 @@ def _checked(*corrections: Any) -> CheckedRecords:
 )
 def test_what_explains_clearly_better_counts(corrected: float, as_recorded: float, wins: bool) -> None:
     one, other = (_Diagnosis(FitQuality(chi2, 30.0)) for chi2 in (corrected, as_recorded))
-    found: Any = _checked(_Inversion()).or_as_recorded(one, other, VerdictConfig())  # type: ignore[arg-type]
+    found: Any = _checked(_Inversion()).or_as_recorded(one, other)  # type: ignore[arg-type]
     assert (found.after is other.after) is wins
     assert ("slm1_inverted" in " ".join(found.notes)) is wins
 

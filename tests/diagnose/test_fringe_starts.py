@@ -18,7 +18,7 @@ def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_conte
     """Paths to half a step, a quarter of the shortest wavelength; amplitudes with what so far off a peak costs."""
     context = make_context({"camera_fringes": TRUE})
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
+    starts = FringeStarts(comparison.fit_gains({}), comparison)
     found = starts(listed_effects()["camera_fringes"])[0]
     for axis in ("path_y", "path_x"):
         assert found[axis] == pytest.approx(TRUE[axis], abs=0.25 * 450e-9 * 1.01)
@@ -33,7 +33,7 @@ def test_the_path_is_over_the_whole_picture_where_only_its_middle_is_searched(ma
     found = []
     for data in (context.data, replace(context.data, captures=middle)):
         comparison = replace(context, data=data).data_weighted_comparison(context.split.coarse, 0.0)
-        found.append(FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)(effect)[0])
+        found.append(FringeStarts(comparison.fit_gains({}), comparison)(effect)[0])
     whole, cut = found
     assert cut == pytest.approx({**whole, "path_y": 3 * whole["path_y"], "path_x": 2 * whole["path_x"]})
 
@@ -65,7 +65,7 @@ def test_a_modulator_that_is_cut_to_its_middle_has_the_path_of_the_whole(make_co
 def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> None:
     context = make_context()
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    over_picture = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
+    over_picture = FringeStarts(comparison.fit_gains({}), comparison)
     over_modulator = ModulatorFringeStarts(context, {}, comparison)
     effects = listed_effects().items()
     assert [name for name, effect in effects if over_picture(effect)] == ["camera_fringes"]

@@ -52,9 +52,9 @@ def test_a_narrow_valley_is_followed_to_its_end(make_context: MakeContext) -> No
     comparison, crosstalk = context.data_weighted_comparison(context.split.fine, 0.0), context.effects["crosstalk"]
     held = frozenset({("crosstalk", "sigma")})
     start = _fit(sigma=0.72, coupling=0.15).values
-    early = rank_on_held_out(context, [local_fit([crosstalk], start, comparison, context.config.fits, fixed=held)])
+    early = rank_on_held_out(context, [local_fit([crosstalk], start, comparison, fixed=held)])
     last = fit_to_the_end(context, early)
-    assert last.best.excess < chance_excess(last.pixel_count, context.config.verdict) < early.best.excess
+    assert last.best.excess < chance_excess(last.pixel_count) < early.best.excess
     assert last.best.fit.values["crosstalk"] == pytest.approx(TRUE, rel=0.02)
 
 

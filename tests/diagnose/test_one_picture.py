@@ -12,11 +12,10 @@ import pytest
 from holoview.captures import Captures, read_captures
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import OnePictureConfig, SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
@@ -39,7 +38,7 @@ def _diagnosed(captures: Captures, sampling: SamplingConfig | None = None) -> Di
 
 def test_held_out_blocks_are_apart_from_what_is_fitted() -> None:
     """Blocks of 6 × 3 pixels, margins of 2 × 3."""
-    held_out, fitted = held_out_blocks((100, 120), 3.0, OnePictureConfig())
+    held_out, fitted = held_out_blocks((100, 120), 3.0)
     assert not (held_out & fitted).any()
     y, x = np.nonzero(held_out)
     assert (y.min(), x.min()) == (18, 18) and held_out[18:36, 18:36].all() and not held_out[36:54].any()
@@ -49,13 +48,13 @@ def test_held_out_blocks_are_apart_from_what_is_fitted() -> None:
 
 
 def test_a_small_picture_still_has_a_block_in_the_middle() -> None:
-    held_out, fitted = held_out_blocks((30, 30), 50.0, OnePictureConfig())
+    held_out, fitted = held_out_blocks((30, 30), 50.0)
     assert held_out.sum() == 100 and fitted.any()
 
 
 def test_margins_are_as_wide_on_large_pictures_of_large_speckles() -> None:
     """Speckles of 100 pixels: blocks of 398 pixels, a third of the picture's rows, and margins of a third of that."""
-    held_out, fitted = held_out_blocks((1194, 1800), 100.0, OnePictureConfig())
+    held_out, fitted = held_out_blocks((1194, 1800), 100.0)
     assert held_out[398:796, 398:796].all() and held_out[398:796, 1194:1592].all() and held_out.sum() == 2 * 398**2
     assert not fitted[398 - 132 : 796 + 132, 398 - 132 : 796 + 132].any() and fitted[398 - 133, 500]
 

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SearchConfig, SelectionConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import identity_values, local_fit
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
@@ -29,7 +29,7 @@ def test_a_cause_whose_part_another_took_is_found_first(make_context: MakeContex
     context = make_context(MOVED)
     coarse = context.data_weighted_comparison(context.split.coarse, 0.0)
     camera = context.effects["camera_alignment"]
-    taken = local_fit([camera], {camera.id: identity_values(camera)}, coarse, context.config.fits).values
+    taken = local_fit([camera], {camera.id: identity_values(camera)}, coarse).values
     others = [context.effects[name] for name in ("gap", "slm_alignment", "stroke", "tilt")]
     first = next(batch for stage in screen_effects(context, taken, others, _ignore, "") for batch in stage if batch)[0]
     assert first.causes == ("camera_alignment", "tilt")
@@ -44,7 +44,7 @@ def test_a_cause_that_stood_for_another_is_exchanged(make_context: MakeContext) 
 
     Of single causes it alone is built on.
     """
-    config = SearchConfig(selection=SelectionConfig(bases=1))
+    config = SearchConfig(bases=1)
     context = dataclasses.replace(make_context(SMEARED), config=config)
     effects = [context.effects[name] for name in ("camera_blur", "distance", "source_extent", "stroke")]
     found = select_causes(context, effects, _ignore)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from holoview.captures import Captures
-from holoview.diagnose.config import RegionConfig
+from holoview.diagnose.config import PLAIN, RegionConfig, SamplingConfig
 from holoview.diagnose.crop import grid_samples, within_limits
-from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures

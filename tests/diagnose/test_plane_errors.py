@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from holoview.captures import read_captures
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.correct.bad_captures import excess_stands_out, without_planes
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 from tests.diagnose.independent_camera import CameraFaults, Rail

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import pytest
 
 from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.refine import FAR_ERROR, refine_fit
 from tests.diagnose.conftest import MakeContext
 
 GROSS = {"z4": 4e-7, "z5": 3e-7, "z9": -4e-7}
@@ -19,17 +17,14 @@ def _fit(cause: str, values: Mapping[str, float]) -> CandidateFit:
     return CandidateFit((cause,), {cause: dict(values)}, 0.0)
 
 
-def _with_rounds(context: SearchContext, rounds: int) -> SearchContext:
-    fits = replace(context.config.fits, tolerant_rounds=rounds)
-    return replace(context, config=replace(context.config, fits=fits))
-
-
-def test_a_gross_cause_is_found_from_far_away(make_context: MakeContext) -> None:
+def test_a_gross_cause_is_found_from_far_away(make_context: MakeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """One tolerant fit from a fifth of three aberrations leaves too much for the next stage; further ones come near."""
     context = make_context({"aberration1": GROSS})
     far = _fit("aberration1", {name: 0.2 * x for name, x in GROSS.items()})
-    once = refine_fit(_with_rounds(context, 1), far)
-    assert context.relative_model_error(once.values) > context.config.fits.far_error
+    with monkeypatch.context() as only:
+        only.setattr("holoview.diagnose.refine._TOLERANT_ROUNDS", 1)
+        once = refine_fit(context, far)
+    assert context.relative_model_error(once.values) > FAR_ERROR
     found = refine_fit(context, far).values["aberration1"]
     assert {name: found[name] for name in GROSS} == pytest.approx(GROSS, rel=0.02)
 

@@ -18,7 +18,7 @@ from holoview.captures.records.central_region import central_region, central_sli
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
-from holoview.diagnose.crop import middle_of_context
+from holoview.diagnose.crop import MAX_TIME_SHARE, middle_of_context
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
@@ -126,7 +126,7 @@ def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], S
     context = replace(make_far_context(0.0), end=SearchEnd(1000.0, last_begin=0.5))
     middle = middle_of_context(context)
     assert middle is not None
-    assert middle.end.time_s == pytest.approx(RegionConfig().max_time_share * 1000.0)
+    assert middle.end.time_s == pytest.approx(MAX_TIME_SHARE * 1000.0)
     assert not middle.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
 
 
@@ -161,7 +161,7 @@ def make_far_context(make_context: MakeContext) -> Callable[[float], SearchConte
     def make(tilt_y: float) -> SearchContext:
         captures = _far_session("tilt", "tilt_y", tilt_y)
         data, parts = prepare_captures(captures), {"captures": captures, "known_values": {}}
-        split = split_captures(captures, pattern_roughness(captures), FAR_CONFIG.split)
+        split = split_captures(captures, pattern_roughness(captures))
         return replace(
             make_context(),
             data=data,

@@ -13,7 +13,7 @@ import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose import search_context
-from holoview.diagnose.config import BudgetConfig, SearchConfig
+from holoview.diagnose.config import USUAL_SAMPLES, BudgetConfig, SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.search_context import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
@@ -165,9 +165,9 @@ def test_a_finished_search_is_no_interrupted_one() -> None:
 
 def test_larger_modulators_get_more_time() -> None:
     budget = BudgetConfig()
-    assert budget.time_for(budget.usual_samples // 9) == budget.time_for(budget.usual_samples) == 60
-    assert budget.time_for(2 * budget.usual_samples) == 120
-    assert budget.time_for(1000 * budget.usual_samples) == 300
+    assert budget.time_for(USUAL_SAMPLES // 9) == budget.time_for(USUAL_SAMPLES) == 60
+    assert budget.time_for(2 * USUAL_SAMPLES) == 120
+    assert budget.time_for(1000 * USUAL_SAMPLES) == 300
 
 
 def test_the_time_of_the_settings_is_the_default_of_the_command() -> None:

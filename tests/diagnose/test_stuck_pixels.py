@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import ScreeningConfig, SearchConfig
+from holoview.diagnose.config import SamplingConfig, SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_modulators import Dead, ModulatorFaults
@@ -24,7 +23,7 @@ FAIL_AT = 3.0
 ALIKE = ("slm1_stuck", "slm2_stuck", "slm1_fringes", "slm_flatness", "stroke_map", "lut")
 FOUR_M = (450e-9, 520e-9, 590e-9, 650e-9)
 LAST = 15.0  # of 16 levels
-LAST_OF_ALL = SearchConfig(screening=ScreeningConfig(max_early_samples=0))
+LAST_OF_ALL = SearchConfig(max_early_samples=0)
 """Settings as of large fields, where stuck pixels are looked for after all else."""
 
 

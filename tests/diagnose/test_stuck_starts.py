@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from holoview.diagnose import screening
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.stuck import (
+    LINE_SEGMENTS,
     DeadPlace,
     Shows,
     StuckStarts,
@@ -79,7 +79,7 @@ def test_a_line_that_gains_in_one_place_alone_does_not_stand_out() -> None:
     gains = np.random.default_rng(0).standard_normal((3, 64, 50))
     gains[1, 20:26, 7] += 30.0
     gains[1, :, 33] += 2.0
-    columns = significance(line_gains(gains, 1, SearchConfig().stuck.line_segments))
+    columns = significance(line_gains(gains, 1, LINE_SEGMENTS))
     assert int(columns[1].argmax()) == 33 and abs(columns[1, 7]) < 4
 
 

@@ -91,9 +91,8 @@ def test_of_a_few_captures_at_a_time_information_is_that_of_all() -> None:
     rest = rng.standard_normal((CAPTURES, PIXELS)).astype(np.float32)
     whole = TwoCaptures(slopes, rest)
     fit = CandidateFit(("two",), {"two": {"a": 0.4, "b": -0.3}}, 0.0)
-    steps = SearchConfig().fits.steps
-    expected = LocalInformation.of(local_jacobian(fit, [Two()], whole, steps))  # type: ignore[arg-type]
-    found = local_information(fit, [Two()], whole, steps)  # type: ignore[arg-type]
+    expected = LocalInformation.of(local_jacobian(fit, [Two()], whole))  # type: ignore[arg-type]
+    found = local_information(fit, [Two()], whole)  # type: ignore[arg-type]
     np.testing.assert_array_equal(found.residual, expected.residual)
     np.testing.assert_array_equal(found.scores, expected.scores)
     np.testing.assert_allclose(found.normal, expected.normal, rtol=0, atol=1e-5 * expected.normal.max())

@@ -13,7 +13,6 @@ from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.likelihood import Comparison
 from tests.diagnose.conftest import small_system
 
@@ -65,7 +64,7 @@ def test_a_comparison_subtracts_it_and_expects_its_counts(make_session: Make) ->
     counts = scale * prediction.signal + prediction.ambient + captures.camera.black_level
     exact = prepare_captures(dataclasses.replace(captures, images=np.full_like(captures.images, 500)))
     data = dataclasses.replace(exact, light=counts.numpy().astype(np.float32) - np.float32(64.0))
-    comparison = Comparison(predictor, data, np.arange(2), np.ones(counts.shape, np.float32), SearchConfig().comparison)
+    comparison = Comparison(predictor, data, np.arange(2), np.ones(counts.shape, np.float32))
     fitted = comparison.fit_gains(ROOM)
     assert fitted.gain == pytest.approx([scale, scale], rel=1e-5)
     assert np.abs(fitted.residual).max() < 1e-2  # of some thousand counts in float32

@@ -20,7 +20,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.config import StartConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison, GainFit
 from holoview.diagnose.search_context import SearchContext
@@ -29,6 +28,17 @@ from holoview.diagnose.starts.stuck import modulator_of
 from holoview.diagnose.starts.transmission_slopes import transmission_slopes
 from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.hook_contexts import ModulatorContext
+
+_FRINGE_PEAKS = 3  # [1] Peaks of the spectrum tried as fringes.
+_FRINGE_MIN_COUNT = 1.5
+"""[fringes] Fewer over the picture aren't told from shading, and peaks nearer to a higher one are part of it. Evidence:
+the main lobe of a full picture's spectrum ends at 1."""
+_FRINGE_SAMPLES = 2
+"""[1] Samples of the spectrum for each fringe more over the picture. Evidence: the worst error, a quarter of a fringe,
+is an eighth at the picture's edges, where a fit converges."""
+_FRINGE_TRIAL_DEPTH = 0.02
+"""[1] Fringes of a modulator so deep measure how deep ones lower χ² most. Evidence: that is linear to a tenth; the fit
+does the rest."""
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -47,28 +57,28 @@ def spectrum(values: NDArray[np.inexact], path_y: Floats, path_x: Floats, wavele
 
 
 def strongest_paths(
-    power: Floats, path_y: Floats, path_x: Floats, shortest_m: float, config: StartConfig, *, is_mirrored: bool = False
+    power: Floats, path_y: Floats, path_x: Floats, shortest_m: float, *, is_mirrored: bool = False
 ) -> list[tuple[float, float]]:
     """(y, x) of the highest peaks of a power (path_y, path_x), m.
 
     shortest_m: the shortest wavelength. is_mirrored: opposite paths have the same power; each peak is taken once.
     """
-    power = np.where(np.hypot(path_y[:, None], path_x) / shortest_m < config.fringe_min_count, -np.inf, power)
+    power = np.where(np.hypot(path_y[:, None], path_x) / shortest_m < _FRINGE_MIN_COUNT, -np.inf, power)
     peaks = []
-    for _ in range(config.fringe_peaks):
+    for _ in range(_FRINGE_PEAKS):
         row, column = np.unravel_index(int(np.argmax(power)), power.shape)
         y, x = float(path_y[row]), float(path_x[column])
         for sign in (1, -1) if is_mirrored else (1,):
             away = np.hypot(path_y[:, None] - sign * y, path_x - sign * x) / shortest_m
-            power[away < config.fringe_min_count] = -np.inf
+            power[away < _FRINGE_MIN_COUNT] = -np.inf
         peaks.append((y, x))
     return peaks
 
 
-def resolved_paths(n: int, shortest_m: float, config: StartConfig) -> Floats:
+def resolved_paths(n: int, shortest_m: float) -> Floats:
     """All paths along an axis of n entries that these resolve at every wavelength, m; ascending, 0 among them."""
-    most = config.fringe_samples * n // 2
-    return np.asarray(shortest_m / config.fringe_samples * np.arange(-most + 1, most), dtype=np.float64)
+    most = _FRINGE_SAMPLES * n // 2
+    return np.asarray(shortest_m / _FRINGE_SAMPLES * np.arange(-most + 1, most), dtype=np.float64)
 
 
 def _phasors(n: int, path: Floats, wavelength_m: float) -> Complex:
@@ -93,12 +103,12 @@ class _Modulation:
 class FringeStarts:
     """For an effect of plane fringes over the picture, the wedges and depths that captures suggest; none for others."""
 
-    def __init__(self, fitted: GainFit, comparison: Comparison, config: StartConfig) -> None:
+    def __init__(self, fitted: GainFit, comparison: Comparison) -> None:
         modulations = _modulations(fitted, comparison)
         captures = comparison.data.captures
         sizes = zip(captures.frame or captures.shape, captures.shape, strict=True)
         wider = tuple(whole / seen for whole, seen in sizes)
-        self._starts = [_fringes(modulations, path, wider) for path in _strongest_paths(modulations, config)]
+        self._starts = [_fringes(modulations, path, wider) for path in _strongest_paths(modulations)]
 
     def __call__(self, effect: Effect) -> StartingValues:
         if StartKind.CAMERA_FRINGES not in effect.start_kinds:
@@ -130,15 +140,15 @@ def _modulations(fitted: GainFit, comparison: Comparison) -> list[_Modulation]:
     return found
 
 
-def _strongest_paths(modulations: list[_Modulation], config: StartConfig) -> list[tuple[float, float]]:
+def _strongest_paths(modulations: list[_Modulation]) -> list[tuple[float, float]]:
     """(y, x) of the highest peaks over all paths that the camera's pixels resolve at every wavelength, y ≥ 0, m."""
     shape, shortest = modulations[0].weight.shape, min(m.wavelength_m for m in modulations)
-    y, x = (resolved_paths(n, shortest, config) for n in shape)
+    y, x = (resolved_paths(n, shortest) for n in shape)
     y = y[y >= 0]
     spectra = [spectrum(m.weighted, y, x, m.wavelength_m) for m in modulations]
     weights = [max(float(m.weight.sum()), 1e-30) for m in modulations]
     power = sum(np.square(np.abs(s)) / weight for s, weight in zip(spectra, weights, strict=True))
-    return strongest_paths(np.asarray(power), y, x, shortest, config, is_mirrored=True)
+    return strongest_paths(np.asarray(power), y, x, shortest, is_mirrored=True)
 
 
 def _amplitude(m: _Modulation, path: tuple[float, float]) -> complex:
@@ -165,12 +175,12 @@ class ModulatorFringeStarts:
             return []
         of, slopes = self._slopes[modulator_of(effect)]
         shortest = min(self._wavelengths_m.values())
-        y, x = (resolved_paths(n, shortest, self._context.config.starts) for n in of.shape)
+        y, x = (resolved_paths(n, shortest) for n in of.shape)
         power = np.zeros((len(y), len(x)))
         for laser, slope in slopes.items():
             sums = spectrum(slope.conj(), y, x, self._wavelengths_m[laser])
             power += np.square(np.abs(sums)) / max(float(np.square(np.abs(slope)).sum()), 1e-30)
-        paths = strongest_paths(power, y, x, shortest, self._context.config.starts)
+        paths = strongest_paths(power, y, x, shortest)
         starts = [self._with_depths(effect, of, path, slopes) for path in paths]
         return [within_bounds(effect, start) for start in starts]
 
@@ -191,7 +201,7 @@ class ModulatorFringeStarts:
         y, x = (np.array([p]) for p in path)
         wide_y, wide_x = (p * whole / n for p, whole, n in zip(path, of.whole_shape, of.shape, strict=True))
         wedge, tried = {"path_y": wide_y, "path_x": wide_x}, dict[int, complex]()
-        depth = self._context.config.starts.fringe_trial_depth
+        depth = _FRINGE_TRIAL_DEPTH
         for laser, slope in slopes.items():
             towards = -complex(spectrum(slope.conj(), y, x, self._wavelengths_m[laser])[0, 0])
             tried[laser] = depth * towards / max(abs(towards), 1e-30)

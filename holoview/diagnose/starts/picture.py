@@ -25,12 +25,32 @@ from scipy.ndimage import correlate1d
 
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import Images
-from holoview.diagnose.config import StartConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison, GainFit
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect, StartKind
 from holoview.util.errors import UserError
+
+_MIN_DISPLACEMENT_PX = 0.3
+"""[px] Smaller displacements of the images give no start. Evidence: a local fit starts well from the identity there."""
+_MIN_RESPONSE_PX = 0.05  # [px] A parameter that moves images by less at its typical size isn't used.
+_DISPLACEMENT_RCOND = 0.05  # [1] Singular values of the displacements below this share of the largest are dropped.
+_GHOST_PEAKS = 3  # [1] Peaks of the correlation tried as ghost images.
+_GHOST_MIN_SHIFT_PX = 3.0  # [px] Peaks nearer to zero shift aren't ghost images.
+_GHOST_SEPARATION_PX = 3.0  # [px] Peaks nearer to a higher one are part of it.
+_PLANE_CAPTURES = 2
+"""[captures] Of each plane that are predicted, the smoothest. Evidence: a second wavelength has other minima beside the
+true one."""
+_PLANE_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+"""[depths] Errors either way, in depths of field λ/NA². Evidence: as `defocus_depths`."""
+_PLANE_FIRST_STEP = 0.2
+"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next one."""
+_PLANE_LEAST_STEP = 0.02  # [depths] … and at least this. Evidence: the same for errors of 0.
+_PLANE_STEP_RATIO = 0.4  # [1] Each step over the one before.
+_PLANE_ROUNDS = 4  # [1] Steps. Evidence: a local fit follows.
+_PLANE_MIN_GAIN = 25.0
+"""[Δχ²] By how much errors of single planes must beat one error of all, and each plane's its absence, times χ²/n where
+that is above 1. Evidence: 5 σ for one number, as for a cause (`min_delta_chi2`)."""
 
 StartingValues = list[dict[str, float]]
 StartProvider = Callable[[Effect], StartingValues]
@@ -41,17 +61,14 @@ Floats = NDArray[np.float64]
 class DisplacementStarts:
     """For an effect, starting values that move the prediction onto the captures; none where they coincide already."""
 
-    def __init__(self, base: FittedValues, comparison: Comparison, config: StartConfig) -> None:
-        self._base, self._comparison, self._config = base, comparison, config
+    def __init__(self, base: FittedValues, comparison: Comparison) -> None:
+        self._base, self._comparison = base, comparison
         light = np.where(comparison.weight > 0, comparison.light, 0.0)
         self._predicted = np.asarray(comparison.predictor(comparison.indices, base).signal)
         self._displacement = measure_displacement(light, self._predicted)
 
     def __call__(self, effect: Effect) -> StartingValues:
-        if (
-            StartKind.DISPLACEMENT not in effect.start_kinds
-            or np.hypot(*self._displacement) < self._config.min_displacement_px
-        ):
+        if StartKind.DISPLACEMENT not in effect.start_kinds or np.hypot(*self._displacement) < _MIN_DISPLACEMENT_PX:
             return []
         movers, responses = [], []
         for p in effect.parameters:
@@ -59,12 +76,12 @@ class DisplacementStarts:
                 continue
             size = p.scan[2] if p.scan else p.prior
             response = self._response(effect, {p.name: p.identity + size})
-            if response is not None and np.hypot(*response) > self._config.min_response_px:
+            if response is not None and np.hypot(*response) > _MIN_RESPONSE_PX:
                 movers.append(p)
                 responses.append(response / size)
         if not movers:
             return []
-        rcond = self._config.displacement_rcond
+        rcond = _DISPLACEMENT_RCOND
         solved = np.linalg.lstsq(np.stack(responses, axis=1), self._displacement, rcond=rcond)[0]
         return [{p.name: min(max(p.identity + d, p.low), p.high) for p, d in zip(movers, solved, strict=True)}]
 
@@ -111,9 +128,9 @@ def _subsample_peak(correlation: NDArray[np.float64], peak: tuple[np.intp, ...],
 class GhostStarts:
     """For an effect that copies images, the shifts and strengths that the captures suggest; none for others."""
 
-    def __init__(self, fitted: GainFit, comparison: Comparison, config: StartConfig) -> None:
+    def __init__(self, fitted: GainFit, comparison: Comparison) -> None:
         model = np.where(comparison.weight > 0, fitted.expected, 0.0)
-        self._peaks = _correlation_peaks(comparison.residual_counts(fitted), model, config)
+        self._peaks = _correlation_peaks(comparison.residual_counts(fitted), model)
 
     def __call__(self, effect: Effect) -> StartingValues:
         if StartKind.GHOST not in effect.start_kinds:
@@ -121,9 +138,7 @@ class GhostStarts:
         return [{"strength": s, "shift_y": float(y), "shift_x": float(x)} for s, y, x in self._peaks]
 
 
-def _correlation_peaks(
-    residual: NDArray[np.float32], model: NDArray[np.float32], config: StartConfig
-) -> list[tuple[float, int, int]]:
+def _correlation_peaks(residual: NDArray[np.float32], model: NDArray[np.float32]) -> list[tuple[float, int, int]]:
     """(strength, y, x) of the highest positive peaks away from zero shift."""
     shape = model.shape[1:]
     centred = model - model.mean(axis=(1, 2), keepdims=True)
@@ -131,15 +146,15 @@ def _correlation_peaks(
     total = np.fft.irfft2(sum(r * m.conj() for r, m in spectra), s=shape)
     power = float(np.square(centred, dtype=np.float64).sum())
     y, x = (np.fft.fftfreq(n, 1 / n).round().astype(int) for n in shape)
-    total[np.hypot(y[:, None], x[None, :]) < config.ghost_min_shift_px] = -np.inf
+    total[np.hypot(y[:, None], x[None, :]) < _GHOST_MIN_SHIFT_PX] = -np.inf
     peaks = []
-    for _ in range(config.ghost_peaks):
+    for _ in range(_GHOST_PEAKS):
         at = np.unravel_index(int(np.argmax(total)), shape)
         if not total[at] > 0:
             break
         peaks.append((float(min(total[at] / power, 1.0)), int(y[at[0]]), int(x[at[1]])))
         away = np.hypot(_wrapped(y - y[at[0]], shape[0])[:, None], _wrapped(x - x[at[1]], shape[1])[None, :])
-        total[away < config.ghost_separation_px] = -np.inf
+        total[away < _GHOST_SEPARATION_PX] = -np.inf
     return peaks
 
 
@@ -206,7 +221,7 @@ class _Search:
     """The search for the errors of all planes. planes_m: the distances that were set."""
 
     def __init__(self, context: SearchContext, base: FittedValues, effect: Effect) -> None:
-        self._base, self._effect, self._config = base, effect, context.config.planes
+        self._base, self._effect = base, effect
         captures = context.data.captures
         self.planes_m = np.unique(captures.distance_m[context.kept])
         indices = np.array([k for z in self.planes_m for k in self._smoothest(context, float(z))])
@@ -222,14 +237,14 @@ class _Search:
         own = sorted((int(k) for k in context.kept if captures.distance_m[k] == plane_m), key=lambda k: roughness[k])
         first = {float(captures.wavelength_m[k]): k for k in reversed(own)}
         ordered = sorted(own, key=lambda k: (first[float(captures.wavelength_m[k])] != k, roughness[k]))
-        return ordered[: self._config.captures]
+        return ordered[:_PLANE_CAPTURES]
 
     def run(self) -> dict[str, Any] | None:
         """The errors of the planes that are off; None where a simpler effect states them, or none is."""
         nothing = np.zeros(len(self.planes_m))
         before, errors = self._costs(nothing), self._on_grid()
         errors, after, curvature = self._refined(errors)
-        least = self._config.min_gain * max(1.0, float(after.sum()) / self._comparison.pixel_count)
+        least = _PLANE_MIN_GAIN * max(1.0, float(after.sum()) / self._comparison.pixel_count)
         ones = np.ones(len(self.planes_m))
         if min(_beyond(errors, curvature, shape) for shape in (ones, self.planes_m)) < least:
             return None
@@ -240,17 +255,17 @@ class _Search:
 
     def _on_grid(self) -> Floats:
         """The best error of each plane among distances that miss no minimum."""
-        depths = np.array(self._config.depths)
+        depths = np.array(_PLANE_DEPTHS)
         tried = self._depth_m * np.concatenate([[0.0], depths, -depths])
         costs = [self._costs(np.full(len(self.planes_m), error)) for error in tried]
         return np.asarray(tried[np.argmin(costs, axis=0)])
 
     def _refined(self, errors: Floats) -> tuple[Floats, Floats, Floats]:
         """The minima near these errors, Σ residual² there, and its curvature (half the second derivative)."""
-        step = np.maximum(self._config.first_step * np.abs(errors), self._config.least_step * self._depth_m)
+        step = np.maximum(_PLANE_FIRST_STEP * np.abs(errors), _PLANE_LEAST_STEP * self._depth_m)
         here = self._costs(errors)
         curvature = np.zeros_like(errors)
-        for _ in range(self._config.rounds):
+        for _ in range(_PLANE_ROUNDS):
             low, high = self._costs(errors - step), self._costs(errors + step)
             bend = low + high - 2 * here
             vertex = np.where(bend > 0, (low - high) / (2 * np.where(bend > 0, bend, 1.0)), np.sign(low - high))
@@ -259,7 +274,7 @@ class _Search:
             curvature = np.maximum(bend, 0.0) / (2 * step**2)
             better = there < here
             errors, here = np.where(better, moved, errors), np.where(better, there, here)
-            step = step * self._config.step_ratio
+            step = step * _PLANE_STEP_RATIO
         return errors, here, curvature
 
     def _costs(self, errors: Floats) -> Floats:

@@ -24,6 +24,7 @@ from scipy.ndimage import maximum_filter
 from scipy.optimize import minimize
 
 from holoview.diagnose.fit import FittedValues, cost_or_inf
+from holoview.diagnose.judge import FLOOR_CHI2
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import StartingValues
@@ -35,6 +36,41 @@ from holoview.diagnose.starts.transmission_slopes import (
 )
 from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.list_parameter import MAX_FREE_ENTRIES
+
+_LEVEL_COUNT = 24
+"""[levels] Shares of the stroke from 0 to 1 that are tried. Evidence: a stroke of two waves advances by half a radian
+from one to the next."""
+LINE_SEGMENTS = 8
+"""[segments] The gain of a line is the median of so many parts of it, times their number. Evidence: a block of stuck
+pixels reaches over one part or two, and isn't taken for a line."""
+_PART_SEGMENTS = 3
+"""[segments] A part of a line, from one edge on, is looked for from so many on. Evidence: as for `line_segments`: the
+median of three bears one that a block reaches over."""
+_END_MOVES = (-8, -4, -2, -1, 1, 2, 4, 8)
+"""[pixels] By which the end of a part of a line is moved, again and again, while χ² falls. Evidence: derivation: gains
+tell the end to some pixels."""
+MIN_LINE_SIGMAS = 5.0  # [σ] Lines that stand out from the others by less aren't taken.
+_MIN_PIXEL_SIGMAS = 8.0  # [σ] The same of single pixels, of which there are a hundred times as many.
+_NEAR_BEST = 0.5
+"""[1] Lines of this share of the best one's significance are taken in the same round, where their neighbours have
+less."""
+_NEAR_BEST_PIXELS = 0.6  # [1] The same of pixels, but with their neighbours, since stuck pixels come in groups.
+_MAX_PIXELS = 48
+"""[pixels] Where more stand out in a round, none does: another fault spreads over the modulator. Evidence: with stuck
+pixels it were up to 20, with the pixels of the other modulator 18 to 107."""
+_MAX_ROUND_ERROR = 0.95
+"""[1] A round must leave less than this share of the model's error. Evidence: places on the wrong modulator took away 2
+to 5 % in a round."""
+_MAX_ERROR_SHARE = 0.7  # [1] … and all of them together less than this.
+_EXPLAINED_ERROR_SHARE = 0.1  # [1] Where so little is left, the other modulator isn't searched.
+_ROUNDS = 12  # [rounds] At most. Evidence: neighbours are taken in different rounds.
+_LEVEL_ITERATIONS = 6  # [1] Iterations of L-BFGS on the levels in a round. Evidence: a local fit follows.
+_LAST_ITERATIONS = 24  # [1] … and at the end, for lists that are too long for a local fit.
+_MIN_GAIN = 25.0
+"""[Δχ²] A place must gain so much, times χ²/n where that is above 1. Evidence: 5 σ for one number, as for a cause
+(`min_delta_chi2`)."""
+_MAX_PLACES = 160  # [places] No more are looked for. Evidence: a modulator with more needs repair.
+LEVELS = np.linspace(0.0, 1.0, _LEVEL_COUNT)  # [1] The shares of the stroke that are tried.
 
 Key = tuple[int | None, int | None]
 
@@ -173,15 +209,15 @@ class StuckStarts:
         open_ones = [e for e in context.effects.values() if is_stuck_effect(e) and e.id not in base]
         if not open_ones:
             return
-        gains = replacement_gains(context, base, comparison, context.config.stuck.levels, earlier=True)
+        gains = replacement_gains(context, base, comparison, LEVELS, earlier=True)
         searches = [_Search(context, base, effect, gains[modulator_of(effect)]) for effect in open_ones]
         for search in sorted(searches, key=lambda one: -one.first_significance):
             error = context.relative_model_error(base)
             found = search.run(comparison)
             left = context.relative_model_error(search.values(found))
-            if found and left < context.config.stuck.max_error_share * error:
+            if found and left < _MAX_ERROR_SHARE * error:
                 self._starts[search.effect.id] = as_values(found)
-            if left < context.config.stuck.explained_error_share * error:
+            if left < _EXPLAINED_ERROR_SHARE * error:
                 break
 
     def __call__(self, effect: Effect) -> StartingValues:
@@ -193,7 +229,7 @@ class _Search:
 
     def __init__(self, context: SearchContext, base: FittedValues, effect: Effect, gains: Floats) -> None:
         self.effect = effect
-        self._context, self._base, self._gains, self._config = context, base, gains, context.config.stuck
+        self._context, self._base, self._gains = context, base, gains
         self._settled = set[Key]()
         captures = context.data.captures
         self._first_pixel, self._whole = captures.first_pixel, captures.slm_frame or captures.levels.shape[2:]
@@ -202,9 +238,9 @@ class _Search:
     def first_significance(self) -> float:
         """How far the line or the pixel that stands out most does so, over the threshold of its kind."""
         lines = [self._line_significance(self._gains, axis) for axis in (1, 2)]
-        pixels = significance(self._gains[: self._config.level_count])
-        line = max(float(one.max()) for one in lines) / self._config.min_line_sigmas
-        return max(line, float(pixels.max()) / self._config.min_pixel_sigmas)
+        pixels = significance(self._gains[:_LEVEL_COUNT])
+        line = max(float(one.max()) for one in lines) / MIN_LINE_SIGMAS
+        return max(line, float(pixels.max()) / _MIN_PIXEL_SIGMAS)
 
     def run(self, comparison: Comparison) -> list[DeadPlace]:
         """The places, with their levels: on a few captures, then on those of a fit, which tell levels apart that few
@@ -225,14 +261,14 @@ class _Search:
         places = self._without_superfluous(places, comparison)
         if len(places) <= MAX_FREE_ENTRIES:
             return places
-        return self._with_fitted_levels(places, comparison, self._config.last_iterations)
+        return self._with_fitted_levels(places, comparison, _LAST_ITERATIONS)
 
     def _rounds(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace]:
         """The places and those that stand out beside them, round after round, while these lower the model's error."""
         error = self._error(places)
-        for _ in range(self._config.rounds):
+        for _ in range(_ROUNDS):
             wider = self._wider(places, comparison, gains)
-            if wider is None or (left := self._error(wider)) > self._config.max_round_error * error:
+            if wider is None or (left := self._error(wider)) > _MAX_ROUND_ERROR * error:
                 break
             places, error = wider, left
             comparison = self._comparison(comparison.indices, places)
@@ -253,14 +289,14 @@ class _Search:
 
     def _gains_beside(self, places: list[DeadPlace], comparison: Comparison) -> Floats:
         """The gains of replacements on top of these places."""
-        found = replacement_gains(self._context, self.values(places), comparison, self._config.levels, earlier=True)
+        found = replacement_gains(self._context, self.values(places), comparison, LEVELS, earlier=True)
         return found[modulator_of(self.effect)]
 
     def _wider(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace] | None:
         """The places with those lines that stand out beside them, or else with pixels; None where neither gains."""
         for standing_out in (self._lines, self._pixels):
             fresh = [place for place in standing_out(gains, places) if place.key not in self._settled]
-            if not fresh or len(places) + len(fresh) > self._config.max_places:
+            if not fresh or len(places) + len(fresh) > _MAX_PLACES:
                 continue
             kept = [place for place in places if not any(place.stands_for(line) for line in fresh)]
             known = {place.key: place for place in kept}
@@ -275,23 +311,23 @@ class _Search:
 
     def _lines(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
         """Columns and rows that stand out, with the level, or the earlier pattern, that gains most."""
-        config, (top, left) = self._config, self._first_pixel
+        (top, left) = self._first_pixel
         columns, rows = (self._line_significance(gains, axis) for axis in (1, 2))
-        threshold = max(config.min_line_sigmas, config.near_best * max(columns.max(), rows.max()))
+        threshold = max(MIN_LINE_SIGMAS, _NEAR_BEST * max(columns.max(), rows.max()))
         found = [self._line(gains[:, :, x], columns[:, x], column=left + int(x)) for x in _peaks(columns, threshold)]
         return found + [self._line(gains[:, y], rows[:, y], row=top + int(y)) for y in _peaks(rows, threshold)]
 
     def _line_significance(self, gains: Floats, axis: int) -> Floats:
-        return line_significance(gains, axis, self._config.line_segments, self._config.part_segments)
+        return line_significance(gains, axis, LINE_SEGMENTS, _PART_SEGMENTS)
 
     def _line(self, gains: Floats, sigmas: Floats, *, row: int | None = None, column: int | None = None) -> DeadPlace:
         """A line, or the part of it that gains. gains (look, pixel): of what it may show. sigmas (look,): of it."""
-        look, count = int(sigmas.argmax()), self._config.level_count
+        look, count = int(sigmas.argmax()), _LEVEL_COUNT
         if look >= count:
             return DeadPlace(row, column, shows=(Shows.FIRST, Shows.BEFORE)[look - count])
         place, axis = DeadPlace(row, column, self._level(sigmas)), 0 if row is None else 1
         first, last = likely_span(gains[look])
-        if (last - first + 1) * self._config.line_segments > (self._config.line_segments - 1) * len(gains[look]):
+        if (last - first + 1) * LINE_SEGMENTS > (LINE_SEGMENTS - 1) * len(gains[look]):
             return place
         edge = self._first_pixel[axis]
         span = (first and first + edge, last + edge if last < len(gains[look]) - 1 else self._whole[axis] - 1)
@@ -299,15 +335,15 @@ class _Search:
 
     def _pixels(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
         """Pixels that stand out, beside the known lines."""
-        config, (top, left) = self._config, self._first_pixel
-        pixels = significance(gains[: config.level_count])
+        (top, left) = self._first_pixel
+        pixels = significance(gains[:_LEVEL_COUNT])
         for line in (p for p in known if p.is_line):
             rows = slice(None) if line.row is None else line.row - top
             columns = slice(None) if line.column is None else line.column - left
             pixels[:, rows, columns] = 0.0
         best = pixels.max(axis=0)
-        found = np.argwhere(best >= max(config.min_pixel_sigmas, config.near_best_pixels * best.max()))
-        if len(found) > config.max_pixels:
+        found = np.argwhere(best >= max(_MIN_PIXEL_SIGMAS, _NEAR_BEST_PIXELS * best.max()))
+        if len(found) > _MAX_PIXELS:
             return []
         return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in found]
 
@@ -317,7 +353,7 @@ class _Search:
         At one wavelength these levels are the same light, so that they are minima of χ² at several too.
         """
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
-        floor = self._context.config.selection.floor_chi2
+        floor = FLOOR_CHI2
         if len(places) > MAX_FREE_ENTRIES or noise_alone.chi2_per_pixel(self.values(places)) < floor:
             return places
         captures = self._context.data.captures
@@ -337,7 +373,7 @@ class _Search:
         if not one.has_level:
             self._settled.add(one.key)
             return places
-        others, levels = [place for place in places if place.key != one.key], self._config.levels
+        others, levels = [place for place in places if place.key != one.key], LEVELS
         tried = [[*others, replace(one, level=float(level))] for level in levels]
         best = self._cheapest(tried, comparison)
         if abs(best[-1].level - one.level) > levels[1] - levels[0]:
@@ -348,7 +384,7 @@ class _Search:
     def _with_best_looks(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
         """Lines that show an earlier pattern, or a level, where that is better, unless the noise is reached."""
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
-        if noise_alone.chi2_per_pixel(self.values(places)) >= self._context.config.selection.floor_chi2:
+        if noise_alone.chi2_per_pixel(self.values(places)) >= FLOOR_CHI2:
             for line in [place for place in places if place.is_line]:
                 others = [one for one in places if one is not line]
                 earlier = [DeadPlace(line.row, line.column, shows=shows) for shows in (Shows.FIRST, Shows.BEFORE)]
@@ -361,7 +397,7 @@ class _Search:
             others, best, cost = [one for one in places if one is not line], line, np.inf
             while best.span is not None and (now := cost_or_inf(comparison, self.values([*others, best]))) < cost:
                 cost, count = now, self._whole[0 if line.row is None else 1]
-                spans = spans_near(best.span, count, self._config.end_moves)
+                spans = spans_near(best.span, count, _END_MOVES)
                 tried = [[*others, replace(best, span=span)] for span in (best.span, *spans)]
                 best = self._cheapest(tried, comparison)[-1]
             whole = [*others, replace(best, span=None)]
@@ -375,7 +411,7 @@ class _Search:
 
     def _level(self, sigmas: Floats) -> float:
         """The level of the highest value."""
-        return float(self._config.levels[int(sigmas[: self._config.level_count].argmax())])
+        return float(LEVELS[int(sigmas[:_LEVEL_COUNT].argmax())])
 
     def _with_fitted_levels(
         self, places: list[DeadPlace], comparison: Comparison, iterations: int | None = None
@@ -403,14 +439,14 @@ class _Search:
             jac=True,
             method="L-BFGS-B",
             bounds=[bounds] * len(places),
-            options={"maxiter": iterations or self._config.level_iterations},
+            options={"maxiter": iterations or _LEVEL_ITERATIONS},
         )
         return fixed + [replace(p, level=float(x)) for p, x in zip(places, solution.x, strict=True)]
 
     def _gains_enough(self, comparison: Comparison, few: list[DeadPlace], more: list[DeadPlace]) -> bool:
         """Whether χ² falls by enough for each further place."""
         before, after = (cost_or_inf(comparison, self.values(places)) for places in (few, more))
-        least = self._config.min_gain * max(1.0, after / comparison.pixel_count)
+        least = _MIN_GAIN * max(1.0, after / comparison.pixel_count)
         return before - after > least * max(1, len(more) - len(few))
 
     def _without_superfluous(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction, Predictor
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import with_preset_geometry
 from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.search_context import NeighbourVariances
@@ -88,12 +87,12 @@ class PicturePredictor:
         if model.system is not None:
             capture, own, _ = with_preset_geometry(capture, model.system, model.name)
             values = {**own, **values}
-        data, config = prepare_captures(capture), SearchConfig().comparison
+        data = prepare_captures(capture)
         indices = np.array([0])
         light = _Known(self._prediction(capture, values, model))
-        first = Comparison(light, data, indices, NeighbourVariances(data)(indices), config).fit_gains(values)
+        first = Comparison(light, data, indices, NeighbourVariances(data)(indices)).fit_gains(values)
         variance = capture.camera.noise_variance(first.expected).astype(np.float32)
-        comparison = Comparison(light, data, indices, variance, config)
+        comparison = Comparison(light, data, indices, variance)
         fitted = comparison.fit_gains(values)
         chi2 = float(fitted.squares.sum() / max(comparison.pixel_count, 1.0))
         return PredictedPicture(picture, model.name, fitted.expected[0], fitted.residual[0], chi2)

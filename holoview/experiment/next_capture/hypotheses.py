@@ -152,7 +152,7 @@ def slopes_of(
 ) -> NDArray[np.float32]:
     """Derivatives (parameter, pixel) of the residuals at `values`, in units of the priors."""
     residual = comparison.residual(values)
-    bounds = free.bounds(context.config.fits.steps)
+    bounds = free.bounds()
     return jacobian(residual_function(free, values, comparison), free.pack(values), residual, bounds)
 
 

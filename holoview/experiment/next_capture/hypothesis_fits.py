@@ -90,7 +90,7 @@ class HypothesisFits:
         config, n, best = context.config.verdict, comparison.pixel_count, self._fits[0]
         nominal = next(f.cost for f in self._fits if not f.causes) / n - 1.0
         if not best.causes:
-            return nominal < jitter_excess(n, config)
+            return nominal < jitter_excess(n)
         return best.cost / n - 1.0 < explained_excess(nominal, n, config)
 
     def _believe(self, context: SearchContext, comparison: Comparison) -> Belief:
@@ -128,7 +128,7 @@ def _by_cost(fits: Sequence[CandidateFit], comparison: Comparison) -> list[Candi
 
 def _refit(context: SearchContext, fit: CandidateFit, comparison: Comparison) -> CandidateFit:
     effects = [context.effects[name] for name in fit.causes]
-    return refit(effects, fit.values, comparison, context.config.fits) if fit.causes else fit
+    return refit(effects, fit.values, comparison) if fit.causes else fit
 
 
 def _with_nuisances(context: SearchContext, fit: CandidateFit, allows_movements: bool) -> SearchContext:

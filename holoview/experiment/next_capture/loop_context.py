@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config import PLAIN, SearchConfig
 from holoview.diagnose.correct.bad_captures import find_useless_captures
 from holoview.diagnose.crop import middle_of, saving
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import prepare_search
 from holoview.diagnose.record_errors import check_records
-from holoview.diagnose.sampling_config import PLAIN
 from holoview.diagnose.search_context import SearchContext, SearchEnd, field_samples
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect

@@ -98,7 +98,7 @@ def _refitted(prediction: ProposalPrediction, leader: Hypothesis, rival: Hypothe
         normal = np.eye(len(spreads)) + spreads @ spreads.T
         along = np.linalg.solve(normal, spreads @ (first.picture - second.picture))
     x = rival.free.pack(rival.values) + rival.root @ along
-    bounds = rival.free.bounds(prediction.steps)
+    bounds = rival.free.bounds()
     return rival.free.unpack(bounds.clip(x), rival.values)
 
 

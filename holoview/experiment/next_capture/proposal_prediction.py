@@ -38,7 +38,7 @@ class ProposalPrediction:
     ) -> None:
         self._belief, self._gains = belief, _gains(belief)
         self.captures = searched_part(_as_session(taken, proposals), belief.context.config)
-        self._all, self.steps = np.arange(len(proposals)), belief.context.config.fits.steps
+        self._all = np.arange(len(proposals))
         self._predictor: PredictorProtocol = belief.context.predictor.create(captures=self.captures, **options)
         self.proposals = self._with_exposures(proposals, limits)
         signal, dark = self.light(self._predictor, belief.leader.values)
@@ -71,7 +71,7 @@ class ProposalPrediction:
         """Pictures (proposal, pixel) in σ, and (proposal, parameter, pixel) their change by one standard deviation."""
         free, values = hypothesis.free, hypothesis.values
         base = self._picture(values)
-        x, bounds = free.pack(values), free.bounds(self.steps)
+        x, bounds = free.pack(values), free.bounds()
         slopes = np.zeros((len(free), *base.shape))
         for axis in range(len(free)):
             step, stepped = bounds.step_at(x, axis), x.copy()
