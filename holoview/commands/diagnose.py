@@ -28,7 +28,7 @@ from holoview.commands.number_options import whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
-from holoview.diagnose.capture_reasons import explain_suspects
 from holoview.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
+from holoview.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
 from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
 from holoview.diagnose.nuisances import drop_sampling_artefacts, excuse_laser_drift
 from holoview.diagnose.search import InitialCandidates, find_causes, refine_candidates

@@ -13,9 +13,9 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.capture_judgement import find_suspects
 from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
+from holoview.diagnose.correct.judged_captures import find_suspects
 from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
@@ -167,8 +167,8 @@ def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext, mo
     context = make_context({"gap": {"gap_error": 2e-4}})
     images = context.data.captures.images
     whole = find_suspects(context, {}, (), is_final=True)
-    monkeypatch.setattr("holoview.diagnose.capture_judgement.MAX_SET_PIXELS", 3 * images[0].size)
-    monkeypatch.setattr("holoview.diagnose.capture_judgement.CORRELATED_PIXELS", images[0].size // 4)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.MAX_SET_PIXELS", 3 * images[0].size)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.CORRELATED_PIXELS", images[0].size // 4)
     few = find_suspects(context, {}, (), is_final=True)
     assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
     assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)

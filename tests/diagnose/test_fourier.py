@@ -11,7 +11,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report import free_maps
+from holoview.diagnose.report import error_places
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
@@ -62,7 +62,7 @@ def test_free_maps_are_fitted_where_no_candidate_explains_an_error(monkeypatch: 
         captures_per_condition=3, seed=1, focal_length_m=0.1, camera_pitch_m=40e-6, camera_shape=(41, 51)
     )
     captures = make_captures(small_system(1), {"stroke": {"stroke_error": 0.2}}, session)
-    monkeypatch.setattr(free_maps, "ITERATIONS", 1)
+    monkeypatch.setattr(error_places, "ITERATIONS", 1)
     found = diagnose(captures, [listed_effects()["camera_black"]])
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     assert set(found.lives_in) <= {"source", "modulator 1", "camera"}

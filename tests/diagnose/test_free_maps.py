@@ -11,7 +11,7 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.diagnose.report.free_maps import (
+from holoview.diagnose.report.error_places import (
     FreeCamera,
     FreeMapFit,
     FreeMaps,

@@ -14,10 +14,9 @@ from holoview.diagnose.correct.bad_captures import BadCapture
 from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.fit_statistics import ExcessBreakdown, HeldOutGroup, SampleCapture
+from holoview.diagnose.intervals import Interval
 from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pixel_maps import PixelMap
-from holoview.diagnose.report.free_maps import FreeMapFit, suggest_for
-from holoview.diagnose.uncertainty import Interval
+from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, suggest_for
 
 
 @dataclass(frozen=True)

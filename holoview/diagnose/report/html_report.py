@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.fit_statistics import ExcessBin, SampleCapture
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pixel_maps import PixelMap
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.report.display_gain import DisplayGain
-from holoview.diagnose.report.free_maps import FreeMapFit
+from holoview.diagnose.report.error_places import FreeMapFit, PixelMap
 from holoview.report.figure import figure_bytes, new_figure
 from holoview.util.file_writer import write_file
 from holoview.util.progress import ProgressCallback

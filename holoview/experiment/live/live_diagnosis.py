@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Cause, Diagnosis
 from holoview.experiment.placement_doubt import diagnosis_options

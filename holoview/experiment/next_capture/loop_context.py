@@ -9,10 +9,10 @@ from holoview.captures.dataset import Captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import PLAIN, SearchConfig
 from holoview.diagnose.correct.bad_captures import find_useless_captures
+from holoview.diagnose.correct.wrong_records import check_records
 from holoview.diagnose.crop import middle_of, saving
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import prepare_search
-from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.search_context import SearchContext, SearchEnd, field_samples
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
@@ -27,7 +27,7 @@ def loop_context(
 
     end: when fits have to end. known: effects that the nominal model has.
     """
-    cut = searched_part(check_records(captures, known, config).captures, config)
+    cut = searched_part(check_records(captures, known).captures, config)
     useless = find_useless_captures(cut)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept

@@ -1,15 +1,18 @@
-"""Where an error lives that no effect of the library explains: smooth maps that are free at one place at a time.
+"""Where an error lives that no effect of the library explains.
 
-Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that express anything
-smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. The place whose maps predict the
-held-out captures best is where to look; `suggest_for` says which effect to write for it, and which captures would show
-more of the error.
+- *Free maps.* Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that
+  express anything smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. Where to
+  look is the place whose maps predict the held-out captures best. `suggest_for` says which effect to write for a
+  place, and which captures would show more of the error.
+- *Pixel maps.* Smooth maps can't show a single column or row. `PixelMap` compares, at the modulator's full resolution,
+  what χ² would gain if a pixel showed one level whatever is sent (`replacement_gains`) with the same of all other
+  pixels, and of whole lines with other lines.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -23,11 +26,14 @@ from holoview.captures.dataset import Captures
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.stuck import LEVELS, LINE_SEGMENTS, MIN_LINE_SIGMAS
+from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
 from holoview.model.effects.parameter import Parameter, Values
 
 Tensor = torch.Tensor
+Floats = NDArray[np.float64]
 
 SURFACE_POINTS = (6, 8)
 """[points] Rows and columns of control points over a modulator or the camera. Evidence: none recorded."""
@@ -346,3 +352,49 @@ def suggest_for(place: str) -> str:
     """A sentence on what to do about an error that lives at a place, one of the places of `free_maps`."""
     effect, captures = _SUGGESTIONS[place]
     return f"Write {effect} ({_HOW}). More of it would be seen in {captures}."
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """How far the parts of modulator `number` (0 for the first) stand out from others, in standard deviations.
+
+    pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the first one,
+    where these are the middle of a larger modulator.
+    """
+
+    number: int
+    pixels: Floats
+    columns: Floats
+    rows: Floats
+    first_pixel: tuple[int, int]
+
+    @property
+    def line_sigmas(self) -> float:
+        """How far the most conspicuous column or row stands out, in standard deviations."""
+        return float(max(self.columns.max(), self.rows.max()))
+
+    def describe_line(self) -> str:
+        """The column or the row that stands out most."""
+        lines = zip(("row", "column"), (self.rows, self.columns), self.first_pixel, strict=True)
+        name, sigmas, first = max(lines, key=lambda line: float(line[1].max()))
+        number = first + int(sigmas.argmax())
+        return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
+
+
+def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
+    """The maps of all modulators, of what the fine captures leave to explain on top of a base."""
+    captures = context.data.captures
+    comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
+    found = []
+    for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
+        columns, rows = (significance(line_gains(gains, axis, LINE_SEGMENTS)).max(axis=0) for axis in (1, 2))
+        found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
+    return tuple(found)
+
+
+def line_notes(maps: Sequence[PixelMap]) -> list[str]:
+    """A note on the most conspicuous line alone: its light spreads, so that others may stand out too."""
+    most = max(maps, key=lambda one: one.line_sigmas, default=None)
+    if most is None or most.line_sigmas < MIN_LINE_SIGMAS:
+        return []
+    return [f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours."]
