@@ -32,8 +32,7 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import train
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.gpu.device import open_device
-from holoview.util.cpu_count import process_cpu_count
-from holoview.util.openmp import share_the_machine
+from holoview.util.processors import process_cpu_count, share_the_machine
 
 _BLOCK = bytes(1 << 18)  # hashing it takes a fraction of a millisecond, without Python's lock
 _LOOP = "while True: pass"

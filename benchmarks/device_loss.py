@@ -34,7 +34,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from benchmarks.common import count_of
 from benchmarks.lossy_viewer import LOSE
-from holoview.session.session_store import SessionStore
+from holoview.document.session_store import SessionStore
 from tests.gui.served import SECONDS, Served, browser_cookie, next_frame, serving
 
 _PROGRAM = ("-m", "benchmarks.lossy_viewer")

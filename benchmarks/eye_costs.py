@@ -17,6 +17,7 @@ from itertools import count
 import numpy as np
 
 from benchmarks.common import count_of, markdown_table, shape_of
+from holoview.document.target_spec import example_target
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import open_device
 from holoview.model import preset
@@ -25,7 +26,6 @@ from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.session.target_spec import example_target
 from holoview.view import random_drive
 
 _PUPILS = ("", "2x2:0.8mm", "3x3:0.6mm", "random:4:0.8mm")

@@ -20,7 +20,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
-from holoview.benchmark.timing import JobTimings, time_interleaved
+from holoview.benchmark.frame_jobs import JobTimings, time_interleaved
 from holoview.gpu.device import Device, open_device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.line_fft import Strategy, supported_strategies

@@ -15,12 +15,10 @@ from PIL import Image
 
 from holoview.commands.console import progress_bar
 from holoview.study.plots import render_figure
-from holoview.study.registry import studies_by_name
 from holoview.study.report import version_summary, write_report
-from holoview.study.runner import run_jobs
-from holoview.study.scale import QUICK
-from holoview.study.store import ResultStore
-from holoview.study.study import Claim, Findings, Study, StudyFigure, StudyPicture
+from holoview.study.runner import ResultStore, run_jobs
+from holoview.study.studies import studies_by_name
+from holoview.study.study import QUICK, Claim, Findings, Study, StudyFigure, StudyPicture
 from holoview.util.file_writer import write_file
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
 from holoview.model import preset
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
 from tests.fuzz.valid_files import valid, write
 from tests.rig.align.hidden_bench import Hidden
 from tests.rig.conftest import write_rig

@@ -35,7 +35,7 @@ from benchmarks.kill_commands import COMMANDS, Command, make_inputs, restored_se
 from holoview.calibrate.checkpoint import load_checkpoint as load_calibration_checkpoint
 from holoview.captures import read_captures
 from holoview.cli import main as holoview
-from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
+from holoview.experiment.camera_loop.loop import load_loop_checkpoint
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.effects.learned_maps import read_calibration

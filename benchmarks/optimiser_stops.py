@@ -15,7 +15,7 @@ from benchmarks.baselines import Autograd, Cached, Tensor, Work
 from benchmarks.optimiser_work import Run, colour_work, interleaved, ours, summary, times_table
 from holoview.benchmark.torch_baseline import torch_threads
 from holoview.model.plan import make_plan
-from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
+from holoview.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.optics.propagate import support_mask
 from holoview.optics.slm import pixel_spectrum
 

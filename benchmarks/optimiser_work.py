@@ -11,7 +11,7 @@ import numpy as np
 import holoview as hv
 from benchmarks.baselines import Work
 from benchmarks.common import markdown_table
-from holoview.benchmark.timing import time_interleaved
+from holoview.benchmark.frame_jobs import time_interleaved
 from holoview.optimise.checkpoint import IterationState
 from holoview.util.files import data_dir
 

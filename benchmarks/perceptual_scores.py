@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.colour import srgb_decode
-from holoview.metrics.color_video_vdp import color_video_vdp
-from holoview.metrics.flip import flip
+from holoview.metrics.perceptual import color_video_vdp, flip
 from holoview.targets.image_reader import read_raster
 
 PUBLISHED_FLIP, PUBLISHED_BLUR, PUBLISHED_NOISE = 0.133285, 8.514, 8.955

@@ -28,8 +28,14 @@ import torch
 
 from benchmarks.diagnosis import bench
 from holoview.diagnose.config import SearchConfig
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopSettings
-from holoview.experiment.next_capture.planners import FixedPlanner, InformedPlanner, Planner, RandomPlanner
+from holoview.experiment.next_capture.closed_loop import (
+    ClosedLoop,
+    FixedPlanner,
+    InformedPlanner,
+    LoopSettings,
+    Planner,
+    RandomPlanner,
+)
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription, read_rig
 from tests.diagnose.effect_sampling import sample_effect

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.rig.align.alignment import find_geometry
-from holoview.rig.align.result import placement_of
+from holoview.rig.align.result import registration_of
 from holoview.util.errors import UserError
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 
@@ -51,10 +51,10 @@ def align(hidden: Hidden) -> tuple[str, dict[str, tuple[float, float, float]]]:
         except UserError as error:
             return f"failed: {error}", {}
     assert geometry is not None
-    placement = placement_of(rig, geometry)
-    turns = placement.camera_turn, placement.slm2_turn
+    registration = registration_of(rig, geometry)
+    turns = registration.camera_turn, registration.slm2_turn
     expected = hidden.expected_values()
-    rows = {name: (expected[name], *own) for name, own in found_values(placement).items()}
+    rows = {name: (expected[name], *own) for name, own in found_values(registration).items()}
     return "right" if turns == hidden.expected_turns() else f"wrong: {turns}", rows
 
 

@@ -35,9 +35,8 @@ from holoview.captures import write_captures
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.extended_model import extended_system
 from holoview.experiment.camera_loop.bench_camera import BenchCamera
-from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
-from holoview.experiment.camera_loop.loop import CameraLoop
-from holoview.experiment.camera_loop.model_update import ModelUpdates
+from holoview.experiment.camera_loop.loop import CameraLoop, ModelUpdates
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
@@ -45,7 +44,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.measure.capture_plan import default_plan
-from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.measure.measurement import Measurement
 from holoview.targets.picture import read_picture
 from holoview.targets.target import Placement, target_for
 
@@ -175,7 +174,7 @@ class Trial:
     def measured(self) -> Cost:
         """Takes the default session of captures, captures.h5."""
         with open_rig(self.rig) as devices:
-            began, session = devices.clock.now(), MeasurementSession(self.rig, devices)
+            began, session = devices.clock.now(), Measurement(self.rig, devices)
             requests = default_plan(self.rig).requests
             captures = [session.take(request, request.levels(self.rig)) for request in requests]
             bench_s = devices.clock.now() - began

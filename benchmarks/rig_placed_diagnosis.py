@@ -21,7 +21,7 @@ import tomli_w
 
 from holoview.captures import Captures, read_captures
 from holoview.diagnose.pipeline import diagnose
-from holoview.rig.placement import read_placement
+from holoview.rig.registration import read_registration
 
 FAULTS: tuple[dict[str, dict[str, float]], ...] = (
     {},
@@ -59,10 +59,10 @@ def run(*arguments: object) -> None:
 
 def diagnosed(captures: Captures, folder: Path, is_corrected: bool, seconds: float) -> str:
     """The verdict, its causes and the processor time."""
-    placement = read_placement(folder / "rig.placement.toml")
-    uncertain = placement.uncertain_effects() if is_corrected else {}
+    registration = read_registration(folder / "rig.placement.toml")
+    uncertain = registration.uncertain_effects() if is_corrected else {}
     began = time.process_time()
-    found = diagnose(captures, known=placement.known_effects(), uncertain=uncertain, time_s=seconds, thorough=True)
+    found = diagnose(captures, known=registration.known_effects(), uncertain=uncertain, time_s=seconds, thorough=True)
     names = " and ".join(cause.effect for cause in found.causes) or "–"
     return f"{found.verdict}: {names}; χ²/n {found.after.chi2_per_pixel:.3f}; {time.process_time() - began:.0f} s"
 

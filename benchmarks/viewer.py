@@ -17,9 +17,9 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview.app.app import App
 from holoview.app.input_driver import InputDriver
+from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import open_device
 from holoview.model import preset
-from holoview.session.editing_session import EditingSession
 
 EVENTS = 24
 

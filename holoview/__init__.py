@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-    from holoview.model.eye import Eye, Prescription
-    from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter
+    from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
     from holoview.model.plan import Plan, make_plan
     from holoview.model.preset import load
     from holoview.model.stops import SquareStop
@@ -55,7 +54,7 @@ if TYPE_CHECKING:
     from holoview.page.page import export_html
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
-    from holoview.util.version import __version__
+    from holoview.util.packages import __version__
     from holoview.view import View, random_drive, simulate
 
 _MODULES = {
@@ -73,14 +72,14 @@ _MODULES = {
     "System": "holoview.model.system",
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
-    "__version__": "holoview.util.version",
-    "chromatic_refraction": "holoview.model.human_eye",
+    "__version__": "holoview.util.packages",
+    "chromatic_refraction": "holoview.model.eye",
     "export_html": "holoview.page.page",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
-    "natural_pupil_diameter": "holoview.model.human_eye",
+    "natural_pupil_diameter": "holoview.model.eye",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",

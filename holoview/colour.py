@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -66,8 +67,43 @@ which would tint white by 1e-4."""
 XYZ_TO_SRGB = _constant(np.linalg.inv(SRGB_TO_XYZ))
 """XYZ to linear sRGB: the exact inverse of `SRGB_TO_XYZ`."""
 
-XYZ_TO_P3 = _constant(np.linalg.inv(rgb_to_xyz([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)])))
-"""XYZ to linear Display P3 (primaries of SMPTE EG 432-1, white D65)."""
+
+@dataclass(frozen=True)
+class ColourSpace:
+    """A colour space of pictures, with the white D65 and Y = 1 for its white.
+
+    title: its name in full. chromaticities: (x, y) of red, green and blue. code_points: its primaries and its curve in
+    ITU-T H.273, which PNG files state.
+    """
+
+    title: str
+    chromaticities: tuple[tuple[float, float], ...]
+    code_points: tuple[int, int]
+
+    @property
+    def from_xyz(self) -> FloatArray:
+        """The matrix (3, 3) from XYZ to linear RGB."""
+        return np.asarray(np.linalg.inv(rgb_to_xyz(self.chromaticities)))
+
+    def encode(self, xyz: ArrayLike) -> FloatArray:
+        """The signal (…, 3), 0 to 1, of XYZ (…, 3): channels are clipped, then take the curve of the space.
+
+        Rec. ITU-R BT.2020 has its own curve (table 4); sRGB and Display P3 have that of IEC 61966-2-1.
+        """
+        linear = np.clip(np.asarray(xyz, dtype=np.float64) @ self.from_xyz.T, 0.0, 1.0)
+        if self.code_points[1] == _SRGB_CURVE:
+            return srgb_encode(linear)
+        alpha, beta = 1.09929682680944, 0.018053968510807
+        return np.where(linear < beta, 4.5 * linear, alpha * linear**0.45 - (alpha - 1.0))
+
+
+_SRGB_CURVE = 13  # of H.273
+COLOUR_SPACES = {
+    "srgb": ColourSpace("sRGB", ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06)), (1, _SRGB_CURVE)),
+    "p3": ColourSpace("Display P3", ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)), (12, _SRGB_CURVE)),
+    "rec2020": ColourSpace("Rec. 2020", ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)), (9, 14)),
+}
+"""The colour spaces in which pictures can be written. Lasers leave sRGB; Rec. 2020 holds most of their mixtures."""
 
 
 @cache

@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.backend import open_executor
+from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.memory import simulation_bytes
+from holoview.model.eye import sample_degrees
 from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import exceeded_limits
-from holoview.model.visual_angle import sample_degrees
-from holoview.util.memory_limit import require_memory
+from holoview.model.validity import exceeded_limits
+from holoview.util.memory import require_memory
 from holoview.util.progress import StepCallback
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32

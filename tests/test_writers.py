@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 import holoview as hv
 from holoview.captures import read_captures, write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.document.archive import SessionArchive, SessionData, read_session
+from holoview.document.editing_session import EditingSession
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.png import write_pattern, write_png
+from holoview.io.pictures import write_pattern, write_png
 from holoview.model import preset
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
-from holoview.report.figure import png_figure
-from holoview.session.archive import SessionArchive, SessionData, read_session
-from holoview.session.editing_session import EditingSession
-from holoview.study.store import ResultStore
+from holoview.report.images import png_figure
+from holoview.study.runner import ResultStore
 from holoview.study.study import JobResult, StudyJob
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size

@@ -9,7 +9,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from docs._hooks import links, reference, repository
+from docs._hooks import links, live, reference, repository
 
 _HOST = r'"((?:https?:)?//[^"]+)"'
 _LOADED = re.compile(
@@ -36,6 +36,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made[reference.COMMAND_LINE] = reference.command_line()
     for page, text in made.items():
         files.append(File.generated(config, page, content=text))
+    files.append(File.generated(config, live.PAGE, content=live.page()))
     for path in repository.mirrored():
         page, content = repository.page_of(path), repository.content_of(path)
         if content is None:
@@ -49,7 +50,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Turns links to files of the repository into links between pages."""
     if page.file.src_uri.startswith("reference/"):
         return markdown
-    return repository.rewritten(markdown, page.file.src_uri)
+    markdown = repository.rewritten(markdown, page.file.src_uri)
+    return live.embedded(markdown) if page.is_homepage else markdown
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:

@@ -26,13 +26,9 @@ keys                  names of keys, chords
 parameter_widgets     sliders and fields made from a parameter's metadata
 plots                 small plots
 laser_colours         display colours of wavelengths
-progressive_renderer  a quick image at once, the full one when editing pauses
-side_renderers        one renderer for each side of a comparison
 viewport              draws images of the device into a texture: zoom, exposure, comparison
 rig                   what the panels of a rig show
 image_labels          texts in the image panel
-derived_images        the pages "phase" and "spectrum"
-plane_previews        preview images of all focal planes
 tiles                 clickable pictures of planes
 plane_strip           a strip of all planes
 plane_sheet           a sheet of all planes

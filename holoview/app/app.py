@@ -17,18 +17,18 @@ from holoview.app.general_commands import add_general_commands
 from holoview.app.menus import draw_menus
 from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
-from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.score_choice import add_score_commands
 from holoview.app.status import draw_status
 from holoview.app.toasts import Toasts
 from holoview.app.tour import Tour
 from holoview.app.window import Window
 from holoview.app.window_layout import LayoutCallbacks, runner_params
+from holoview.document.changes import Change
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
-from holoview.session.changes import Change
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
-from holoview.session.view_settings import NOW
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.view_settings import NOW
 from holoview.util.errors import UserError
 
 P = TypeVar("P", bound=Panel)
@@ -195,7 +195,7 @@ class App:
             self._is_stale = False
             with self.session.report_errors():
                 self.context.side_renderers.request()
-                self.context.plane_previews.request()
+                self.context.plane_previews.request(self.session.displayed_document.scene)
 
     def _on_change(self, change: Change) -> None:
         self._is_stale = True

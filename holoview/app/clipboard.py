@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageGrab
 
-from holoview.session.export.png_images import png_bytes
+from holoview.document.export.png_images import png_bytes
 from holoview.util.errors import UserError
 
 _TIMEOUT_S = 5.0

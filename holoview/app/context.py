@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 
 from holoview.app import theme
 from holoview.app.command_registry import CommandRegistry
-from holoview.app.derived_images import DerivedImages
 from holoview.app.help_overlay import HelpOverlay
-from holoview.app.plane_previews import PlanePreviews
-from holoview.app.progressive_renderer import ProgressiveRenderer
-from holoview.app.side_renderers import SideRenderers
 from holoview.app.window import Window
+from holoview.document.editing_session import EditingSession
+from holoview.document.file_loader import FileLoader
+from holoview.document.limit_notes import LimitNotes
+from holoview.document.live_measurement import LiveMeasurement
+from holoview.document.live_score import LiveScore
+from holoview.document.pupil_motion import PupilMotion
+from holoview.document.retinal_curve import RetinalCurves
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
-from holoview.session.editing_session import EditingSession
-from holoview.session.file_loader import FileLoader
-from holoview.session.limit_notes import LimitNotes
-from holoview.session.live_measurement import LiveMeasurement
-from holoview.session.live_score import LiveScore
-from holoview.session.pupil_motion import PupilMotion
-from holoview.session.retinal_curve import RetinalCurves
-from holoview.session.session_store import SessionStore
+from holoview.render.page_images import PageImages
+from holoview.render.plane_previews import PlanePreviews
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.side_renderers import SideRenderers
 
 if TYPE_CHECKING:
     from holoview.experiment.live.rig_session import RigSession
@@ -75,8 +75,8 @@ class AppContext:
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
         self.side_renderers = SideRenderers(device, session, renderer)
-        self.plane_previews = PlanePreviews(device, session)
-        self.derived_images = DerivedImages(device, session)
+        self.plane_previews = PlanePreviews(device)
+        self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
         self.live_measurement = LiveMeasurement(session, window.wake)
         self.live_psnr = LiveScore("psnr", session, window.wake)
         self.live_score = LiveScore("score", session, window.wake)
@@ -98,7 +98,7 @@ class AppContext:
         return (
             self.side_renderers.is_busy
             or self.plane_previews.is_busy
-            or self.derived_images.is_busy
+            or self.page_images.is_busy
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
             or self.live_psnr.is_busy
@@ -169,7 +169,7 @@ class AppContext:
         self.live_psnr.close()
         self.live_score.close()
         self.side_renderers.close()
-        self.derived_images.close()
+        self.page_images.close()
 
     def _run_command(self, name: str) -> None:
         self.attempt(self.commands.run, name)

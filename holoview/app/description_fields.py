@@ -10,8 +10,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
 from holoview.app.stop_widgets import centre_field, square_field
-from holoview.model.dataclass_fields import Nested, fields_by_key
-from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Truth
+from holoview.model.fields import Array, Choice, Coefficients, Integer, Nested, Number, Truth, fields_by_key
 from holoview.model.stops import CentreField, SquareField, SquareStop
 
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from imgui_bundle import imgui
 
-from holoview.session.messages import MessageLog
+from holoview.document.messages import MessageLog
 
 
 class DrawGuard:

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 
-from holoview.util.signals import ENDING
-from holoview.util.threads import is_left, leave
+from holoview.util.processes import ENDING, is_left, leave
 
 GRACE_S = 2.0
 """Seconds from the signal that the window's thread has to close the window in good order."""

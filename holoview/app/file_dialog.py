@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 
 from holoview.app import theme
 from holoview.app.parameter_widgets import tooltip
-from holoview.session.editing_session import EditingSession
+from holoview.document.editing_session import EditingSession
 from holoview.util.files import expand_home
 
 _ROWS = 12

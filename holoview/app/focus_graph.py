@@ -9,7 +9,7 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
 from holoview.app.parameter_widgets import tooltip
-from holoview.session.eye_edits import dioptres_of, seen_planes_m
+from holoview.document.eye_edits import dioptres_of, seen_planes_m
 
 _HEIGHT = 170.0
 _FLAGS = implot.Flags_.no_menus | implot.Flags_.no_legend | implot.Flags_.no_mouse_text | implot.Flags_.no_inputs

@@ -14,11 +14,11 @@ from typing import Any
 
 from holoview.app.app import App
 from holoview.app.input_driver import InputDriver
+from holoview.document.document import middle_plane
+from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import Device
 from holoview.model.system import System
-from holoview.session.document import middle_plane
-from holoview.session.editing_session import EditingSession
-from holoview.session.view_settings import ViewSettings
+from holoview.render.view_settings import ViewSettings
 
 _FRAME_S = 1 / 60
 _NEAR, _FAR = 0.99, 1.01

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from holoview.app.context import AppContext
-from holoview.session.example import show_example
-from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS
+from holoview.document.example import show_example
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.view import random_drive
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.session.view_settings import TARGET, ViewSettings
+from holoview.render.view_settings import TARGET, ViewSettings
 
 
 def side_labels(view: ViewSettings, shows_b: bool, has_target: bool) -> list[tuple[str, float]]:

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.serve import Address, ServeOptions, require_serving_libraries
 from holoview.app.startup import Startup
+from holoview.document.editing_session import EditingSession
+from holoview.document.example import new_session
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession
-from holoview.session.example import new_session
-from holoview.session.session_store import SessionStore
-from holoview.session.view_settings import NOW
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.view_settings import NOW
 from holoview.util.errors import UserError
 
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from holoview.app.app import App
 from holoview.app.run import compute_loop
+from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import DeviceLost, open_device
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 Showable = System | Hologram | EditingSession | str
 _MAX_FRAMES_A_SECOND = 30

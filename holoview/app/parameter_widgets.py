@@ -8,9 +8,8 @@ from typing import Any
 
 from imgui_bundle import imgui
 
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter
-from holoview.model.field_types import Choice, Integer, Number
+from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.model.fields import Choice, Integer, Number
 from holoview.util import units
 
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores

@@ -8,7 +8,8 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.tiles import PlaneTiles
-from holoview.session.focal_plane import SAME_PLANE_M
+from holoview.document.focal_plane import SAME_PLANE_M
+from holoview.render.plane_previews import previewed_planes
 
 _GAP = 6.0
 
@@ -21,7 +22,7 @@ class PlaneSheet:
 
     def draw(self, context: AppContext, available: tuple[int, int]) -> float | None:
         """Draws the sheet and returns the plane in metres that was clicked, if any."""
-        planes, focused, chosen = context.plane_previews.planes_m, context.session.view_settings.plane_m, None
+        planes, focused, chosen = previewed_planes(context.session.system), context.session.view_settings.plane_m, None
         columns, size = fitting_tiles(len(planes), available, context.session.document.image_shape)
         corner = imgui.get_cursor_pos()
         for number, plane_m in enumerate(planes):

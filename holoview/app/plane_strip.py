@@ -6,7 +6,8 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.tiles import PlaneTiles, tile_size
-from holoview.session.focal_plane import SAME_PLANE_M
+from holoview.document.focal_plane import SAME_PLANE_M
+from holoview.render.plane_previews import previewed_planes
 
 
 class PlaneStrip:
@@ -20,7 +21,7 @@ class PlaneStrip:
         available = imgui.get_content_region_avail()
         if available.y < 24:
             return None
-        planes, chosen = context.plane_previews.planes_m, None
+        planes, chosen = previewed_planes(context.session.system), None
         height = available.y
         size = tile_size(context.session.document.image_shape, height)
         if size[0] * len(planes) + 6 * len(planes) > available.x:

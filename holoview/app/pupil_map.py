@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
 from holoview.app.parameter_widgets import tooltip
-from holoview.session.eye_edits import eye_of, eyebox_half_m, move_pupil, pupil_diameter_m, resize_pupil
+from holoview.document.eye_edits import eye_of, eyebox_half_m, move_pupil, pupil_diameter_m, resize_pupil
 
 _SIZE_PX = 150.0
 _MARGIN = 1.5  # half the side of the map over half the side of the eyebox at the longest wavelength

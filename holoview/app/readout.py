@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.score_choice import choose_next_score
+from holoview.document.live_score import ImageScore, image_psnr_db
+from holoview.document.measure import sample_pixel
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, samples_per_degree
-from holoview.session.live_score import ImageScore, image_psnr_db
-from holoview.session.measure import sample_pixel
-from holoview.session.view_settings import DERIVED_PAGES, NOW, ViewSettings, displayed_side
+from holoview.render.view_settings import DERIVED_PAGES, NOW, ViewSettings, displayed_side
 from holoview.util.text import printable
 
 

@@ -8,8 +8,8 @@ from imgui_bundle import imgui
 
 from holoview.app import theme
 from holoview.app.file_dialog import centre_next_window
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SavedSession, SessionStore
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SavedSession, SessionStore
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 

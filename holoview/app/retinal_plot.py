@@ -8,9 +8,9 @@ from imgui_bundle import imgui, implot
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
+from holoview.document.eye_edits import dioptres_text, pupil_diameter_m
+from holoview.document.retinal_curve import RetinalCurve
 from holoview.metrics.speckle import independent_patterns
-from holoview.session.eye_edits import dioptres_text, pupil_diameter_m
-from holoview.session.retinal_curve import RetinalCurve
 
 _CONES = imgui.ImVec4(0.45, 0.80, 0.50, 1.0)
 _MARGIN_MM = 0.2

@@ -17,18 +17,18 @@ from holoview.app.desktop import connect_desktop
 from holoview.app.end_in_time import end_in_time
 from holoview.app.input_driver import InputDriver
 from holoview.app.panels.rig import open_rig
-from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, ServeOptions, serve
+from holoview.document.editing_session import EditingSession
+from holoview.document.example import shows_example
+from holoview.document.preferences import state_folder
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device, DeviceLost
 from holoview.io.hologram import Hologram
-from holoview.session.editing_session import EditingSession
-from holoview.session.example import shows_example
-from holoview.session.preferences import state_folder
-from holoview.session.session_store import SessionStore
+from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.util.errors import UserError
-from holoview.util.rescue import save_elsewhere
-from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.file_writer import save_elsewhere
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 from holoview.util.text import plain_name
 
 _IDLE_S = 0.05  # between checks for work while there is none

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from holoview.app.input_driver import InputDriver
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.tables import parse_toml_value
 

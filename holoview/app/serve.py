@@ -18,7 +18,7 @@ from holoview.app.client_places import ClientPlaces
 from holoview.app.serve_guard import Application, HostGuard, TokenGuard
 from holoview.app.serve_options import Address, ServeOptions
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 __all__ = ["Address", "ServeOptions", "TokenGuard", "guarded", "require_serving_libraries", "serve"]
 

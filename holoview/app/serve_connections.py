@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from holoview.app.serve_guard import Application
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _REQUEST_S = 10.0
 _PING_S = 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.model.stops import APERTURE, SquareField, SquareStop
 
 _NONE, _IDEAL, _REAL, _APERTURE = "none", "first order", "first order at one wavelength", "aperture"

@@ -7,9 +7,10 @@ from dataclasses import replace
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
-from holoview.session.eye_edits import dioptres_text
-from holoview.session.view_settings import ViewSettings
+from holoview.app.viewport import Viewport, visible_area_of
+from holoview.document.eye_edits import dioptres_text
+from holoview.render.scene import DeviceImage
+from holoview.render.view_settings import ViewSettings
 
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
 _EMPTY = imgui.IM_COL32(20, 20, 22, 255)

@@ -14,9 +14,9 @@ from holoview.engine.shader_structs import VIEWPORT
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.session.colour_maps import colour_map
-from holoview.session.tone_mapping import channel_matrix
-from holoview.session.view_settings import ViewSettings
+from holoview.render.scene import DeviceImage
+from holoview.render.tone_mapping import channel_matrix, colour_map
+from holoview.render.view_settings import ViewSettings
 
 _TILE = 8  # workgroup size of the shader along each axis
 _MIN_GRID_ZOOM = 10.0  # screen pixels for each sample from which the pixel grid is drawn
@@ -26,21 +26,6 @@ _SPARSE_TAPS = 8
 _HALF_TOLERANCE = 1e-3  # screen pixels; positions are rounded by less
 _COMPARISONS = {"off": 0, "hold": 0, "wipe": 1, "side-by-side": 2, "difference": 3}
 BACKGROUND = (0.075, 0.078, 0.086)
-
-
-@dataclass(frozen=True, eq=False)
-class DeviceImage:
-    """An XYZ image (y, x, 4) in float32 on the device; the fourth component is unused. shape: (y, x).
-
-    is_quick: whether it shows the simplified system. version: rises when the content changes. gain: a factor on its
-    light for display.
-    """
-
-    buffer: Buffer
-    shape: tuple[int, int]
-    is_quick: bool = False
-    version: int = 0
-    gain: float = 1.0
 
 
 @dataclass(frozen=True)

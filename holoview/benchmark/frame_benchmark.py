@@ -1,29 +1,128 @@
-"""Times a frame and its edits. Each criterion is a ratio of two jobs, timed in the same rounds, with a limit."""
+"""Times a frame and its edits beside torch, by the device's own clock, and from the start of a process.
+
+`benchmark_frame`      a frame and its edits, timed in the same rounds as torch and judged as ratios with limits
+`device_time`          a frame by the device's own clock, and its share of the memory bandwidth
+`first_image_timings`  from the start of a process to its first image
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
-from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, middle_plane_m, open_renderer, scrub
-from holoview.benchmark.pruned_torch_baseline import WAYS, PrunedTorchBaseline, can_prune
-from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
-from holoview.benchmark.torch_baseline import TorchBaseline, torch_threads
+from holoview.benchmark.frame_jobs import (
+    JobTimings,
+    TimedJob,
+    amplitude_edit,
+    full_frame,
+    middle_plane_m,
+    open_renderer,
+    scrub,
+    time_interleaved,
+)
+from holoview.benchmark.machine import probe_device
+from holoview.benchmark.torch_baseline import WAYS, PrunedTorchBaseline, TorchBaseline, can_prune, torch_threads
+from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
+from holoview.gpu.fft import FftPlan
 from holoview.gpu.line_fft import Strategy
+from holoview.gpu.recorder import CommandRecorder, GpuTimer
 from holoview.gpu.tune import StrategyOption
+from holoview.model import preset
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import random_drive
+
+
+@dataclass(frozen=True)
+class DeviceTime:
+    """Time of a frame and of one wavelength (ms), and bandwidths (bytes/s, read plus written)."""
+
+    frame_ms: float
+    wavelength_ms: float
+    bandwidth: float
+    copy_bandwidth: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The result as JSON values."""
+        return asdict(self) | {"share_of_copy": self.bandwidth / self.copy_bandwidth}
+
+
+def device_time(
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
+) -> DeviceTime:
+    """Median of `rounds` frames of a system without padding, after one that isn't timed.
+
+    Raises UserError if the device has no timestamp queries.
+    """
+    periodic = system.edit({"propagation": "periodic"})
+    renderer = open_renderer(periodic, device, half, strategy)
+    frame_s, count = job_device_s(renderer, full_frame(renderer), rounds), len(periodic.wavelengths_m)
+    bandwidth = count * renderer.traffic_bytes / frame_s
+    copy_bandwidth = probe_device(device, rounds).copy_bandwidth
+    return DeviceTime(1e3 * frame_s, 1e3 * frame_s / count, bandwidth, copy_bandwidth)
+
+
+def job_device_s(renderer: IncrementalRenderer, job: TimedJob, rounds: int) -> float:
+    """Median time (s) of the device in `rounds` runs of a job of the renderer; gaps between its passes don't count.
+
+    Raises UserError if the device has no timestamp queries.
+    """
+    renderer.timer = GpuTimer(renderer.device)
+    seconds = []
+    for _ in range(rounds):
+        job()
+        seconds.append(renderer.timer.take_seconds())
+    renderer.timer = None
+    return statistics.median(seconds)
+
+
+# --- a 2-D FFT on the device, and torch.fft for comparison ---
+
+
+FFT, TORCH_FFT = "FFT2", "torch.fft2, 2 threads"
+_TORCH_THREADS, _FFTS_PER_JOB = 2, 4
+
+
+def fft_jobs(device: Device, shape: tuple[int, int], strategy: Strategy) -> dict[str, TimedJob]:
+    """Jobs of four 2-D FFTs each of a complex64 field of `shape` (ny, nx), in memory that is already allocated."""
+    parts = np.random.default_rng(0).standard_normal((2, *shape)).astype(np.float32)
+    field = (parts[0] + 1j * parts[1]).astype(np.complex64)
+    plan = FftPlan(device, shape, strategy=strategy)
+    buffer = device.upload(plan.pack(field), "field")
+    tensor, out = torch.from_numpy(field), torch.empty(shape, dtype=torch.complex64)
+
+    def device_ffts() -> None:
+        recorder = CommandRecorder(device, "FFT2")
+        for direction in (plan.forward, plan.inverse) * (_FFTS_PER_JOB // 2):  # alternating, so that values stay finite
+            direction(recorder, buffer)
+        recorder.submit(wait=True)
+
+    def torch_ffts() -> None:
+        with torch_threads(_TORCH_THREADS), torch.inference_mode():
+            for _ in range(_FFTS_PER_JOB):
+                torch.fft.fft2(tensor, out=out)
+
+    return {FFT: device_ffts, TORCH_FFT: torch_ffts}
+
+
+# --- a frame and its edits: each criterion is a ratio of two jobs, timed in the same rounds, with a limit ---
+
 
 FULL, SINGLE, PADDED, SCRUB, AMPLITUDE = "frame", "frame, 1 λ", "frame, padded", "focal plane", "amplitude"
 TORCH, TORCH_SINGLE, TORCH_PRUNED = "torch", "torch, 1 λ", "torch, pruned"
@@ -203,3 +302,106 @@ def _run_on_cuda(baseline: TorchBaseline) -> None:
     with torch.inference_mode():
         baseline()
     torch.cuda.synchronize()
+
+
+# --- from the start of a process to its first image ---
+#
+# Each job is a command in a process of its own: the viewer, and `holoview render` by both backends. "Cold" is with
+# empty caches of holoview (declarations of wgpu's library, FFT strategies) and of Mesa's drivers (compiled shaders);
+# caches of other drivers aren't emptied. "Warm" is after the same command. The viewer draws off screen and reads its
+# frames back; its first image is the quick one where the adapter is slow. The commands run in turn, so that other load
+# on the machine slows all of them alike.
+
+
+COLD, WARM = "first image of the viewer, cold caches", "first image of the viewer, warm caches"
+RENDER_COLD, RENDER_WARM = "holoview render, cold caches", "holoview render, warm caches"
+RENDER_TORCH = "holoview render --backend torch"
+_LIMITS_S, _GOALS_S = {COLD: 3.0, WARM: 1.5}, {COLD: 2.0, WARM: 1.0}
+_CACHE_VARIABLES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR", "LOCALAPPDATA")
+_VIEW = ("view", "bench.toml", "--new", "--offscreen", "--until-image")
+_RENDER = ("render", "bench.toml", "--random", "0", "--output", "image.png")
+
+
+@dataclass(frozen=True)
+class _Command:
+    """Arguments of holoview, whether its caches are warm, and whether it is timed until its first line or its end."""
+
+    arguments: tuple[str, ...]
+    is_warm: bool
+    until_line: bool = False
+
+
+def first_image_timings(system: System, adapter: str | None = None, rounds: int = 3) -> dict[str, JobTimings]:
+    """Wall and processor time (s) of each job, `rounds` times; the processor time is that until the process has ended.
+
+    system: the bench that is shown at one plane. adapter: a part of the name of the WebGPU adapter.
+    Raises RuntimeError with what a command printed if it fails.
+    """
+    on = () if adapter is None else ("--adapter", adapter)
+    commands = {
+        COLD: _Command((*_VIEW, *on), is_warm=False, until_line=True),
+        WARM: _Command((*_VIEW, *on), is_warm=True, until_line=True),
+        RENDER_COLD: _Command((*_RENDER, "--backend", "wgpu", *on), is_warm=False),
+        RENDER_WARM: _Command((*_RENDER, "--backend", "wgpu", *on), is_warm=True),
+        RENDER_TORCH: _Command((*_RENDER, "--backend", "torch"), is_warm=True),
+    }
+    return _time_commands(system, commands, rounds)
+
+
+def first_image_criteria(timings: dict[str, JobTimings]) -> list[Criterion]:
+    """The medians of the viewer's first image, with their limits."""
+    return [
+        Criterion(name, timings[name].median_ms / 1e3, _LIMITS_S[name], _GOALS_S[name], "s")
+        for name in (COLD, WARM)
+        if name in timings
+    ]
+
+
+def first_image_criterion(system: System, adapter: str | None = None) -> Criterion:
+    """The time to the viewer's first image with cold caches, once, with its limit."""
+    on = () if adapter is None else ("--adapter", adapter)
+    command = _Command((*_VIEW, *on), is_warm=False, until_line=True)
+    return first_image_criteria(_time_commands(system, {COLD: command}, 1))[0]
+
+
+def _time_commands(system: System, commands: dict[str, _Command], rounds: int) -> dict[str, JobTimings]:
+    samples: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "bench.toml").write_text(preset.dumps(system), encoding="utf-8")
+        for command in commands.values():
+            if command.is_warm:
+                _run(command, folder, folder / "warm")
+        for number in range(rounds):
+            for job, command in commands.items():
+                caches = folder / ("warm" if command.is_warm else f"cold {number} {job}")
+                samples[job].append(_run(command, folder, caches))
+    return {job: JobTimings(*zip(*pairs, strict=True)) for job, pairs in samples.items()}
+
+
+def _run(command: _Command, folder: Path, caches: Path) -> tuple[float, float]:
+    """Wall and processor time (s) of a command that runs in `folder`, with its caches in another."""
+    caches.mkdir(exist_ok=True)
+    environment = os.environ | dict.fromkeys(_CACHE_VARIABLES, str(caches))
+    words: Sequence[str] = (sys.executable, "-m", "holoview", *command.arguments)
+    cpu_start, start = _cpu_s_of_children(), time.perf_counter()
+    with (folder / "errors.txt").open("w+", encoding="utf-8", errors="replace") as errors:
+        process = subprocess.Popen(
+            words, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8"
+        )
+        with process:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            until_line_s = time.perf_counter() - start
+            process.stdout.read()
+        seconds = until_line_s if command.until_line else time.perf_counter() - start
+        if process.returncode or not line:
+            errors.seek(0)
+            raise RuntimeError(f"holoview {' '.join(command.arguments)}: {errors.read().strip()}")
+    return seconds, _cpu_s_of_children() - cpu_start
+
+
+def _cpu_s_of_children() -> float:
+    """Processor time (s) of all processes that this one has started and waited for; 0 where that isn't counted."""
+    times = os.times()
+    return float(times.children_user + times.children_system)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.benchmark.timing import time_interleaved
+from holoview.benchmark.frame_jobs import time_interleaved
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.memory import with_compact_grid

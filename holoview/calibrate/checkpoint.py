@@ -33,10 +33,9 @@ from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import stated_keys
 from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes, read_layout
-from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.safetensors_file import TensorFormat
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import read_record
 
 _TEXTS = ("layout", "settings", "progress", "known", "captures")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
+from holoview.util.files import read_text
 
 Floats = NDArray[np.float64]
 

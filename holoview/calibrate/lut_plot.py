@@ -6,7 +6,7 @@ import math
 import os
 
 from holoview.calibrate.lut import Lut
-from holoview.report.figure import label, png_figure
+from holoview.report.images import label, png_figure
 
 
 def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:

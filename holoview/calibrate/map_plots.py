@@ -16,7 +16,7 @@ from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.model.effects.learned_maps import LearnedMaps
-from holoview.report.figure import png_figure
+from holoview.report.images import png_figure
 from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:

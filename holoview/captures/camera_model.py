@@ -1,6 +1,6 @@
-"""What the models of a camera's intensity share: the fields whose intensities add up, and a cache of what they compute.
+"""The common part of the models of intensity on a camera: fields whose intensities add up, modulators, a cache.
 
-`near_field_model` and `fourier_model` are such models, with the same modulators and different light paths behind them.
+`near_field_model` and `fourier_model` have the same modulators and different light paths behind them.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from holoview.captures.camera_sampling import PixelGrid
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.plan import Plan
@@ -41,20 +42,25 @@ class CameraModel:
     """Intensities on the camera at the first plane of a plan: the part that doesn't depend on the geometry.
 
     plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
+    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
     cache: keeps intermediate results; a key names all values that its result depends on.
     earlier: the drives that were sent before a pattern, and first of all; None where no effect asks for them.
+    focal_length_m: of the lens of a Fourier bench; 0 in the near field.
     """
 
     def __init__(
         self,
         plan: Plan,
         effects: TorchEffects,
+        relays: tuple[Relay, Relay],
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
         earlier: tuple[Tensor, Tensor] | None = None,
+        focal_length_m: float = 0.0,
     ) -> None:
-        self.plan, self.effects, self.pixel_grid = plan, effects, pixel_grid
+        self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
+        self.focal_length_m = focal_length_m
         self.dtype, self.cache, self.earlier = dtype, cache, earlier
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
@@ -68,7 +74,7 @@ class CameraModel:
         return slope_y, slope_x
 
     def context(self, number: int, component: IncoherentComponent) -> ModulatorContext:
-        """What the hooks of effects need to know of modulator `number` (0 or 1)."""
+        """The context of the hooks on modulator `number` (0 or 1)."""
         return modulator_context(self.plan, number, component.wavelength, component.laser, component.slm_frame)
 
     def transmission(self, drive: Tensor, number: int, component: IncoherentComponent) -> Tensor:

@@ -23,9 +23,8 @@ from holoview.model.effects.hook_contexts import Pose
 from holoview.model.passband import band_of_rows
 from holoview.model.plan import Grid
 from holoview.model.transfer import Transfer
-from holoview.numerics.band_limited_warp import band_limited_warp
-from holoview.numerics.fft_grid import frequency_indices
-from holoview.numerics.resample import affine_warp, centred_indices
+from holoview.numerics.resample import affine_warp, band_limited_warp, centred_indices
+from holoview.numerics.sampling import frequency_indices
 
 Tensor = torch.Tensor
 _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal

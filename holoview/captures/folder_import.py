@@ -40,11 +40,10 @@ from PIL import Image
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import BenchTables, parse_bench_tables
 from holoview.captures.validation import check_captures
-from holoview.model.field_types import Number
-from holoview.targets.raster import require_picture_memory
-from holoview.targets.tiff import naming_missing_codecs, require_page_memory
+from holoview.model.fields import Number
+from holoview.targets.image_reader import naming_missing_codecs, require_page_memory, require_picture_memory
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text, require_file
+from holoview.util.files import read_text, require_file
 from holoview.util.progress import StepCallback
 from holoview.util.tables import parse_toml
 

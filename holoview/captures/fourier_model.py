@@ -14,18 +14,14 @@ import math
 
 import torch
 
-from holoview.captures.camera_model import CameraModel, IncoherentComponent, TensorCache
+from holoview.captures.camera_model import CameraModel, IncoherentComponent
 from holoview.captures.camera_sampling import PixelGrid, squared_magnitude
-from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
-from holoview.model.plan import Plan
-from holoview.numerics.band_limited_warp import band_limited_warp
-from holoview.numerics.chirp_z import chirp_z_transform
-from holoview.numerics.resample import centred_indices
+from holoview.numerics.fourier import chirp_z_transform
+from holoview.numerics.resample import band_limited_warp, centred_indices
 from holoview.optics.bench import illuminated
 from holoview.optics.slm import phasor
-from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
 _SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
@@ -34,25 +30,7 @@ _SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
 
 
 class FourierBenchModel(CameraModel):
-    """Intensities on the camera in the focal plane of a lens.
-
-    The plane of the plan lies at focal_length_m + defocus. relay: the nominal stops in front of the camera. Other
-    arguments as of `CameraModel`.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        effects: TorchEffects,
-        focal_length_m: float,
-        relay: Relay,
-        pixel_grid: PixelGrid,
-        dtype: torch.dtype,
-        cache: TensorCache,
-        earlier: tuple[Tensor, Tensor] | None = None,
-    ) -> None:
-        super().__init__(plan, effects, pixel_grid, dtype, cache, earlier)
-        self.focal_length_m, self.relay = focal_length_m, relay
+    """Intensities on the camera in the focal plane of a lens. The plan has its plane at focal_length_m + defocus."""
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
         """|E|² (y, x) on the camera for unit power in one component.
@@ -127,11 +105,11 @@ class FourierBenchModel(CameraModel):
         """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
         sine2 = sine_y.square()[:, None] + sine_x.square()[None, :]
         passes = torch.ones_like(sine2, dtype=torch.bool)
-        y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relay.centre_na, strict=True))
-        if self.relay.iris_na is not None:
-            passes &= y.square()[:, None] + x.square()[None, :] <= self.relay.iris_na**2
-        if self.relay.square is not None:
-            half = self.relay.square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
+        y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relays[1].centre_na, strict=True))
+        if self.relays[1].iris_na is not None:
+            passes &= y.square()[:, None] + x.square()[None, :] <= self.relays[1].iris_na ** 2
+        if self.relays[1].square is not None:
+            half = self.relays[1].square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
             passes &= (y.abs()[:, None] < half) & (x.abs()[None, :] < half)
         if self.plan.system.relay2.dc_block_na is not None:
             passes &= sine2 > self.plan.system.relay2.dc_block_na**2

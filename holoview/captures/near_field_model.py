@@ -12,38 +12,20 @@ from functools import lru_cache
 
 import torch
 
-from holoview.captures.camera_model import CameraModel, IncoherentComponent, Key, TensorCache
-from holoview.captures.camera_sampling import FrequencyBand, PixelGrid, sample_intensity
+from holoview.captures.camera_model import CameraModel, IncoherentComponent, Key
+from holoview.captures.camera_sampling import FrequencyBand, sample_intensity
 from holoview.engine.frame import relay_behind, spectrum_behind_modulators
-from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.plan import Grid, Plan
+from holoview.model.plan import Grid
 from holoview.model.transfer import Transfer
 from holoview.optics.bench import PixelAxis, illuminated, plane_wave, relay_response, spectrum_of_pixels
 from holoview.optics.propagate import nominal_pupil
-from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
 
 
 class NearFieldModel(CameraModel):
-    """Intensities on the camera at the first plane of a plan.
-
-    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates. Other arguments as of `CameraModel`.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        effects: TorchEffects,
-        relays: tuple[Relay, Relay],
-        pixel_grid: PixelGrid,
-        dtype: torch.dtype,
-        cache: TensorCache,
-        earlier: tuple[Tensor, Tensor] | None = None,
-    ) -> None:
-        super().__init__(plan, effects, pixel_grid, dtype, cache, earlier)
-        self.relays = relays
+    """Intensities on the camera behind relays and free space."""
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
         """|E|² (y, x) on the camera for unit power in one component.

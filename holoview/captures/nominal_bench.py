@@ -20,8 +20,7 @@ import numpy as np
 
 from holoview.captures.dataset import Camera, SlmSpec
 from holoview.model.bench_parts import Relay
-from holoview.model.dataclass_fields import fields_by_key, to_mapping
-from holoview.model.field_types import FieldType, Number
+from holoview.model.fields import FieldType, Number, fields_by_key, to_mapping
 from holoview.util.errors import UserError, suggest_matches
 
 _NAMES = {"iris_na": "iris{}_na", "square": "square{}", "centre_na": "centre{}_na"}

@@ -26,14 +26,13 @@ from holoview.captures.fourier_model import FourierBenchModel
 from holoview.captures.near_field_model import NearFieldModel
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
-from holoview.model.effects.effect_table import EffectTable
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
+from holoview.model.effects.registry import EffectTable, get_effect
 from holoview.model.plan import Plan, make_plan
-from holoview.model.validity.checks import check_plan
+from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20
@@ -218,11 +217,9 @@ class Predictor:
         self, plan: Plan, active: TorchEffects, cache: TensorCache, earlier: tuple[Tensor, Tensor] | None
     ) -> NearFieldModel | FourierBenchModel:
         c = self.captures
-        if c.focal_length_m is not None:
-            return FourierBenchModel(
-                plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache, earlier
-            )
-        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache, earlier)
+        model = FourierBenchModel if c.is_fourier else NearFieldModel
+        relays, focal_length_m = (c.relay1, c.relay2), c.focal_length_m or 0.0
+        return model(plan, active, relays, self.pixel_grid, self.dtype, cache, earlier, focal_length_m)
 
     def _drive(self, k: int) -> Tensor:
         return self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
 
 from holoview.captures.dataset import Camera, Captures
-from holoview.numerics.taper import taper
+from holoview.numerics.sampling import taper
 
 Images = NDArray[np.float32]
 Masks = NDArray[np.bool_]

@@ -1,24 +1,28 @@
-"""Arguments that several subcommands share, and the bench that they describe."""
+"""Arguments that several subcommands share: the bench that they describe, numbers as values, the file to write."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
+from holoview.io.hologram import system_name_of
+from holoview.io.pictures import png_texts
 from holoview.model import preset
 from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.effects.effect_table import EffectTable
-from holoview.model.effects.registry import load_user_effects
+from holoview.model.effects.registry import EffectTable, load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
+from holoview.util.text import plain_name, printable
 
 _MAX_SEED = 2**63 - 1
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
@@ -175,3 +179,73 @@ def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"
     if not equals or not key.strip():
         raise UserError(f"{flag} {text}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
     return key.strip(), parse_toml_value(value, f"{flag} {key.strip()}")
+
+
+# --- numbers as values of options: finite and in range before a command begins ---
+#
+# Every option that takes a number has one of these types; options with a unit are parsed by `util.units`.
+
+
+_LONGEST = 40  # characters; Python takes the square of the time for integers of many
+
+
+def number(low: float = -1e30, high: float = 1e30) -> Callable[[str], float]:
+    """An argparse type: a real number from `low` to `high`, both included, never NaN or infinite."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text) if len(text) <= _LONGEST else math.nan
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            expected = "a finite number" if (low, high) == (-1e30, 1e30) else f"a number from {low:g} to {high:g}"
+            raise argparse.ArgumentTypeError(f"{_short(text)}; expected {expected}")
+        return value
+
+    return parse
+
+
+def whole(low: int, high: int = 1_000_000) -> Callable[[str], int]:
+    """An argparse type: a whole number from `low` to `high`, both included."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text) if len(text) <= _LONGEST else high + 1
+        except ValueError:
+            value = high + 1
+        if not low <= value <= high:
+            above = f"a whole number of at least {low}, at most {high}"
+            raise argparse.ArgumentTypeError(f"{_short(text)}; expected {above}")
+        return value
+
+    return parse
+
+
+def _short(text: str) -> str:
+    return repr(text) if len(text) <= _LONGEST else f"{text[:20]!r}… of {len(text)} characters"
+
+
+# --- the file that a command writes when none is named; its name comes from a bench, which may be a stranger's ---
+
+
+def default_output(system_name: str, target: str, suffix: str) -> Path:
+    """A file in the present folder: SYSTEM.png, or SYSTEM-TARGET.safetensors.
+
+    A file of that name is overwritten only if holoview wrote it for a bench of this name. Raises UserError otherwise.
+    """
+    name = plain_name(system_name, "hologram" if target else "holoview")
+    path = Path(f"{name}-{plain_name(target, 'target')}{suffix}" if target else f"{name}{suffix}")
+    if path.exists() and _system_name(path) != system_name:
+        raise UserError(
+            str(path),
+            f'is there already, and holoview didn\'t write it for "{printable(system_name)}"',
+            remedy="name the file to write with -o",
+        )
+    return path
+
+
+def _system_name(path: Path) -> str | None:
+    """The name of the bench for which holoview wrote a picture or hologram file; None for any other file."""
+    if path.suffix == ".png":
+        return png_texts(path).get("holoview.preset")
+    return system_name_of(path)

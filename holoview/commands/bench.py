@@ -10,12 +10,18 @@ from typing import Any
 
 import torch
 
-from holoview.benchmark.device_time import DeviceTime, device_time
-from holoview.benchmark.first_image import first_image_criteria, first_image_timings
-from holoview.benchmark.frame_benchmark import Criterion, FrameTimings, benchmark_frame
-from holoview.benchmark.machine_facts import versions
+from holoview.benchmark.frame_benchmark import (
+    Criterion,
+    DeviceTime,
+    FrameTimings,
+    benchmark_frame,
+    device_time,
+    first_image_criteria,
+    first_image_timings,
+)
+from holoview.benchmark.frame_jobs import tune
+from holoview.benchmark.machine import versions
 from holoview.benchmark.report_run import ReportOptions
-from holoview.benchmark.strategy_choice import tune
 from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
 from holoview.commands.console import print_json
@@ -25,7 +31,7 @@ from holoview.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import is_fast_length
+from holoview.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
 
 _DEFAULT, _SIZE = "holochrome-8", "1024x768"

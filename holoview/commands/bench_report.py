@@ -8,8 +8,7 @@ from typing import Any
 
 from holoview.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
 from holoview.benchmark.report_text import report_markdown
-from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_FAILED
+from holoview.commands.console import EXIT_FAILED, deferred_interrupt, print_stderr, progress_bar
 from holoview.gpu.device import Device
 from holoview.util.file_writer import make_folder, write_file
 

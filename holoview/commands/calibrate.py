@@ -5,11 +5,39 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import time
+from dataclasses import dataclass
 from pathlib import Path
 
-from holoview.commands import calibrate_captures, calibrate_lut
-from holoview.commands.output_files import add_input, add_output
+from holoview.calibrate import lut_file
+from holoview.calibrate.checkpoint import load_checkpoint
+from holoview.calibrate.data_split import DataSplit, split_captures
+from holoview.calibrate.efficiency_sweep import read_sweep
+from holoview.calibrate.forward_model import CalibrationModel
+from holoview.calibrate.lut import fit_lut
+from holoview.calibrate.lut_plot import plot_lut
+from holoview.calibrate.map_layout import map_layout_for
+from holoview.calibrate.map_plots import plot_calibration
+from holoview.calibrate.prediction_score import score_predictions
+from holoview.calibrate.result import CalibrationResult, format_score, maps_path, starting_bench
+from holoview.calibrate.settings import CalibrationSettings, default_epochs
+from holoview.calibrate.train import TrainingState, train
+from holoview.calibrate.training_data import TrainingData
+from holoview.captures import read_captures
+from holoview.captures.dataset import Captures
+from holoview.commands.arguments import number, parse_seed, whole
+from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
+from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
+from holoview.model import preset
+from holoview.model.effects.learned_maps import MapLayout
+from holoview.model.system import System
+from holoview.optimise.parallel import limit_torch_threads
+from holoview.report.images import require_matplotlib
+from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
+from holoview.util.processes import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,21 +48,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "-o", "--output", metavar="TOML", suffix=".toml", help="the preset, or the table, to write")
     add_input(parser, "--preset", help="the bench to start from: a preset's name or a TOML file")
     parser.add_argument("--json", action="store_true", help="machine-readable figures on stdout")
-    calibrate_captures.add_options(parser.add_argument_group("captures"))
-    calibrate_lut.add_options(parser.add_argument_group("lut"))
+    _add_captures_options(parser.add_argument_group("captures"))
+    _add_lut_options(parser.add_argument_group("lut"))
 
 
 def run(args: argparse.Namespace) -> int:
     """Dispatches to `calibrate_captures` or `calibrate_lut`."""
     source: list[str] = args.source
     if source[0] == "lut" and len(source) == 2:
-        _reject_foreign_options(args, calibrate_captures.OPTIONS, "holoview calibrate CAPTURES.h5")
-        return calibrate_lut.run_lut(args, Path(source[1]))
+        _reject_foreign_options(args, _CAPTURES_OPTIONS, "holoview calibrate CAPTURES.h5")
+        return run_lut(args, Path(source[1]))
     if len(source) != 1 or source[0] == "lut":
         expected = "CAPTURES.h5, or: lut FILE.csv"
         raise UserError("holoview calibrate", f'"{" ".join(source)}"', expected=expected)
-    _reject_foreign_options(args, calibrate_lut.OPTIONS, "holoview calibrate lut")
-    return calibrate_captures.run_captures(args, Path(source[0]))
+    _reject_foreign_options(args, _LUT_OPTIONS, "holoview calibrate lut")
+    return run_captures(args, Path(source[0]))
 
 
 def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
@@ -42,3 +70,193 @@ def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], 
     for option in options:
         if getattr(args, option) is not None:
             raise UserError(f"--{option.replace('_', '-')}", "doesn't apply here", expected=f"it with `{belongs_to}`")
+
+
+# --- from captures: maps of a bench, its preset with their file ---
+
+
+# destinations in argparse's namespace of the options that only this form of the command has
+_CAPTURES_OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
+
+
+def _add_captures_options(group: argparse._ArgumentGroup) -> None:
+    """Adds the options for a calibration from captures."""
+    group.add_argument(
+        "--epochs", type=whole(1), help="how often every capture is seen (default: 300 steps, at least 40)"
+    )
+    group.add_argument("--batch", type=whole(1), help="captures a step (default 4)")
+    group.add_argument("--rate", type=number(), help="factor of all steps (default 1)")
+    group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
+    group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
+    group.add_argument(
+        "--pixels-a-node", type=whole(1), metavar="N", help="how coarse the source's maps are (default 8)"
+    )
+    add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
+    add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
+    add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
+
+
+@dataclass(frozen=True)
+class _CalibrationTask:
+    """What to calibrate: captures and nominal bench, and how."""
+
+    captures: Captures
+    bench: System
+    split: DataSplit
+    layout: MapLayout
+    settings: CalibrationSettings
+
+
+def run_captures(args: argparse.Namespace, file: Path) -> int:
+    """Trains, scores, plots if asked, writes the preset and its maps, and prints the scores.
+
+    After Ctrl-C it does the same with the best maps so far, and returns the exit code of the signal.
+    """
+    if args.output is None:
+        raise UserError("-o", "is missing", expected="the preset to write, e.g. -o calibrated.toml")
+    check_files(args, {"the maps of -o": [maps_path(args.output)]})
+    if args.pictures is not None:
+        require_matplotlib("--pictures")
+        make_folder(args.pictures)
+    task = _prepare_task(args, file)
+    padded_samples = 4 * task.captures.upsample**2 * task.captures.levels[0, 0].size
+    with limit_torch_threads(padded_samples):
+        state, interruption = _train(args, task)
+        result = _evaluate(args, task, state)
+    saver = ResultSaver()
+    output = saver.save(args.output, result.save)
+    maps = maps_path(output)
+    if args.json:
+        print_json(result.as_json() | {"preset": str(output), "maps": str(maps)})
+    else:
+        print("\n".join([*format_score(result.score), f"written: {output}, {maps}"]))
+    if interruption():
+        print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {output}")
+    return interruption.exit_code or saver.exit_code
+
+
+def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
+    """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
+    captures = read_captures(file)
+    preset_system = None if args.preset is None else preset.load(args.preset)
+    bench = starting_bench(captures, preset_system, args.output.stem)
+    options = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
+    values = {name: getattr(args, option) for name, option in options.items()}
+    settings = CalibrationSettings(**{name: value for name, value in values.items() if value is not None})
+    split = split_captures(captures, settings.share, settings.seed)
+    if args.epochs is None:
+        settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
+    nodes = args.pixels_a_node
+    if nodes is not None and not 1 <= nodes <= 1000:
+        raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
+    layout = map_layout_for(captures, split.train) if nodes is None else map_layout_for(captures, split.train, nodes)
+    if len(captures.wavelengths_m) == 1:
+        print_stderr("note: one wavelength only: what changes with the wavelength can't be known")
+    if len(set(captures.distance_m.tolist())) == 1 and not captures.is_fourier:
+        print_stderr("note: one plane only: relay 2 and the camera can't be told apart")
+    return _CalibrationTask(captures, bench, split, layout, settings)
+
+
+def _train(args: argparse.Namespace, task: _CalibrationTask) -> tuple[TrainingState, Interruption]:
+    """The last state of the training, and what Ctrl-C did to it. Raises UserError if no epoch is left to train."""
+    resume = None if args.resume is None else load_checkpoint(args.resume)
+    state: TrainingState | None = None
+    known = task.bench.effect_values
+    with deferred_interrupt() as interruption, progress_bar("calibrating") as progress:
+        start: tuple[float, int] | None = None
+        for state in train(task.captures, known, task.split, task.layout, task.settings, resume):
+            start = start or (time.monotonic(), state.epoch)
+            progress(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, *start)}")
+            _save_checkpoint(args.checkpoint, state)
+            if interruption():
+                break
+    if state is None:
+        raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
+    return state, interruption
+
+
+def _save_checkpoint(path: Path | None, state: TrainingState) -> None:
+    """Writes a checkpoint; a failure only prints a note, because the calibration itself isn't affected."""
+    if path is None:
+        return
+    try:
+        state.checkpoint().save(path)
+    except UserError as error:
+        print_stderr(f"note: no checkpoint after epoch {state.epoch}: {error}")
+
+
+def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str:
+    """Text with the time that the epochs left will take, as long as those since `first_epoch`; "" in that epoch."""
+    if state.epoch == first_epoch:
+        return ""
+    seconds_per_epoch = (time.monotonic() - start_time) / (state.epoch - first_epoch)
+    return f", {seconds_per_epoch * (state.epochs - state.epoch):.0f} s left"
+
+
+def _evaluate(args: argparse.Namespace, task: _CalibrationTask, state: TrainingState) -> CalibrationResult:
+    """Scores the best maps and, with --pictures, plots them."""
+    data = TrainingData(task.captures, task.bench.effect_values)
+    model = CalibrationModel(task.captures, task.layout, task.bench.effect_values)
+    model.set_maps(state.best_maps.tensors)
+    with progress_bar("scoring") as progress:
+        score = score_predictions(data, task.split, model.predict_nominal, model.predict, progress)
+    if args.pictures is not None:
+        maps = state.best_maps
+        for path in plot_calibration(args.pictures, data, maps, task.split, model.predict_nominal, model.predict):
+            print_stderr(f"drawn: {path}")
+    normalise = args.preset is None  # a preset states the amplitudes itself
+    return CalibrationResult(task.captures, task.bench, state.best_maps, score, normalise_amplitudes=normalise)
+
+
+# --- lut: a modulator's look-up table from a diffraction-efficiency sweep ---
+
+
+# destinations in argparse's namespace of the options that only this form of the command has
+_LUT_OPTIONS = ("wavelength", "plot", "save_preset")
+_WAVELENGTH_RANGE_M = (100e-9, 10e-6)
+
+
+def _add_lut_options(group: argparse._ArgumentGroup) -> None:
+    """Adds the options for a look-up table."""
+    group.add_argument("--wavelength", metavar="LENGTH", help='of the sweep, e.g. "820 nm": turns phases into lengths')
+    add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
+    add_output(
+        group,
+        "--save-preset",
+        metavar="TOML",
+        suffix=".toml",
+        help="write --preset with this stroke and table (wants --wavelength)",
+    )
+
+
+def run_lut(args: argparse.Namespace, file: Path) -> int:
+    """Fits the table, writes the files that were asked for, and prints stroke and residuals."""
+    wavelength = _parse_wavelength(args.wavelength)
+    if args.plot is not None:
+        require_matplotlib("--plot")
+    if (args.save_preset is None) != (args.preset is None):
+        missing = "--preset" if args.preset is None else "--save-preset"
+        raise UserError(missing, "is missing", expected="--preset and --save-preset together")
+    preset_system = None if args.preset is None else preset.load(args.preset)
+    lut = fit_lut(read_sweep(file))
+    system = None if preset_system is None else lut_file.with_lut(preset_system, lut, wavelength)
+    if args.output is not None:
+        lut_file.save_lut(args.output, lut, file.name, wavelength)
+    if system is not None:
+        preset.save(system, args.save_preset)
+    if args.plot is not None:
+        plot_lut(args.plot, lut, file.name)
+    if args.json:
+        print_json(lut_file.lut_table(lut, file.name, wavelength))
+    else:
+        print("\n".join(lut_file.format_lut(lut, wavelength)))
+    return 0
+
+
+def _parse_wavelength(text: str | None) -> float | None:
+    if text is None:
+        return None
+    value = units.parse(text, "--wavelength")
+    if not _WAVELENGTH_RANGE_M[0] <= value <= _WAVELENGTH_RANGE_M[1]:
+        raise UserError("--wavelength", text, expected="between 100 nm and 10 um")
+    return value

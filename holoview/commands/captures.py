@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures, write_captures
-from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folder
+from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
 from holoview.captures.records import find_record_errors
 from holoview.captures.summary import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.commands import captures_plan
-from holoview.commands.arguments import add_effects, add_system, parse_effects, parse_seed, system_from_args
+from holoview.commands.arguments import (
+    add_effects,
+    add_system,
+    number,
+    parse_effects,
+    parse_seed,
+    system_from_args,
+    whole,
+)
 from holoview.commands.console import print_json, progress_bar
-from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.util import units
+from holoview.util.file_writer import write_file
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,8 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_input(convert, "folder", type=Path)
     add_output(convert, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
     convert.set_defaults(run=_import)
-    plan = commands.add_parser("plan", help="exposures and laser powers", description=captures_plan.run.__doc__)
-    captures_plan.configure(plan)
+    plan = commands.add_parser("plan", help="exposures and laser powers", description=_plan.__doc__)
+    _configure_plan(plan)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -157,3 +168,52 @@ def _import(args: argparse.Namespace) -> int:
     output = saver.save(args.output, partial(write_captures, captures=captures))
     print(f"{output}: {len(captures)} captures")
     return saver.exit_code
+
+
+# --- `plan`: exposures and laser powers for captures, from a few first captures ---
+
+
+_CSV_COLUMNS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
+
+
+def _configure_plan(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    add_input(parser, "captures", help="a capture file with at least one capture of each wavelength")
+    add_input(parser, "--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
+    parser.add_argument("--power", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
+    parser.add_argument(
+        "--exposure", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
+    )
+    parser.add_argument("--headroom", type=number(), default=HEADROOM, help="share of the range to use (default 0.9)")
+    add_output(parser, "-o", "--output", metavar="CSV", suffix=".csv", help="write the plan as a table")
+    parser.add_argument("--json", action="store_true", help="machine-readable output")
+    parser.set_defaults(run=_plan)
+
+
+def _plan(args: argparse.Namespace) -> int:
+    """Prints power and exposure for each wavelength that keep all but the brightest 0.1 % of the pixels unsaturated."""
+    captures = read_captures(args.captures)
+    dark = None if args.dark is None else read_greyscale(args.dark)
+    plan = plan_exposures(captures, dark, ExposureLimits(tuple(args.power), tuple(args.exposure)), args.headroom)
+    if args.output is not None:
+        _write_plan(args.output, plan)
+    if args.json:
+        print_json([asdict(setting) for setting in plan])
+        return 0
+    for setting in plan:
+        note = f"  {setting.note}" if setting.note else ""
+        print(
+            f"{setting.wavelength_m * 1e9:.6g} nm: power {setting.power:g}, "
+            f"exposure {setting.exposure_s * 1e3:.4g} ms, reaches {setting.reached:.0f} counts above black{note}"
+        )
+    return 0
+
+
+def _write_plan(path: Path, plan: list[ExposureSetting]) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(_CSV_COLUMNS)
+    for setting in plan:
+        nm = f"{setting.wavelength_m * 1e9:.6g}"
+        writer.writerow([nm, setting.power, setting.exposure_s, f"{setting.reached:.1f}", setting.note])
+    write_file(path, text.getvalue())

@@ -3,33 +3,44 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args, with_changes
-from holoview.commands.console import print_json
-from holoview.commands.contrast_by_pupil import contrast_by_pupil, format_rows
+from holoview.commands.console import print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
-from holoview.metrics.retinal_speckle import pupils_of
-from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.metrics.speckle import (
+    RetinalContrast,
+    independent_contrast,
+    independent_patterns,
+    pupils_of,
+    retinal_contrast,
+    speckle_contrast,
+)
 from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
-from holoview.report.figure import figure_bytes, require_matplotlib
-from holoview.study.plots import make_figure
-from holoview.study.speckle_figure import speckle_figure
+from holoview.numerics.tensors import Region
+from holoview.page.page import export_html
+from holoview.report.images import figure_bytes, require_matplotlib
+from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import read_raster
 from holoview.targets.picture import read_picture
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.view import random_drive, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 _HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
 
@@ -56,6 +67,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PNG",
         suffix=".png",
         help="the region and its histogram beside the speckle laws; with --pupils, the contrast against them",
+    )
+    add_output(
+        parser,
+        "--live",
+        metavar="HTML",
+        suffix=".html",
+        help="also a page on which any browser computes the hologram and the contrast of the region again",
     )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
 
@@ -88,6 +106,10 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         require_matplotlib("--plot")
     shown = _shown_hologram(args)
+    if args.live is not None and shown is None:
+        raise UserError(
+            "--live", f"with the picture {args.preset}", expected="a hologram or a preset, to compute again"
+        )
     pupils_m = _parse_pupils(args.pupils, shown)
     image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
@@ -111,6 +133,9 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
+    if args.live is not None and shown is not None:
+        export_html(args.live, {shown.name: shown.hologram}, plane_m=shown.plane_m, region=region)
+        result["live"] = str(args.live)
     if args.json:
         print_json(result)
     else:
@@ -133,7 +158,7 @@ def _format_result(result: dict[str, Any]) -> str:
         lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
     if "pupils" in result:
         lines += format_rows(result["pupils"], result["independent_contrast"])
-    return "\n".join(lines + ([f"plot: {result['plot']}"] if "plot" in result else []))
+    return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "live") if name in result)])
 
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
@@ -192,3 +217,59 @@ def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
     view = simulate(system, shown.hologram.drive, [shown.plane_m], backend="torch")
     place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
     return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {shown.name} at {place}")
+
+
+# --- `--pupils`: speckle contrast on the retina against the pupil ---
+
+
+@dataclass(frozen=True)
+class ContrastByPupil:
+    """Contrasts of a region for some pupils, and that of independent patterns of the same lasers."""
+
+    contrasts: tuple[RetinalContrast, ...]
+    independent: float
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The contrasts as JSON values."""
+        return [
+            {
+                "pupil_mm": round(found.pupil_m * 1e3, 6),
+                "contrast": found.contrast,
+                "cone_contrast": found.cone_contrast,
+                "grain_arcmin": found.grain_arcmin,
+            }
+            for found in self.contrasts
+        ]
+
+    def figure(self) -> Callable[[Figure], None]:
+        """A function that draws the contrasts against the pupil."""
+        x = [row["pupil_mm"] for row in self.rows]
+        curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+            "every sample": (x, [found.contrast for found in self.contrasts]),
+            "as cones see it": (x, [found.cone_contrast for found in self.contrasts]),
+            "independent patterns": (x, [self.independent] * len(x)),
+        }
+        return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
+
+
+def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> ContrastByPupil:
+    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
+    found, systems = [], pupils_of(hologram.system, pupils_m)
+    with progress_bar("pupils") as progress:
+        for number, system in enumerate(systems, start=1):
+            view = simulate(system, hologram.drive, [plane_m], backend="torch")
+            found.append(retinal_contrast(system, view.xyz[0, ..., 1], region))
+            progress(number, len(systems), f"{found[-1].pupil_m * 1e3:.3g} mm")
+    return ContrastByPupil(tuple(found), independent_contrast(hologram.system))
+
+
+def format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:
+    """The rows of a table as lines of text."""
+    lines = ["", "pupil      contrast  as cones see it  grains"]
+    lines += [
+        f"{row['pupil_mm']:<5.3g} mm   {row['contrast']:.4f}    {row['cone_contrast']:.4f}           "
+        f"{row['grain_arcmin']:.2f} arcmin"
+        for row in rows
+    ]
+    return [*lines, f"independent patterns of these lasers have {independent:.4f}, whatever the pupil"]

@@ -18,33 +18,28 @@ from numpy.typing import NDArray
 
 import holoview
 from holoview.colour import to_srgb8
-from holoview.commands.arguments import add_backend, check_adapter_applies
+from holoview.commands.arguments import add_backend, check_adapter_applies, whole
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.number_options import whole
 from holoview.commands.optimise import optimise_hologram
 from holoview.commands.output_files import add_output_folder, check_files
+from holoview.document.target_spec import example_target
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.metrics.image_quality import ImageQuality, eyebox_uniformity_of, measure_image_quality
-from holoview.metrics.perceptual_quality import measure_perceptual_scores
-from holoview.metrics.perceptual_scores import (
-    OPTIONAL_SCORES,
-    PERCEPTUAL_SCORES,
-    usable_scores,
-)
-from holoview.metrics.plane_scores import PlaneScores
+from holoview.metrics.perceptual import measure_perceptual_scores
+from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
+from holoview.metrics.psnr import PlaneScores
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
-from holoview.report.contact_sheet import CaptionedTile, contact_sheet
-from holoview.session.target_spec import example_target
+from holoview.report.images import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import Interrupted
+from holoview.util.processes import Interrupted
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")

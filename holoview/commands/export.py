@@ -3,7 +3,7 @@
 `--html` writes one file for one hologram, or for several to compare (`holoview.page`). `--png` writes a PNG for each
 frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to
 the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state
-index; with `--cells p67` the memory cells of a device, black for 0 and white for 1, in the order of `holoview.io.plm`.
+index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.io.pictures`).
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import parse_region
+from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
-from holoview.commands.number_options import whole
 from holoview.commands.output_files import add_input, add_output, add_output_folder
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.plm import CELL_MAPS, memory_cells
-from holoview.io.png import write_pattern, write_png
+from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.model.bench_parts import Modulator
 from holoview.model.focus import parse_plane
 from holoview.optics.slm import level_numbers

@@ -10,8 +10,8 @@ from pathlib import Path
 from holoview.commands.arguments import parse_effects
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.experiment.placement_doubt import refinement_note, within_alignment
-from holoview.rig.placement import Placement, read_placement
+from holoview.experiment.known_alignment import refinement_note, within_alignment
+from holoview.rig.registration import Registration, read_registration
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,12 @@ class KnownEffects:
     """What was stated: effects by name, and placements."""
 
     effects: Values
-    placements: Sequence[Placement]
+    placements: Sequence[Registration]
 
     def added_to(self, known: Values) -> dict[str, dict[str, float]]:
         """Known effects with the stated ones; these count where both have a parameter."""
         result = {name: dict(values) for name, values in known.items()}
-        for table in (*(placement.known_effects() for placement in self.placements), self.effects):
+        for table in (*(registration.known_effects() for registration in self.placements), self.effects):
             for name, values in table.items():
                 result[name] = result.get(name, {}) | dict(values)
         return result
@@ -36,7 +36,7 @@ class KnownEffects:
 
     def with_notes(self, found: Diagnosis) -> Diagnosis:
         """The diagnosis, with a note on causes that lie within what a placement has left open."""
-        within = [name for placement in self.placements for name in within_alignment(placement, found.values)]
+        within = [name for registration in self.placements for name in within_alignment(registration, found.values)]
         notes = (*found.notes, refinement_note(within)) if within else found.notes
         return dataclasses.replace(found, notes=notes)
 
@@ -45,4 +45,4 @@ def read_known(texts: Sequence[str]) -> KnownEffects:
     """Reads NAME.KEY=VALUE and files of placements. Raises UserError that names what is wrong."""
     files = [text for text in texts if text.endswith(".toml") and "=" not in text]
     effects: Mapping[str, Mapping[str, float]] = parse_effects([text for text in texts if text not in files])
-    return KnownEffects(effects, [read_placement(Path(file)) for file in files])
+    return KnownEffects(effects, [read_registration(Path(file)) for file in files])

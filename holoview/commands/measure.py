@@ -10,13 +10,19 @@ from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output
 from holoview.rig import open_rig, read_rig
 from holoview.rig.description import RigDescription
-from holoview.rig.measure.capture_plan import CapturePlan, default_plan, read_plan
-from holoview.rig.measure.capture_store import CaptureStore
-from holoview.rig.measure.forecast import Forecast, forecast_lines, make_forecast
-from holoview.rig.measure.session import MeasurementSession, is_complete
+from holoview.rig.measure.capture_folder import CaptureStore
+from holoview.rig.measure.capture_plan import (
+    CapturePlan,
+    Forecast,
+    default_plan,
+    forecast_lines,
+    make_forecast,
+    read_plan,
+)
+from holoview.rig.measure.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
-from holoview.util.input_file import read_text
-from holoview.util.memory_limit import format_size
+from holoview.util.files import read_text
+from holoview.util.memory import format_size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     """Takes the captures that are missing; the same command goes on after any interruption."""
     rig = read_rig(args.rig)
     plan = default_plan(rig) if args.plan is None else read_plan(args.plan, rig)
-    store = CaptureStore(args.output, plan, f"{read_text(args.rig, 'a rig')}{rig.placement or ''}")
+    store = CaptureStore(args.output, plan, f"{read_text(args.rig, 'a rig')}{rig.registration or ''}")
     damaged = store.inspect()
     forecast = make_forecast(rig, plan, store.missing)
     if args.dry_run:
@@ -61,7 +67,7 @@ def _measure(rig: RigDescription, plan: CapturePlan, store: CaptureStore) -> Non
     """Takes what is missing; says what is there if anything interrupts it."""
     try:
         with open_rig(rig) as devices, progress_bar("measuring") as report:
-            MeasurementSession(rig, devices, print_stderr).run(plan, store, report)
+            Measurement(rig, devices, print_stderr).run(plan, store, report)
     except (UserError, KeyboardInterrupt):
         where = f"captures are in {store.folder}; the same command goes on"
         print_stderr(f"{store.written} of {len(plan.requests)} {where}")

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import system_from_args, warn_of_camera_effects, warn_of_limits
+from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects, warn_of_limits
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
-from holoview.commands.default_output import default_output
 from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import (
     RunOptions,
@@ -32,7 +31,7 @@ from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import exceeded_limits
+from holoview.model.validity import exceeded_limits
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import OptimisedEyes, StacksAt, target_at_places
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
@@ -40,8 +39,8 @@ from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_gr
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8
 from holoview.commands.console import print_stderr
 from holoview.commands.optimise_options import RunOptions
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.util.errors import UserError
 
 _PREVIEW_INTERVAL_S = 2.0

@@ -7,14 +7,13 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
-from holoview.commands.number_options import number, whole
+from holoview.commands.arguments import add_system, number, parse_duration, parse_region, parse_seed, whole
 from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.optimise.eyes import CHROMATIC, PupilPlaces
 from holoview.optimise.parallel import device_for_rank, resolve_torch_device

@@ -13,19 +13,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import system_from_args, warn_of_camera_effects
+from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
-from holoview.commands.default_output import default_output
 from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import RunOptions, run_options_from_args, settings_from_args
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
 from holoview.experiment.camera_loop.bench_camera import BenchCamera
-from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import CameraLoop, LoopState
-from holoview.experiment.camera_loop.loop_checkpoint import LoopCheckpoint, load_loop_checkpoint
-from holoview.experiment.camera_loop.model_update import ModelUpdates
+from holoview.experiment.camera_loop.loop import (
+    CameraLoop,
+    LoopCheckpoint,
+    LoopState,
+    ModelUpdates,
+    load_loop_checkpoint,
+)
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.eyes import PupilPlaces
@@ -33,8 +36,8 @@ from holoview.optimise.memory import require_optimisation_memory, with_compact_g
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback
-from holoview.util.signals import Interruption
 
 _STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 

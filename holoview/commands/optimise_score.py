@@ -18,12 +18,12 @@ from holoview.metrics.image_quality import (
     measure_image_quality,
     plane_midpoints,
 )
-from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES
 from holoview.model.focus import focused_planes, plane_label
 from holoview.model.system import System
-from holoview.numerics.image_region import Region, region_slices
 from holoview.numerics.structural_similarity import WEIGHTS
+from holoview.numerics.tensors import Region, region_slices
 from holoview.view import View, simulate
 
 Floats = NDArray[np.floating]

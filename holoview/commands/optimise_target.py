@@ -15,19 +15,17 @@ from holoview.commands.console import print_stderr
 from holoview.model.eye import Eye
 from holoview.model.focus import parse_plane, required_eye
 from holoview.model.system import System
-from holoview.targets.eye_targets import (
+from holoview.targets.focal_stack import Target, is_stack, target_from_stack
+from holoview.targets.light_field import LightField, ViewGrid, is_light_field, read_light_field
+from holoview.targets.moving_pupil import (
     StacksAt,
     moving_target,
     moving_target_from_views,
     target_from_views,
     views_of_picture,
 )
-from holoview.targets.focal_stack import Target
-from holoview.targets.light_field import LightField
 from holoview.targets.picture import Picture, read_picture
-from holoview.targets.rendered_stacks import is_stack, target_from_stack
 from holoview.targets.target import Placement, target_for
-from holoview.targets.view_folder import ViewGrid, is_light_field, read_light_field
 from holoview.util import units
 from holoview.util.errors import UserError
 

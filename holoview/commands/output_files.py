@@ -18,12 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.console import print_stderr
-from holoview.commands.exit_codes import EXIT_FAILED
+from holoview.commands.console import EXIT_FAILED, print_stderr
 from holoview.util.errors import UserError
-from holoview.util.file_writer import WriteError, check_writable
+from holoview.util.file_writer import WriteError, check_writable, save_elsewhere
 from holoview.util.output_locks import OutputLocks
-from holoview.util.rescue import save_elsewhere
 
 LOCKS = "output_locks"  # the destination of the command's `OutputLocks`
 _FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s

@@ -12,7 +12,7 @@ from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import plane_midpoints
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.focus import focused_planes, with_pupil_at
-from holoview.numerics.image_region import Region, region_slices
+from holoview.numerics.tensors import Region, region_slices
 from holoview.optimise.eyes import PupilPlaces
 from holoview.view import simulate
 

@@ -10,16 +10,14 @@ import numpy as np
 
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
-from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
-from holoview.rig.align.record_check import check_rig_records
-from holoview.rig.align.result import doubt, placement_of, sentences
+from holoview.rig.align.result import check_rig_records, doubt, registration_of, sentences
 from holoview.rig.devices import Counts, Devices
 from holoview.rig.limits import limit_devices
-from holoview.rig.measure.exposure_search import take_exposed
-from holoview.rig.placed_devices import place_devices
-from holoview.rig.placement import placement_path, write_placement
+from holoview.rig.measure.camera_pictures import take_exposed
+from holoview.rig.registration import register_devices, registration_path, write_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import check_writable, make_folder, write_file
 from holoview.util.files import data_dir
@@ -82,9 +80,9 @@ def _show(args: argparse.Namespace) -> int:
     print(f"  lasers of {', '.join(f'{λ * 1e9:g}' for λ in rig.wavelengths_m)} nm, power up to {limits.power:g}")
     print(f"  exposures of {limits.exposures_s[0]:g} … {limits.exposures_s[1]:g} s")
     print(f"  stage at {' … '.join(format_rounded(z, 'mm') for z in limits.stage_m)}")
-    if rig.placement is None:
+    if rig.registration is None:
         print("  nominal places; `holoview rig align` finds the real ones")
-    for sentence in () if rig.placement is None else sentences(rig.placement):
+    for sentence in () if rig.registration is None else sentences(rig.registration):
         print(f"  {sentence}")
     return 0
 
@@ -104,8 +102,8 @@ def _test(args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace) -> RigDescription:
-    """The rig, placed if its placement is known."""
-    return read_rig(args.rig, is_placed=placement_path(Path(args.rig)).exists())
+    """The rig, registered if its registration is known."""
+    return read_rig(args.rig, is_registered=registration_path(Path(args.rig)).exists())
 
 
 def _lit_picture(rig: RigDescription, devices: Devices) -> tuple[Counts, float]:
@@ -120,31 +118,31 @@ def _lit_picture(rig: RigDescription, devices: Devices) -> tuple[Counts, float]:
 
 def _align(args: argparse.Namespace) -> int:
     """Finds orientation and place of modulators, camera and planes, from dots; writes RIG.placement.toml."""
-    rig = read_rig(args.rig, is_placed=False)
-    output = placement_path(rig.path)
+    rig = read_rig(args.rig, is_registered=False)
+    output = registration_path(rig.path)
     check_writable(output)
     hold_outputs(args, [output])
     with open_rig(rig) as devices:
         with progress_bar("aligning") as report:
             found = find_geometry(rig, devices, report)
         assert found is not None  # nobody asks it to end: Ctrl-C interrupts
-        placement = placement_of(rig, found)
-        write_placement(output, placement)
+        registration = registration_of(rig, found)
+        write_registration(output, registration)
         used, of = found.geometry.used
         print(f"{output}: {used} of {of} dots at {found.wavelength_m * 1e9:.0f} nm, ", end="")
         print(f"{found.geometry.residual_px:.2g} pixels from where it puts them (r.m.s.)")
-        for sentence in sentences(placement):
+        for sentence in sentences(registration):
             print(sentence)
         if doubtful := doubt(found):
             print(doubtful)
-        known = placement.known_effects()
+        known = registration.known_effects()
         if known:
             print(f"a diagnosis knows by `--known {output}`: {_words(known)}")
         if not args.no_check:
-            placed = rig.placed(placement)
-            at_their_places = limit_devices(place_devices(devices, placement), placed.limits)
+            registered = rig.registered(registration)
+            at_their_places = limit_devices(register_devices(devices, registration), registered.limits)
             with progress_bar("checking the records") as report:
-                findings = check_rig_records(placed, at_their_places, report)
+                findings = check_rig_records(registered, at_their_places, report)
             assert findings is not None
             for line in findings.lines:
                 print(f"records: {line}")

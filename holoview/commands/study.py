@@ -7,24 +7,23 @@ import time
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import parse_lengths, parse_seed
+from holoview.commands.arguments import number, parse_lengths, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.model.field_types import Shape
-from holoview.report.figure import require_matplotlib
-from holoview.study.registry import find_study, studies_by_name
+from holoview.model.fields import Shape
+from holoview.report.images import require_matplotlib
+from holoview.study.hologram_study import HologramStudy, write_live_page
 from holoview.study.report import format_claims, write_report
-from holoview.study.runner import ExecutionTarget, run_jobs
-from holoview.study.scale import QUICK, SCALES, TARGETS, StudyScale
-from holoview.study.store import ResultStore
-from holoview.study.study import Study
+from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
+from holoview.study.studies import find_study, studies_by_name
+from holoview.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.util.signals import exit_code_of
+from holoview.util.processes import exit_code_of
 
 _MAX_WORKERS = 1024
+_LIVE = "live.html"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +54,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=tuple(PERCEPTUAL_SCORES),
         help="perceptual scores, instead of all that are installed; none after it: PSNR alone (eye, pupil)",
     )
+    parser.add_argument(
+        "--live", action="store_true", help="also a page on which any browser computes the holograms again: live.html"
+    )
     add_output_folder(
         parser, "--jobs", is_shared=True, metavar="DIR", help="folder of finished jobs, which studies can share"
     )
@@ -74,13 +76,15 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
     study = find_study(args.name)
     scale = _scale(args, study)
+    if args.live and not isinstance(study, HologramStudy):
+        raise UserError("--live", f"with the study {study.name}", expected="a study that optimises holograms")
     target = _execution_target(args)
     require_matplotlib(f"the report of the study {study.name}")
     folder = args.output or Path("out") / f"study-{study.name}"
     hold_outputs(args, [folder])
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
-    store = ResultStore(args.jobs or folder / "jobs")
+    store = ResultStore(args.jobs or folder / "jobs", keeps_holograms=args.live)
     try:
         with progress_bar(study.name) as progress:
             results = run_jobs(study, jobs, store, target, progress)
@@ -91,7 +95,9 @@ def run(args: argparse.Namespace) -> int:
         )
         return exit_code_of(error)
     findings = study.analyse(results)
-    path = write_report(folder, study, scale, args.seed, findings)
+    if args.live:
+        write_live_page(folder / _LIVE, study.title, results)
+    path = write_report(folder, study, scale, args.seed, findings, _LIVE if args.live else "")
     print(
         f"{study.title}\n{scale.name}: {study.describe_size(scale)}; "
         f"{len(jobs)} jobs in {time.monotonic() - started:.0f} s"

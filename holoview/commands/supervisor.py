@@ -15,9 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.util.signals import end_with_parent, handled_signals
-from holoview.util.threads import leave
+from holoview.commands.console import EXIT_DEVICE_LOST
+from holoview.util.processes import end_with_parent, handled_signals, leave
 
 Program = Callable[[Sequence[str]], int]
 

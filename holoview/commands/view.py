@@ -7,17 +7,15 @@ import re
 from pathlib import Path
 
 from holoview.app.serve_options import CLIENTS, ServeOptions
-from holoview.commands.arguments import add_changes, with_changes
-from holoview.commands.console import print_stderr
-from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.commands.number_options import number, whole
+from holoview.commands.arguments import add_changes, number, whole, with_changes
+from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.page.link import split_link
 from holoview.util.errors import UserError
-from holoview.util.threads import is_left, last_work_s, wait_for_threads
+from holoview.util.processes import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -154,7 +152,7 @@ def _system(args: argparse.Namespace) -> System:
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
     if args.rig is not None and not args.names:
-        from holoview.experiment.live.rig_bench import read_rig_system  # slow start: only a rig needs it
+        from holoview.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
 
         system = read_rig_system(args.rig)
     else:

@@ -3,7 +3,7 @@
 The algorithm, in the order in which it is read:
 
 pipeline            runs a diagnosis: correct, search, refine, judge, report
-config              the settings of a diagnosis that callers set, with units and evidence
+config              what callers set, and how predictions sample light
 
 correct             correct: wrong records put right; captures that aren't what their records say
 search_context      what all stages of a search share, and when it ends

@@ -27,7 +27,7 @@ from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR
 from holoview.diagnose.screening import screen_effects, without_costly_fits
 from holoview.diagnose.search_context import SearchContext, SearchEnded
-from holoview.numerics.least_squares import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
+from holoview.numerics.minimise import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
 
 _BASES = 3  # [fits] Single causes beside which they are fitted, at most.

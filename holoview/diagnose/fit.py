@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter
-from holoview.numerics.least_squares import (
+from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.numerics.minimise import (
     Minimum,
     ResidualFunction,
     ResidualPart,
@@ -38,8 +37,8 @@ from holoview.numerics.least_squares import (
     jacobian,
     levenberg_marquardt,
     minimise_along_axis,
+    nelder_mead,
 )
-from holoview.numerics.nelder_mead import nelder_mead
 from holoview.util.errors import UserError
 
 _STEP_REGULAR = 0.02

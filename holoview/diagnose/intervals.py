@@ -26,7 +26,7 @@ from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter
 from holoview.model.effects.registry import get_effect
-from holoview.numerics.least_squares import Minimum, jacobian, profile_half_width
+from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
 from holoview.util import units
 
 Slopes = NDArray[np.float32]

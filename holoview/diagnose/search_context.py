@@ -27,7 +27,7 @@ from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
-from holoview.util.processor_share import processor_share
+from holoview.util.processors import processor_share
 from holoview.util.progress import ProgressCallback
 
 MAX_TOLERATED_ERROR = 1.0

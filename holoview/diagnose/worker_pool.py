@@ -32,9 +32,8 @@ from types import TracebackType
 from typing import Any, BinaryIO, TypeVar
 
 from holoview.util.errors import UserError
-from holoview.util.freed_memory import give_back_freed_memory
-from holoview.util.memory_limit import VARIABLE, worker_share, workers_within_memory
-from holoview.util.signals import leave_signals_to_parent, signals_blocked
+from holoview.util.memory import VARIABLE, give_back_freed_memory, worker_share, workers_within_memory
+from holoview.util.processes import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]

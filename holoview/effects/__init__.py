@@ -55,7 +55,6 @@ starting_grids    starting points that several effects share
 """
 
 from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.parameter import ListParameter, Parameter, Values
 
 __all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "StartKind", "Values"]

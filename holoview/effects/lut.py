@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
-from holoview.numerics.knots import knot_interval
-from holoview.numerics.power_law import power_law
+from holoview.numerics.tensors import knot_interval, power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor

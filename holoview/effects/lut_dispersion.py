@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
-from holoview.numerics.power_law import power_law
+from holoview.numerics.tensors import power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from holoview.model.effects.effect import DataProperties, Effect, Needs, StartKind
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Values
+from holoview.model.effects.parameter import ListParameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.units import format_rounded

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from holoview.model.effects.effect import Effect, Needs, StartKind
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.parameter import ListParameter, Parameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

@@ -12,8 +12,8 @@ from holoview.colour import XYZ_TO_SRGB
 from holoview.engine.shader_structs import BLEND, BLEND_TERM, SRGB_ENCODING
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
-from holoview.gpu.rounding import ceil_div, round_up
 from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.numerics.sampling import ceil_div, round_up
 
 QUAD = 4
 """Pixels of an invocation: an intensity on the device is padded to a multiple of it."""

@@ -13,7 +13,7 @@ from holoview.engine.device_tables import Fingerprint
 from holoview.engine.frame_layout import StoredRows
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.gpu.device import Buffer
-from holoview.gpu.rounding import ceil_div
+from holoview.numerics.sampling import ceil_div
 
 FieldName = Literal["first", "second"]
 """The field behind the first modulator, or what is kept behind the last one."""

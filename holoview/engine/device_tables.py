@@ -13,8 +13,10 @@ from hashlib import blake2b
 import numpy as np
 
 from holoview.engine.shader_inputs import ShaderInputs
-from holoview.engine.shader_structs import MODULATOR, PLANE_WAVE, PROPAGATION
-from holoview.engine.uniforms import (
+from holoview.engine.shader_structs import (
+    MODULATOR,
+    PLANE_WAVE,
+    PROPAGATION,
     dense_transmission,
     modulator_uniform,
     pixel_spectra,

@@ -10,16 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from holoview.gpu.device import Device
-from holoview.gpu.line_fft import (
-    ROW_PADDING,
-    Strategy,
-    can_transform_repeats,
-    spectrum_order,
-    supported_strategies,
-)
-from holoview.gpu.rounding import round_up
+from holoview.gpu.line_fft import ROW_PADDING, Strategy, can_transform_repeats, spectrum_order, supported_strategies
 from holoview.gpu.spectrum_order import Range, SpectrumOrder
 from holoview.model.plan import Grid, Plan
+from holoview.numerics.sampling import round_up
 
 TILE_X, TILE_Y = 4, 16
 """Samples of a tile of stored rows: see `shaders/frame/rows.wgsl`."""

@@ -37,11 +37,11 @@ from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import check_plan
+from holoview.model.validity import check_plan
 from holoview.optics.frame_inputs import FrameInputs
 
 BUDGET_BYTES = 2**30

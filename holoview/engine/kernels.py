@@ -16,11 +16,9 @@ from holoview.engine.compositor import padded_pixels
 from holoview.engine.frame_layout import FrameLayout, FrameShape, StoredRows
 from holoview.engine.shader_structs import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.gpu.device import Device
-from holoview.gpu.line_fft import Axis, Hooks, LineFft, Step, Strategy, TransformShader, storage_shader
-from holoview.gpu.precompile import precompile
-from holoview.gpu.shader import GeneratedWgsl
+from holoview.gpu.line_fft import Axis, Hooks, LineFft, Step, Strategy, TransformShader, precompile, storage_shader
+from holoview.gpu.shader import GeneratedWgsl, WgslStruct
 from holoview.gpu.spectrum_order import Range
-from holoview.gpu.wgsl_struct import WgslStruct
 from holoview.model.plan import Grid, Plan
 
 Switches = tuple[tuple[str, bool], ...]

@@ -12,8 +12,7 @@ import numpy as np
 from holoview.engine.fused import WavelengthSpan, group_into_spans
 from holoview.engine.result_cache import ResultCache
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import CommandRecorder, SlicedRecorder
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import CommandRecorder, GpuTimer, SlicedRecorder
 from holoview.model.plan import Plan
 
 Submission = Callable[[CommandRecorder], None]

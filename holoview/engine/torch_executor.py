@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from holoview.engine.frame import relay_behind, run_stages
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
+from holoview.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.bench import (
     PixelAxis,

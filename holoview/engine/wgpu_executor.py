@@ -18,8 +18,12 @@ from holoview.engine.compositor import Compositor
 from holoview.engine.frame import relay_behind
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.engine.shader_inputs import DeviceArray, ShaderInputs
-from holoview.engine.shader_structs import GRID, MODULATOR, PLANE_WAVE, PROPAGATION, WEIGHT
-from holoview.engine.uniforms import (
+from holoview.engine.shader_structs import (
+    GRID,
+    MODULATOR,
+    PLANE_WAVE,
+    PROPAGATION,
+    WEIGHT,
     UniformValues,
     dense_transmission,
     modulator_uniform,
@@ -30,11 +34,10 @@ from holoview.engine.uniforms import (
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.rounding import ceil_div
-from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.gpu.shader import GeneratedWgsl, WgslStruct, link
 from holoview.gpu.tune import remembered_strategy
-from holoview.gpu.wgsl_struct import WgslStruct
 from holoview.model.plan import Plan
+from holoview.numerics.sampling import ceil_div
 
 _WORKGROUP = 64
 

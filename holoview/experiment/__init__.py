@@ -3,5 +3,6 @@
 next_capture     takes the captures that tell most about a cause, until it is certain
 camera_loop      holograms optimised at what the camera sees
 live             a rig beside a document: live pictures with their prediction, captures, a diagnosis that follows
-placement_doubt  causes that are as small as the rig's alignment is uncertain
+rig_bench        the nominal bench of a rig as a system
+known_alignment  what a diagnosis is told of an aligned rig; causes within the alignment's uncertainty
 """

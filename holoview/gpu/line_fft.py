@@ -31,7 +31,7 @@ A strategy says where the values of a line are exchanged:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -40,20 +40,27 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
-from holoview.gpu.fft_codegen import LINE_RANGE, Axis, generate_pass_shader, merge_passes, pass_workgroups
-from holoview.gpu.fft_radices import MAX_RADIX, radices
-from holoview.gpu.line_fft_subgroup import (
+from holoview.gpu.fft_codegen import (
+    LINE_RANGE,
+    MAX_RADIX,
+    Axis,
+    generate_pass_shader,
+    merge_passes,
+    pass_workgroups,
+    radices,
+)
+from holoview.gpu.line_fft_codegen import (
     MAX_REGISTERS,
     can_repeat,
+    fit_tile,
     generate_subgroup_shader,
+    generate_workgroup_shader,
     lanes_per_line,
     subgroup_workgroups,
 )
-from holoview.gpu.line_fft_workgroup import fit_tile, generate_workgroup_shader
-from holoview.gpu.line_step import Direction, Step
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, ShaderSource, link
-from holoview.gpu.spectrum_order import Range, SpectrumOrder
+from holoview.gpu.spectrum_order import Direction, Range, SpectrumOrder, Step
 from holoview.util.errors import UserError
 
 __all__ = [
@@ -304,3 +311,38 @@ def check_strategy(device: Device, axis: Axis, n: int, strategy: Strategy) -> No
     }[strategy]
     found = f"{n} points along {axis} on {device.info.name}"
     raise UserError(f"FFT strategy '{strategy}'", found, expected=expected, remedy="use 'passes'")
+
+
+# Compiles shaders before they are needed: all are dispatched once, in one submission, on otherwise unused buffers.
+#
+# Drivers that execute shaders on the CPU compile a shader when it first runs, in a thread of their own. Such a driver
+# compiles the submitted shaders while the program continues.
+
+
+_BUFFER_BYTES = 1 << 16
+
+
+def precompile(device: Device, shaders: Iterable[TransformShader]) -> None:
+    """Create the pipelines of shaders and dispatch each once; doesn't wait until the driver has finished.
+
+    Raises ShaderError and DeviceLost as `Device.pipeline` does.
+    """
+    recorder = CommandRecorder(device, "shaders")
+    for shader in shaders:
+        declared = shader.source.buffer_bindings() or {}
+        groups = [_dummy_buffers(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
+        recorder.add(Dispatch.bind(device, device.pipeline(shader.source, shader.constants), groups, (1, 1, 1)))
+    recorder.submit()
+
+
+def _dummy_buffers(device: Device, bindings: Mapping[int, str]) -> list[Buffer | None]:
+    """A zero buffer for each binding of a group, and None for each unused binding number."""
+    buffers: list[Buffer | None] = [None] * (max(bindings, default=-1) + 1)
+    for binding, kind in bindings.items():
+        is_uniform = kind == "uniform"
+        buffers[binding] = (
+            device.uniform(bytes(_BUFFER_BYTES), "precompile")
+            if is_uniform
+            else device.buffer(_BUFFER_BYTES, "precompile")
+        )
+    return buffers

@@ -7,18 +7,19 @@ points that are zero needn't be loaded. The stored frequencies contain the band;
 side.
 
 Two orders exist. In natural order a digit's n/r frequencies follow each other. In digit-reversed order (see
-`fft_radices`) the stored digits of a rest follow each other.
+`fft_codegen`) the stored digits of a rest follow each other.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 Range = tuple[int, int]
 """The lowest and the highest of successive indices; a negative index i of n points or frequencies stands for i + n."""
@@ -139,3 +140,25 @@ class SpectrumOrder:
 
 def _function(head: str, lines: list[str]) -> str:
     return "\n".join([f"{head} {{", *(f"    {line}" for line in lines), "}", ""])
+
+
+# What a transform of a line is to do: its direction, the points and frequencies that aren't needed, and its length.
+
+
+Direction = Literal["forward", "inverse"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A transform of lines of n points.
+
+    points: those that may differ from 0 in a forward transform, or that an inverse one has to compute; None means all.
+    band: the frequencies that a forward transform has to compute, or that may differ from 0 in an inverse one.
+    repeats: a forward transform followed by an inverse one may have n/repeats points. Its spectrum is then repeated to
+    n frequencies, which is the spectrum of these points with repeats − 1 zeros after each.
+    """
+
+    direction: Direction
+    points: Range | None = None
+    band: Range | None = None
+    repeats: int = 1

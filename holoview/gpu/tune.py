@@ -17,18 +17,31 @@ a shader when it first runs, for seconds, and block all other work of the device
 
 from __future__ import annotations
 
+import contextlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Literal
+from typing import Any, Literal, cast
 
+from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device
-from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
+from holoview.gpu.line_fft import STRATEGIES, Strategy, TransformShader, supported_strategies
 from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune_process import Message, TuningProcess
-from holoview.gpu.tune_store import TuningResult, TuningStore
 from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
+from holoview.util.files import cache_dir
 
 __all__ = ["BUDGET_S", "FftTuner", "StrategyOption", "TuningResult", "TuningStore", "remembered_strategy"]
 
@@ -235,3 +248,192 @@ def _compiles_instantly(device: Device, tuning: TuningResult, strategy: Strategy
 def _as_message(shader: TransformShader) -> Message:
     """A shader as the helper's request contains it."""
     return {"label": shader.source.label, "text": shader.source.text, "constants": dict(shader.constants)}
+
+
+# --- the store of measured times --------------------------------------------------------------------------------------
+
+# The file in the user's cache folder holds an entry for each adapter, driver, version of wgpu and size. It is only a
+# cache: entries that can't be read or are invalid are ignored, and so is a failure to write.
+
+
+FORMAT = 1
+"""Version of the entries; to be increased when shaders become faster or slower, or the layout of the file changes."""
+_FILE = "fft-strategies.json"
+
+
+@dataclass(frozen=True)
+class TuningResult:
+    """Seconds of a forward plus an inverse FFT with each strategy, and seconds to compile both.
+
+    `refused` holds the reason for each strategy that wasn't compiled in time, failed, or gave wrong results.
+    """
+
+    seconds: Mapping[Strategy, float]
+    compile_seconds: Mapping[Strategy, float]
+    refused: Mapping[Strategy, str]
+
+    @property
+    def best(self) -> Strategy:
+        """The fastest strategy that isn't refused."""
+        accepted = {s: t for s, t in self.seconds.items() if s not in self.refused}
+        return min(accepted, key=lambda s: accepted[s]) if accepted else "passes"
+
+    def without(self, strategy: Strategy, reason: str) -> TuningResult:
+        """The same result with one more strategy refused."""
+        return TuningResult(self.seconds, self.compile_seconds, {**self.refused, strategy: reason})
+
+    def with_answer(self, answer: Mapping[str, Any]) -> TuningResult:
+        """The same result with an answer of the helper added."""
+        strategy = answer["strategy"]
+        if "refused" in answer:
+            return self.without(strategy, answer["refused"])
+        seconds, compile_seconds = (
+            {**times, strategy: answer[name]} if name in answer else times
+            for name, times in (("seconds", self.seconds), ("compile_seconds", self.compile_seconds))
+        )
+        return TuningResult(seconds, compile_seconds, self.refused)
+
+
+class TuningStore:
+    """Tuning results in a file in `folder`, by default `cache_dir()`."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.path = (cache_dir() if folder is None else folder) / _FILE
+
+    def load(self, info: AdapterInfo, shape: tuple[int, int]) -> TuningResult | None:
+        """The result for an adapter and a shape (ny, nx), or None."""
+        return _parse_entry(self._entries().get(_key(info, shape)))
+
+    def save(self, info: AdapterInfo, shape: tuple[int, int], tuning: TuningResult) -> None:
+        """Store a result if possible."""
+        entry = {
+            "seconds": dict(tuning.seconds),
+            "compile_seconds": dict(tuning.compile_seconds),
+            "refused": dict(tuning.refused),
+        }
+        entries = {**self._entries(), _key(info, shape): entry}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(self.path, json.dumps(entries, indent=1, sort_keys=True), is_durable=False)
+        except (OSError, UserError):
+            return  # the folder isn't writable or the disk is full: the next run measures again
+
+    def _entries(self) -> dict[str, Any]:
+        try:
+            entries = json.loads(self.path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return entries if isinstance(entries, dict) else {}
+
+
+def _key(info: AdapterInfo, shape: tuple[int, int]) -> str:
+    """Key of an entry: everything that the times depend on."""
+    return json.dumps([FORMAT, info.name, info.backend, info.driver, version("wgpu"), *shape])
+
+
+def _parse_entry(entry: object) -> TuningResult | None:
+    """A result from the JSON of an entry; None if it is invalid."""
+    if not isinstance(entry, dict):
+        return None
+    seconds, compiled, refused = (entry.get(name) for name in ("seconds", "compile_seconds", "refused"))
+    if not (_is_times(seconds) and _is_times(compiled) and _is_by_strategy(refused)):
+        return None
+    if not all(isinstance(reason, str) for reason in cast("dict[str, Any]", refused).values()):
+        return None
+    return TuningResult(
+        cast("dict[Strategy, float]", seconds),
+        cast("dict[Strategy, float]", compiled),
+        cast("dict[Strategy, str]", refused),
+    )
+
+
+def _is_times(values: object) -> bool:
+    return _is_by_strategy(values) and all(
+        isinstance(t, int | float) and math.isfinite(t) and t >= 0 for t in cast("dict[str, Any]", values).values()
+    )
+
+
+def _is_by_strategy(values: object) -> bool:
+    return isinstance(values, dict) and set(values) <= set(STRATEGIES)
+
+
+# --- the helper process -----------------------------------------------------------------------------------------------
+
+
+WORKER_ARGUMENTS = ("-m", "holoview.gpu.tune_worker")
+"""Arguments of the Python interpreter that start the helper."""
+_JOIN_TIMEOUT_S = 2.0
+Message = dict[str, Any]
+"""One line of JSON: see `tune_worker` for the protocol."""
+
+
+class TuningProcess:
+    """Runs `tune_worker` on the adapter of a name, for at most `budget_s` seconds of CPU time.
+
+    A thread collects the answers, so that `next_answer` never waits. arguments: of the Python interpreter.
+    """
+
+    def __init__(self, adapter: str, budget_s: float, arguments: Sequence[str] = WORKER_ARGUMENTS) -> None:
+        package = str(Path(__file__).resolve().parents[2])
+        path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
+        self._answers: SimpleQueue[Message] = SimpleQueue()
+        self._process = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            encoding="utf-8",
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        self._reader = threading.Thread(target=_collect, args=(self._process, self._answers), daemon=True)
+        self._reader.start()
+        self._kill = weakref.finalize(self, _kill, self._process, self._reader)
+        self.send({"adapter": adapter, "budget_s": budget_s})
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has exited and all its answers have been taken."""
+        return not self._reader.is_alive() and self._process.poll() is not None and self._answers.empty()
+
+    @property
+    def hit_time_limit(self) -> bool:
+        """Whether the operating system ended the process because it used up its CPU time."""
+        return sys.platform != "win32" and self._process.poll() in (-signal.SIGXCPU, -signal.SIGKILL)
+
+    def send(self, request: Message) -> None:
+        """Send a request; has no effect if the process has exited."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+
+    def next_answer(self) -> Message | None:
+        """The next answer, or None if none has arrived yet."""
+        with contextlib.suppress(Empty):
+            return self._answers.get_nowait()
+        return None
+
+    def close(self) -> None:
+        """Kill the process."""
+        self._kill()
+
+
+def _collect(process: subprocess.Popen[str], answers: SimpleQueue[Message]) -> None:
+    """Put the answers into the queue until the process closes its output."""
+    assert process.stdout is not None
+    with contextlib.suppress(OSError, ValueError):
+        for line in process.stdout:
+            with contextlib.suppress(json.JSONDecodeError):
+                answers.put(json.loads(line))
+
+
+def _kill(process: subprocess.Popen[str], reader: threading.Thread) -> None:
+    assert process.stdin is not None and process.stdout is not None
+    with contextlib.suppress(OSError):
+        process.kill()
+    process.wait()
+    reader.join(_JOIN_TIMEOUT_S)
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(OSError):
+            pipe.close()

@@ -33,8 +33,7 @@ if sys.platform != "win32":
 
 from holoview.gpu.device import Buffer, Device, open_device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.line_fft import Strategy, TransformShader
-from holoview.gpu.precompile import precompile
+from holoview.gpu.line_fft import Strategy, TransformShader, precompile
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError, ShaderSource
 from holoview.util.errors import UserError

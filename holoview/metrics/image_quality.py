@@ -13,12 +13,12 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.io.hologram import Hologram
 from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
-from holoview.metrics.ms_ssim import MsSsim, ms_ssim
+from holoview.metrics.perceptual import MsSsim, ms_ssim
 from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
 from holoview.model.plan import make_plan
-from holoview.numerics.image_region import Region
 from holoview.numerics.structural_similarity import scale_count
+from holoview.numerics.tensors import Region
 from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.view import View

@@ -1,6 +1,6 @@
 """Scores of how an image looks to a person, by name: which there are, and whether they can be had here.
 
-`holoview.metrics.perceptual_quality` computes them, which takes longer to import.
+`holoview.metrics.perceptual` computes them, which takes longer to import.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from holoview.model.eye import Eye
-from holoview.model.visual_angle import sample_degrees
+from holoview.model.eye import Eye, sample_degrees
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,18 @@ the dark pixels would be far below 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.numerics.image_region import Region, region_slices
+from holoview.colour import observer_weights
+from holoview.model.eye import PUPIL, sample_degrees
+from holoview.model.system import System
+from holoview.numerics.tensors import Region, region_slices
 from holoview.util.errors import UserError
 
 TARGET_FLOOR = 0.05
@@ -102,3 +108,186 @@ def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -
     values, target = values[bright], target[bright]
     gain = values.sum() / target.sum() if values.size else 0.0
     return values / (gain * target) if gain > 0.0 else np.zeros(0)
+
+
+# --- histogram --------------------------------------------------------------------------------------------------------
+
+# Fully developed, polarised speckle of one laser is exponentially distributed: p(s) = exp(−s) for s = I/Ī. The sum of N
+# independent patterns of equal mean has a gamma distribution of shape N; that of patterns with unequal means m has
+# nearly the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
+
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SpeckleHistogram:
+    """Probability density of I/Ī in bins (n,).
+
+    edges: of the bins (n + 1,). density: measured (n,). pattern_count: number of independent patterns expected.
+    """
+
+    edges: Floats
+    density: Floats
+    pattern_count: float
+
+    @cached_property
+    def centres(self) -> Floats:
+        """Centres of the bins (n,)."""
+        return (self.edges[1:] + self.edges[:-1]) / 2
+
+    @cached_property
+    def fully_developed_density(self) -> Floats:
+        """The density of fully developed speckle of one laser at the centres (n,)."""
+        return speckle_density(self.centres)
+
+    @cached_property
+    def expected_density(self) -> Floats:
+        """The density of the sum of `pattern_count` independent patterns at the centres (n,)."""
+        return speckle_density(self.centres, self.pattern_count)
+
+
+def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
+    """Probability density of s = I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional.
+
+    It is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
+    """
+    count, s = pattern_count, np.asarray(relative_intensity, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        powers = np.zeros_like(s) if count == 1.0 else (count - 1.0) * np.log(s)
+    return np.where(s >= 0, np.exp(count * math.log(count) - math.lgamma(count) - count * s + powers), 0.0)
+
+
+def speckle_histogram(
+    luminance: NDArray[np.floating], region: Region, pattern_count: float = 1.0, bins: int = 60, max_ratio: float = 4.0
+) -> SpeckleHistogram:
+    """The histogram of a region of an image (y, x) over the region's mean, from 0 to `max_ratio`.
+
+    Raises UserError for a region without light.
+    """
+    values = np.asarray(luminance[region_slices(region)], dtype=np.float64).ravel()
+    mean = float(values.mean()) if values.size else 0.0
+    if not mean > 0:
+        raise UserError("region", "no light in it", remedy="choose a brighter region")
+    counts, edges = np.histogram(values / mean, bins=bins, range=(0.0, max_ratio))
+    return SpeckleHistogram(edges, counts / (values.size * (edges[1] - edges[0])), pattern_count)
+
+
+# --- independent patterns of lasers, frames and sources ---------------------------------------------------------------
+
+# Patterns of different lasers count as independent and fully developed here, which those of one hologram need not be:
+# the contrast √(Σm²)/Σm for mean luminances m is the least that they can bring (Goodman, *Speckle Phenomena in Optics*,
+# 2007, ch. 3).
+
+
+def laser_luminances(system: System) -> Floats:
+    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames."""
+    visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
+    power: Floats = system.amplitudes / system.frames * visible
+    return power
+
+
+def independent_pattern_count(system: System) -> float:
+    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source."""
+    means = np.repeat(laser_luminances(system).ravel(), len(system.source.directions_rad)) / len(
+        system.source.directions_rad
+    )
+    return float(means.sum() ** 2 / np.square(means).sum()) if np.any(means > 0) else 1.0
+
+
+def independent_contrast(system: System) -> float:
+    """Luminance contrast of independent patterns, 1/√N with N of `independent_pattern_count`."""
+    return float(independent_pattern_count(system) ** -0.5)
+
+
+def mean_wavelength(system: System) -> float:
+    """Mean wavelength in metres, each weighted by its luminance; by nothing if none can be seen."""
+    weights = laser_luminances(system).sum(axis=0)
+    return float(np.average(system.wavelengths_m, weights=weights if np.any(weights > 0) else None))
+
+
+# --- on the retina ----------------------------------------------------------------------------------------------------
+
+# A pupil of diameter d makes grains about λ/d wide (Goodman, *Speckle Phenomena in Optics*, 2007, ch. 4): a small pupil
+# makes coarse speckle, a large one fine. Their contrast doesn't depend on the pupil as long as the patterns of the
+# lasers are fully developed and independent; then it is √(Σm²)/Σm for mean luminances m, 1/√N for N equal ones. Foveal
+# cones average over discs of 0.5 arcmin, which hides grains that are smaller.
+
+
+CONE_ARCMIN = 0.5
+"""Diameter of a foveal cone (Curcio et al., J. Comp. Neurol. 292, 497 (1990)): 2.5 µm at 17 mm."""
+PUPILS_M = (2e-3, 2.5e-3, 3e-3, 4e-3, 5e-3, 6e-3)
+"""Diameters of natural pupils, from bright light to dim."""
+MAX_PUPILS = 50
+
+
+@dataclass(frozen=True)
+class RetinalContrast:
+    """Speckle contrast of a region of the retinal image, seen through one pupil.
+
+    pupil_m: its diameter. contrast: of the luminance at every sample. cone_contrast: of its means over cones.
+    grain_arcmin: λ/d, about the width of a grain, at the mean wavelength of the luminance.
+    """
+
+    pupil_m: float
+    contrast: float
+    cone_contrast: float
+    grain_arcmin: float
+
+
+def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[System]:
+    """The system with its eye's pupil of each diameter.
+
+    Raises UserError without an eye, for no diameter or more than MAX_PUPILS, and for one out of range.
+    """
+    if system.eye is None:
+        raise UserError("pupils", "there is no eye", expected="a bench with an eye", remedy="--set eye={}")
+    if not 1 <= len(pupils_m) <= MAX_PUPILS:
+        raise UserError("pupils", str(len(pupils_m)), expected=f"1 to {MAX_PUPILS} diameters")
+    for diameter_m in pupils_m:
+        PUPIL.parse(diameter_m, "pupils")
+    return [system.with_(eye=replace(system.eye, pupil_m=diameter_m)) for diameter_m in pupils_m]
+
+
+def default_pupils(system: System) -> tuple[float, ...]:
+    """Those of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
+    eye = system.eye
+    if eye is None:
+        return PUPILS_M
+    reach_m = 2 * (eye.eyepiece_m - float(np.hypot(eye.pupil_y_m, eye.pupil_x_m)))
+    return tuple(d for d in PUPILS_M if d < reach_m) or (min(PUPILS_M[0], 0.9 * reach_m),)
+
+
+def retinal_contrast(
+    system: System,
+    luminance: NDArray[np.floating],
+    region: Region | None = None,
+    target: NDArray[np.floating] | None = None,
+) -> RetinalContrast:
+    """Contrast of a region of what the eye of a system sees.
+
+    luminance: (y, x) of the whole image. target: (y, x), whose structure is divided out.
+    Raises UserError without an eye, and as `speckle_contrast` does.
+    """
+    if system.eye is None:
+        raise UserError("retinal speckle", "there is no eye", expected="a bench with an eye")
+    pitch_m = system.modulators[0].pitch_m / system.sampling.upsample
+    degrees = sample_degrees(pitch_m, system.eye.eyepiece_m)
+    blurred = None if target is None else seen_by_cones(target, degrees)
+    diameter_m = system.eye.pupil_diameter_m(system.field_m)
+    return RetinalContrast(
+        pupil_m=diameter_m,
+        contrast=speckle_contrast(luminance, region, target).contrast,
+        cone_contrast=speckle_contrast(seen_by_cones(luminance, degrees), region, blurred).contrast,
+        grain_arcmin=60 * float(np.degrees(mean_wavelength(system) / diameter_m)),
+    )
+
+
+def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.float64]:
+    """The mean of an image (y, x) over a disc as wide as a foveal cone, around every sample; it counts as periodic."""
+    from scipy.special import j1  # slow start: a viewer begins without it
+
+    y, x = (np.fft.fftfreq(n, degrees_per_sample) for n in image.shape)
+    v = np.pi * CONE_ARCMIN / 60 * np.hypot(y[:, None], x[None, :])
+    transfer = np.divide(2 * j1(v), v, out=np.ones_like(v), where=v > 0)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(image) * transfer).real)

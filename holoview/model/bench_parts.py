@@ -8,8 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model.dataclass_fields import Description, described_field, validate
-from holoview.model.field_types import Array, Choice, Coefficients, Integer, LevelFractions, Number, Shape
+from holoview.model.fields import (
+    Array,
+    Choice,
+    Coefficients,
+    Description,
+    Integer,
+    LevelFractions,
+    Number,
+    Shape,
+    described_field,
+    validate,
+)
 from holoview.model.stops import CentreField, SquareField, SquareStop
 from holoview.util.errors import UserError
 

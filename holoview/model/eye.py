@@ -1,14 +1,4 @@
-"""The eye of a viewer behind an eyepiece: where it is focused at each wavelength, and what its pupil passes.
-
-The eyepiece, of focal length f, has its front focal plane at z = `infinity`; the eye's pupil lies in its back focal
-plane. A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is
-nearer to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of the
-plane is seen at an angle of pitch/f, whichever plane is in focus.
-
-An eye that is focused at A dioptres at the wavelength λ₀ is focused at A − (Rx(λ) − Rx(λ₀)) at λ. The refraction Rx is
-that of the chromatic eye of Thibos, Ye, Zhang & Bradley, Appl. Opt. 31, 3594 (1992), eq. 5 with their fit:
-Rx(λ) = 1.68524 − 633.46/(λ − 214.102 nm).
-"""
+"""The eye of a viewer behind an eyepiece, published formulas of the human eye, and angles at which lengths are seen."""
 
 from __future__ import annotations
 
@@ -19,12 +9,67 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model.dataclass_fields import Description, Nested, described_field, validate
-from holoview.model.field_types import Array, Choice, Coefficients, Number, Truth
-from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter, refraction_slope
-from holoview.model.visual_angle import field_degrees
+from holoview.model.fields import (
+    Array,
+    Choice,
+    Coefficients,
+    Description,
+    Nested,
+    Number,
+    Truth,
+    described_field,
+    validate,
+)
 from holoview.util import units
 from holoview.util.errors import UserError
+
+_SLOPE, _POLE_NM = 633.46, 214.102  # dioptres · nm, nm
+
+
+def chromatic_refraction(wavelength_m: Any) -> Floats:
+    """Refraction Rx of the chromatic eye in dioptres, zero near 590 nm: use differences only.
+
+    wavelength_m: a number or an array.
+
+    >>> import holoview as hv
+    >>> round(float(hv.chromatic_refraction(400e-9) - hv.chromatic_refraction(589e-9)), 2)
+    -1.72
+    """
+    return np.asarray(1.68524 - _SLOPE / (np.asarray(wavelength_m, dtype=np.float64) * 1e9 - _POLE_NM))
+
+
+def refraction_slope(wavelength_m: float) -> float:
+    """Derivative of `chromatic_refraction` with respect to the wavelength, dioptres a metre."""
+    return _SLOPE * 1e9 / (wavelength_m * 1e9 - _POLE_NM) ** 2
+
+
+def natural_pupil_diameter(luminance: float, area_deg2: float, age: float = 30.0) -> float:
+    """Diameter (m) of the pupils of a viewer who adapts to a uniform field with both eyes.
+
+    luminance: cd/m². area_deg2: of the field, square degrees. age: years, 20 to 83.
+
+    Watson & Yellott, J. Vis. 12(10), 12 (2012), eq. 21: the unified formula, from that of Stanley & Davies.
+
+    >>> import holoview as hv
+    >>> [round(hv.natural_pupil_diameter(L, 3600.0, 28.58) * 1e3, 2) for L in (0.01, 1.0, 100.0)]
+    [7.06, 5.02, 2.82]
+    """
+    flux = (luminance * area_deg2 / 846) ** 0.41
+    young_mm = 7.75 - 5.75 * flux / (flux + 2)
+    return 1e-3 * float(young_mm + (age - 28.58) * (0.02132 - 0.009562 * young_mm))
+
+
+# --- the eye of a bench -----------------------------------------------------------------------------------------------
+
+# The eyepiece, of focal length f, has its front focal plane at z = `infinity`; the eye's pupil lies in its back focal
+# plane. A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is
+# nearer to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of
+# the plane is seen at an angle of pitch/f, whichever plane is in focus.
+#
+# An eye that is focused at A dioptres at the wavelength λ₀ is focused at A − (Rx(λ) − Rx(λ₀)) at λ. The refraction Rx
+# is that of the chromatic eye of Thibos, Ye, Zhang & Bradley, Appl. Opt. 31, 3594 (1992), eq. 5 with their fit: Rx(λ) =
+# 1.68524 − 633.46/(λ − 214.102 nm).
+
 
 Floats = NDArray[np.float64]
 
@@ -328,3 +373,28 @@ class Eye(Description):
         (False, True)
         """
         return bool(self.stiles_crawford or self.prescription.cylinder_dpt or self.prescription.aberration_m)
+
+
+# --- visual angles ----------------------------------------------------------------------------------------------------
+
+
+def field_degrees(side_m: float, eyepiece_m: float) -> float:
+    """Angle under which a side of the picture is seen whose middle is on the axis, degrees.
+
+    side_m: its length. eyepiece_m: focal length of the eyepiece.
+
+    >>> round(field_degrees(8e-3, 4e-3), 9)
+    90.0
+    """
+    return 2 * math.degrees(math.atan(side_m / (2 * eyepiece_m)))
+
+
+def sample_degrees(pitch_m: float, eyepiece_m: float) -> float:
+    """Angle between neighbouring samples on the axis, degrees.
+
+    pitch_m: their distance. eyepiece_m: focal length of the eyepiece.
+
+    >>> round(sample_degrees(4e-6, 40e-3) * 3600, 1)  # seconds of arc
+    20.6
+    """
+    return math.degrees(math.atan(pitch_m / eyepiece_m))

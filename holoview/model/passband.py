@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Relay
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 Integers = NDArray[np.int32]
 RowsColumns = tuple[int, int]

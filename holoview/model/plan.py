@@ -22,10 +22,9 @@ from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.eye import Eye
 from holoview.model.focus import eyes_at, focus_shift, focused_planes, parse_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
-from holoview.model.sampled_distance import check_eye_sampled
 from holoview.model.system import System
-from holoview.model.transfer import Transfer
-from holoview.numerics.fft_grid import is_fast_length, next_fast_length
+from holoview.model.transfer import Transfer, check_eye_sampled
+from holoview.numerics.sampling import is_fast_length, next_fast_length
 
 RowsColumns = tuple[int, int]
 

@@ -12,15 +12,14 @@ from typing import Any
 
 import tomli_w
 
-from holoview.model.dataclass_fields import from_mapping, to_mapping
 from holoview.model.effects.parameter import FileParameter
 from holoview.model.effects.registry import get_effect
+from holoview.model.fields import from_mapping, to_mapping
 from holoview.model.shorthand import expand_table
 from holoview.model.system import System
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
-from holoview.util.files import data_dir
-from holoview.util.input_file import read_text, require_file
+from holoview.util.files import data_dir, read_text, require_file
 from holoview.util.tables import parse_toml
 
 _FILE, _REMEDY = "a preset's TOML file", "`holoview presets` lists names"

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import observer_weights, white_amplitudes
-from holoview.model.field_types import Array, Integer, Number
-from holoview.numerics.fft_grid import positions
+from holoview.model.fields import Array, Integer, Number
+from holoview.numerics.sampling import positions
 from holoview.util import units
 from holoview.util.errors import UserError
 

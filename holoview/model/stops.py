@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.util import units
 from holoview.util.errors import UserError
 

@@ -16,10 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-from holoview.model.dataclass_fields import Description, Nested, NestedList, described_field, validate, with_changes
-from holoview.model.effects.effect_table import EffectPairs, EffectTable
+from holoview.model.effects.registry import EffectPairs, EffectTable
 from holoview.model.eye import Eye
-from holoview.model.field_types import Array, Choice, Number
+from holoview.model.fields import (
+    Array,
+    Choice,
+    Description,
+    Nested,
+    NestedList,
+    Number,
+    described_field,
+    validate,
+    with_changes,
+)
 from holoview.model.shorthand import expand_edit
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from holoview.model.eye import Eye
 from holoview.model.plan import Grid, Plan
 from holoview.model.transfer import Transfer
-from holoview.numerics.phasor import phasor_of_turns
-from holoview.numerics.pruned_fft import PrunedAxis
+from holoview.numerics.fourier import PrunedAxis, phasor_of_turns
 from holoview.numerics.resample import centred_indices, upsample_nearest
 from holoview.optics.propagate import eye_pupil, nominal_pupil, transfer_function_at
 from holoview.optics.slm import optical_path, phasor, pixel_spectrum

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.plan import Grid
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 Floats = NDArray[np.float64]
 

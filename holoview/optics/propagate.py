@@ -15,9 +15,9 @@ import torch
 from holoview.model.eye import Eye
 from holoview.model.plan import Grid, Plan
 from holoview.model.transfer import Transfer
-from holoview.numerics.fft_grid import frequency_indices
-from holoview.numerics.phasor import phasor_of_turns
-from holoview.numerics.zernike import zernike_sum
+from holoview.numerics.fourier import phasor_of_turns
+from holoview.numerics.sampling import frequency_indices
+from holoview.numerics.surfaces import zernike_sum
 
 
 def direction_sines(

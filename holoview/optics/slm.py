@@ -10,7 +10,7 @@ import math
 import torch
 
 from holoview.model.bench_parts import Modulator
-from holoview.numerics.pixel_spectrum import pixel_spectrum as spectrum_of_pixel
+from holoview.numerics.sampling import pixel_spectrum as spectrum_of_pixel
 
 
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:

@@ -31,10 +31,10 @@ class TorchEffects(ActiveEffects):
     ) -> Tensor:
         """The complex transmission of a modulator, of pixels, or of samples where an effect needs them.
 
-        share: (rows, columns) fraction of the stroke that was sent to each pixel.
+        share: (rows, columns) fraction of the stroke, as it was sent to each pixel.
         dtype: of the result.
         path_factor: factor of the optical paths, of one sample of an exposure.
-        before: as `share`, what was sent before; None if that isn't known. first: what was sent first of all.
+        before, first: as `share`, of the pattern sent before and of the first of all; None where they aren't known.
         """
 
         def applied(hook: str, values: Tensor) -> Tensor:
@@ -81,7 +81,7 @@ class TorchEffects(ActiveEffects):
         return counts_per_s
 
     def image(self, image: Tensor, context: CameraContext) -> Tensor:
-        """What the camera collects of an intensity (y, x)."""
+        """The light that the camera collects of an intensity (y, x)."""
         collected: Tensor = self.applied("image", image, context)
         return collected
 
@@ -136,13 +136,13 @@ class SampledTransmissions:
     ) -> Tensor:
         """The transmission (y, x) of the samples of a modulator to which `share` (rows, columns) was sent.
 
-        before, first: as `share`, what was sent in the frame before, and in the first frame.
+        before, first: as `share`, of the frame before and of the first frame.
         """
         context = self.context(modulator, wavelength)
         return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor, before, first))
 
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
-        """What hooks are told about a modulator at the wavelength of an index."""
+        """The context of the hooks on a modulator at the wavelength of an index."""
         return modulator_context(self.plan, modulator, wavelength, self._laser_number(wavelength))
 
     def _laser_number(self, wavelength: int) -> int:
@@ -155,7 +155,7 @@ class SampledTransmissions:
 def modulator_context(
     plan: Plan, number: int, wavelength: int, laser: int, frame: tuple[int, int] | None = None
 ) -> ModulatorContext:
-    """What hooks are told about modulator `number` at the wavelength of an index.
+    """The context of the hooks on modulator `number` at the wavelength of an index.
 
     laser: its number, 0 for the shortest wavelength of the bench. frame: (rows, columns) of the modulator that the
     plan's is the middle of; its own where None.

@@ -25,7 +25,7 @@ import torch
 
 from holoview.model.passband import Band
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedAxis
+from holoview.numerics.fourier import PrunedAxis
 from holoview.optimise.lasers import Laser
 from holoview.optimise.memory import CPU_BLOCK_BYTES
 

@@ -30,10 +30,9 @@ from holoview.io.hologram import Hologram, drive_schema, drive_sizes
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
-from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.safetensors_file import TensorFormat
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import read_record
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from holoview.model.eye import Eye
 from holoview.model.focus import required_eye, with_pupil_at
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
+from holoview.numerics.sampling import positions
 from holoview.optimise.settings import Settings
 from holoview.util import units
 from holoview.util.errors import UserError

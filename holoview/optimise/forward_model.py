@@ -18,6 +18,11 @@ An evaluation calls `forward` once, `process_planes`, and at last `accumulate_gr
 other, so that the fields of only one are in memory. The loss at a sample depends on the fields at this sample only, so
 that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back while
 the block is in the cache. A structural loss takes a whole plane as one block.
+
+The adjoint by hand costs this file, `beams` and `transfer_functions`. It saves processor time and memory: autograd
+through the same bench (`autograd_model`) takes 1.2 to 1.3 times the time (0.24 s → 0.31 s, 1.04 s → 1.33 s) and 1.7 to
+1.9 times the memory (93 → 156 MiB, 278 → 520 MiB; holochrome-8, 192 × 256 and 384 × 512 pixels, 5 planes, complex64,
+one thread, medians of 7 runs in turn of an evaluation with its gradient).
 """
 
 from __future__ import annotations
@@ -31,7 +36,7 @@ from typing import TypeVar
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.pruned_fft import PrunedAxis
+from holoview.numerics.fourier import PrunedAxis
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import phasor, sum_pool
 from holoview.optimise.beams import (

@@ -13,7 +13,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.lasers import lit_lasers
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.model.validity.checks import check_plan
+from holoview.model.validity import check_plan
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.eyes import Places

@@ -10,13 +10,12 @@ import torch
 
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan
-from holoview.optics.bench import pupil_with_effects, pupil_without_effects, wave_axes
+from holoview.optics.bench import pupil_with_effects, pupil_without_effects, relay_response, wave_axes
 from holoview.optics.propagate import (
     free_space_at,
     phase_per_metre,
     phase_wavelength_derivative,
     stopped,
-    transfer_function_at,
 )
 from holoview.optics.slm import pixel_spectrum
 from holoview.optimise.beams import SpectralAxis, samples_a_pixel, slices
@@ -136,10 +135,7 @@ class TransferFunctions:
         if 0 in (len(ky), len(kx)):
             return torch.zeros(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
         pupil = pupil_with_effects(self.plan, relay, wavelength, eye)
-        if pupil is None:
-            return transfer_function_at(transfer, ky, kx, self.dtype)
-        pupil = pupil.to(self._float64_device)[ky][:, kx]
-        return transfer_function_at(transfer, ky, kx, torch.complex128) * pupil
+        return relay_response(transfer, ky, kx, pupil, self.dtype if pupil is None else torch.complex128)
 
     def across_gap(self, wavelength: int) -> Tensor:
         """H × pupil between the modulators, (frequency_y, frequency_x)."""
@@ -190,10 +186,6 @@ class TransferFunctions:
     def _frequencies(self, relay: int) -> tuple[Tensor, Tensor]:
         """Signed frequency indices (y, x) of a relay's band."""
         y, x = (axis.last_frequencies if relay else axis.gap_frequencies for axis in self.axes)
-        return y, x
-
-    def _sizes(self, relay: int) -> tuple[int, int]:
-        y, x = (len(frequencies) for frequencies in self._frequencies(relay))
         return y, x
 
     def _transmitted_share(self, relay: int, wavelength: int, distance_m: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from holoview import colour
 from holoview.engine.frame_layout import frame_shape
 from holoview.engine.shader_structs import BLEND_TERM, MODULATOR, PLANE_WAVE, PROPAGATION, SRGB_ENCODING
-from holoview.gpu.wgsl_struct import WgslStruct
+from holoview.gpu.shader import WgslStruct
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.bench_parts import Relay

@@ -134,11 +134,13 @@ function fromHash(hash, state, bench) {
 // --- the viewer ---------------------------------------------------------------------------------------------------------
 
 class Viewer {
-    constructor(holograms, info) {
-        this.holograms = holograms
+    // first: the first hologram. open: opens another one by its number, when it is shown for the first time.
+    constructor(first, open, info) {
+        this.holograms = [first]
+        this.open = open
         this.info = info
-        this.bench = holograms[0].bench
-        this.shape = holograms[0].shape
+        this.bench = first.bench
+        this.shape = first.shape
         this.state = fromHashOrFirst(this.bench)
         this.pictures = new Map() // view → OffscreenCanvas
         this.zoom = null // null: the whole image; else {scale, x, y}: canvas pixels a sample, sample in the middle
@@ -162,7 +164,7 @@ class Viewer {
         if (isOutdated()) return
         const began = performance.now()
         for (const index of this.shownHolograms()) {
-            const hologram = this.holograms[index]
+            const hologram = (this.holograms[index] ??= await this.open(index))
             if (!(await hologram.update(this.stateOf(index), isOutdated))) return
             const rgba = await hologram.rgba(this.isWide ? PAGE.xyz_to_p3 : PAGE.xyz_to_srgb, this.state.exposure)
             this.keep(`hologram ${index + 1}`, rgba, hologram.shape, this.space)
@@ -176,7 +178,7 @@ class Viewer {
 
     // The state as it is for one of several holograms: lasers of its own bench where these differ from the first one's.
     stateOf(index) {
-        const bench = this.holograms[index].bench
+        const { bench } = PAGE.holograms[index]
         if (index === 0) return this.state
         const same = JSON.stringify(bench.wavelengths_m) === JSON.stringify(this.bench.wavelengths_m)
         const own = same ? {} : firstState(bench)
@@ -312,7 +314,7 @@ class Viewer {
         const lines = []
         for (const claim of PAGE.claims) {
             const found = await this.measure(claim.region ?? null)
-            const value = claim.quantity === "contrast" ? found.contrast.toFixed(3) : `${found.psnr_db?.toFixed(2)} dB`
+            const value = claim.quantity === "contrast" ? found.contrast.toFixed(3) : `${found.psnr_db?.toFixed(1)} dB`
             lines.push(`${claim.text}: ${claim.value} in the file, ${value} computed here.`)
         }
         $("claims").textContent = lines.join(" ")
@@ -652,7 +654,7 @@ function drawSpectrum(viewer) {
         shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(viewer.state.powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
     })
     for (const nm of [400, 500, 600, 700]) {
-        const text = shape(svg, "text", { x: x(nm), y: 93, "font-size": 11, "text-anchor": "middle", fill: "currentColor" })
+        const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })
         text.textContent = `${nm} nm`
     }
 }
@@ -673,9 +675,16 @@ function drawHistogram(found) {
 
 // --- without WebGPU -----------------------------------------------------------------------------------------------------
 
+// The stored picture nearest to the first focal plane, until the first image is computed.
+function previewStored() {
+    const { planes_m, pictures } = PAGE.stored
+    const distance = i => Math.abs(planes_m[i] - PAGE.plane_m)
+    const nearest = planes_m.map((_, i) => i).reduce((a, b) => (distance(b) < distance(a) ? b : a))
+    Object.assign($("stored"), { src: pictures[nearest], alt: "The image, rendered before", hidden: false })
+}
+
 function showStored(reason) {
     $("message").textContent = reason
-    if (!PAGE.stored) return
     $("image").hidden = true
     const [image, slider, play] = [$("stored"), $("plane"), $("play")]
     image.hidden = false
@@ -700,25 +709,27 @@ function showStored(reason) {
 
 async function start() {
     $("frame").style.setProperty("--aspect", `${PAGE.shape[1]} / ${PAGE.shape[0]}`)
+    previewStored()
     const [device, info] = await openDevice()
     device.lost.then(lost => {
         if (lost.reason !== "destroyed") $("message").textContent = `The graphics device was lost: ${lost.message}. Reload the page.`
     })
-    const holograms = []
-    for (const [i, document_] of PAGE.holograms.entries()) {
-        $("message").textContent = `Opening ${document_.name} …`
+    const open = async i => {
+        const document_ = PAGE.holograms[i]
+        $("message").textContent = `Opening ${document_.name} … The picture was rendered before.`
         const heads = JSON.parse(new TextDecoder().decode(await inflate($(`holoview-frames-${i}`).textContent)))
         const data = await inflate($(`holoview-data-${i}`).textContent)
-        const open = head => FrameReplay.open(device, head, document_.contents, data)
-        const hologram = new LiveHologram(document_, await open(heads[0]))
-        hologram.others = heads.slice(1).filter(head => suits(device, head)).map(head => () => open(head))
-        holograms.push(hologram)
+        const replay = head => FrameReplay.open(device, head, document_.contents, data)
+        const hologram = new LiveHologram(document_, await replay(heads[0]))
+        hologram.others = heads.slice(1).filter(head => suits(device, head)).map(head => () => replay(head))
+        $("message").textContent = ""
+        return hologram
     }
-    $("message").textContent = ""
-    const viewer = new Viewer(holograms, info)
+    const viewer = new Viewer(await open(0), open, info)
     connect(viewer)
     await viewer.refresh()
-    if (!isSoftware(info)) holograms.forEach(hologram => hologram.chooseFastest().catch(error => console.warn(error)))
+    $("stored").hidden = true
+    if (!isSoftware(info)) viewer.holograms[0].chooseFastest().catch(error => console.warn(error))
     return viewer
 }
 

@@ -26,20 +26,20 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import XYZ_TO_P3, XYZ_TO_SRGB, to_srgb8
+from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, to_srgb8
 from holoview.io.hologram import Hologram
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.tensors import Region
 from holoview.page.document import observer_table, page_document, read_document
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
+from holoview.util.packages import __version__
 from holoview.util.progress import StepCallback
-from holoview.util.version import __version__
 from holoview.view import View, simulate
 
 FORMAT, VERSION = "holoview-page", "1"
@@ -47,7 +47,7 @@ SCRIPTS = ("replay.js", "bench.js", "measure.js", "hologram.js", "page.js")
 _TARGET_BYTES = 3 << 19  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = ({"lossless": True}, *({"quality": q} for q in (98, 95, 90, 80)))
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
-_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 1024, 82
+_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 640, 75
 _ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
 
 
@@ -107,7 +107,7 @@ def export_html(
         "gap_range_m": gap_range(first.system),
         "region": None if region is None else dict(zip(("x", "y", "width", "height"), region, strict=True)),
         "xyz_to_srgb": XYZ_TO_SRGB.tolist(),
-        "xyz_to_p3": XYZ_TO_P3.tolist(),
+        "xyz_to_p3": COLOUR_SPACES["p3"].from_xyz.tolist(),
         "cones": observer_table("eye"),
         "target": None if target is None else _target(target),
         "stored": _stored(views[0]),

@@ -1,5 +1,4 @@
-"""Images for people: pictures with captions, and figures.
+"""Images for people.
 
-contact_sheet  a grid of pictures with a title over each column and a caption under each picture
-figure         matplotlib figures without a window, and whether matplotlib is installed
+images  contact sheets, and matplotlib figures without a window
 """

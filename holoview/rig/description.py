@@ -29,7 +29,7 @@ rig.toml has the tables of `bench.toml` (`captures.bench_tables`) with the devic
     [geometry]
     gap = "1 mm"
 
-Where camera and modulators are is written beside it by `holoview rig align` (`placement`), and read with it.
+Where camera and modulators are is written beside it by `holoview rig align` (`registration`), and read with it.
 """
 
 from __future__ import annotations
@@ -41,17 +41,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
+from holoview.captures.patterns import random_levels
 from holoview.captures.validation import check_settings
-from holoview.model.field_types import Array, FieldType, Number
+from holoview.model.fields import Array, FieldType, Number
+from holoview.rig.devices import Counts, Levels
 from holoview.rig.limits import SafetyLimits
-from holoview.rig.placement import Placement, placement_path, read_placement
+from holoview.rig.registration import Registration, read_registration, registration_path
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import read_text
-from holoview.util.tables import parse_toml
+from holoview.util.files import read_text
+from holoview.util.tables import check_keys, parse_toml
 
 _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
@@ -88,7 +91,7 @@ class RigDescription:
     path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
     wavelengths_m: of the lasers, ascending. stage_m: what the stage reaches.
     devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
-    placement: where the devices are; None: where they should be. With one, camera_shape is that of the rectified
+    registration: where the devices are; None: where they should be. With one, camera_shape is that of the rectified
     picture, bench has the measured pitch, and stage_m and limits are distances as measured. described: without it.
     """
 
@@ -102,66 +105,97 @@ class RigDescription:
     limits: SafetyLimits
     devices: Mapping[str, DeviceSpec]
     virtual: Mapping[str, Any]
-    placement: Placement | None = None
+    registration: Registration | None = None
     described: RigDescription | None = None
 
     @property
     def as_described(self) -> RigDescription:
-        """As rig.toml says, without a placement."""
+        """As rig.toml says, without a registration."""
         return self.described or self
 
-    def placed(self, placement: Placement) -> RigDescription:
-        """With the devices where they are. Raises UserError for a placement of other devices."""
+    def registered(self, registration: Registration) -> RigDescription:
+        """With the devices where they are. Raises UserError for a registration of other devices."""
         described = self.as_described
         for name, found, own in (
-            ("slm_shape", placement.slm_shape, described.slm_shape),
-            ("camera_shape", placement.camera_shape, described.camera_shape),
-            ("modulators", 1 if placement.slm2_turn is None else 2, len(described.bench.slms)),
+            ("slm_shape", registration.slm_shape, described.slm_shape),
+            ("camera_shape", registration.camera_shape, described.camera_shape),
+            ("modulators", 1 if registration.slm2_turn is None else 2, len(described.bench.slms)),
         ):
             if found != own:
-                where, remedy = f"{placement_path(self.path)}: found_for.{name}", "run `holoview rig align` again"
+                where, remedy = f"{registration_path(self.path)}: found_for.{name}", "run `holoview rig align` again"
                 raise UserError(where, str(found), expected=f"{own}, as in {self.path}", remedy=remedy)
-        camera = replace(described.bench.camera, pitch_m=placement["pitch"])
+        camera = replace(described.bench.camera, pitch_m=registration["pitch"])
         return replace(
             described,
             bench=replace(described.bench, camera=camera),
-            camera_shape=placement.shape,
-            stage_m=described._distances_m(described.stage_m, placement),
-            limits=replace(described.limits, stage_m=described._distances_m(described.limits.stage_m, placement)),
-            placement=placement,
+            camera_shape=registration.shape,
+            stage_m=described._distances_m(described.stage_m, registration),
+            limits=replace(described.limits, stage_m=described._distances_m(described.limits.stage_m, registration)),
+            registration=registration,
             described=described,
         )
 
-    def _distances_m(self, settings_m: tuple[float, float], placement: Placement) -> tuple[float, float]:
+    def _distances_m(self, settings_m: tuple[float, float], registration: Registration) -> tuple[float, float]:
         """Distances at settings of the stage; in the near field not behind the last modulator."""
-        low, high = (placement.distance_m(setting) for setting in settings_m)
+        low, high = (registration.distance_m(setting) for setting in settings_m)
         least = 0.0 if self.bench.focal_length_m is None else low
         return max(low, least), max(high, least)
 
+    @property
+    def levels_type(self) -> type[np.unsignedinteger]:
+        """The type of grey levels of all modulators."""
+        return np.uint8 if max(slm.num_levels for slm in self.bench.slms) <= 256 else np.uint16
+
+    def random_levels(self, rng: np.random.Generator, sigma_px: float) -> Levels:
+        """Random patterns (modulator, y, x), blurred by a Gaussian of `sigma_px` modulator pixels."""
+        return np.stack([random_levels(rng, self.slm_shape, slm.num_levels, sigma_px) for slm in self.bench.slms])
+
+    def capture(
+        self,
+        levels: NDArray[np.unsignedinteger],
+        image: Counts,
+        *,
+        wavelength_m: float,
+        distance_m: float,
+        power: float,
+        exposure_s: float,
+        **fields: Any,
+    ) -> Captures:
+        """One capture of the nominal bench. levels: (modulator, y, x). image: (y, x). fields: further ones."""
+        return Captures(
+            levels=levels[None],
+            images=image[None],
+            wavelength_m=np.array([wavelength_m]),
+            distance_m=np.array([distance_m]),
+            power=np.array([power]),
+            exposure_s=np.array([exposure_s]),
+            **self.bench.as_fields(),
+            **fields,
+        )
+
     def blank_capture(self) -> Captures:
         """A capture that wasn't taken: dark patterns and no light, with the shortest wavelength at the near end."""
-        return Captures(
-            levels=np.zeros((1, len(self.bench.slms), *self.slm_shape), np.uint8),
-            images=np.zeros((1, *self.camera_shape), np.uint16),
-            wavelength_m=np.array(self.wavelengths_m[:1]),
-            distance_m=np.array(self.limits.stage_m[:1]),
-            power=np.array([self.limits.power]),
-            exposure_s=np.array(self.limits.exposures_s[:1]),
-            **self.bench.as_fields(),
+        return self.capture(
+            np.zeros((len(self.bench.slms), *self.slm_shape), np.uint8),
+            np.zeros(self.camera_shape, np.uint16),
+            wavelength_m=self.wavelengths_m[0],
+            distance_m=self.limits.stage_m[0],
+            power=self.limits.power,
+            exposure_s=self.limits.exposures_s[0],
         )
 
 
-def read_rig(path: str | os.PathLike[str], *, is_placed: bool = True) -> RigDescription:
-    """Reads rig.toml, and the placement beside it if there is one.
+def read_rig(path: str | os.PathLike[str], *, is_registered: bool = True) -> RigDescription:
+    """Reads rig.toml, and the registration beside it if there is one.
 
-    is_placed: False for the rig without a placement, whose pictures needn't be rectified. Raises UserError that names
-    the key of what is missing, unknown or wrong, and for a placement of other devices.
+    is_registered: False for the rig without a registration, whose pictures needn't be rectified. Raises UserError that
+    names a missing, unknown or wrong key, and for a registration of other devices.
     """
     rig = _read_description(path)
-    if not is_placed:
+    if not is_registered:
         return rig
-    file = placement_path(rig.path)
-    rig = rig.placed(read_placement(file)) if file.exists() else rig
+    file = registration_path(rig.path)
+    rig = rig.registered(read_registration(file)) if file.exists() else rig
     _check(rig)
     return rig
 
@@ -177,8 +211,7 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
         if key not in _TABLES or not isinstance(table, Mapping):
             raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
     for key in ("slm1", "camera", "lasers", "stage", "limits"):
-        if key not in tables:
-            raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]")
+        check_keys(tables, _TABLES, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
     facts, options = _split(tables, where)
     slm_shape, camera_shape = _equal_shapes(facts, where), _shape(facts["camera"], f"{where}: camera")
     stage_m = _pair(facts["stage"], "range", f"{where}: stage")
@@ -224,9 +257,8 @@ def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, A
             keys = {*KEYS[name], "shape"} if name != "geometry" else set(table)
             facts[name] = {key: v for key, v in table.items() if key in keys}
         options[name] = {key: v for key, v in table.items() if key not in facts[name]}
-        if name == "limits" and options[name]:
-            key = next(iter(options[name]))
-            raise UserError(f"{where}: limits.{key}", "unknown key", remedy=suggest_matches(key, _LIMITS))
+        if name == "limits":
+            check_keys(table, _LIMITS, f"{where}: limits.")
     return facts, options
 
 

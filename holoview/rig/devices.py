@@ -2,11 +2,16 @@
 
 Every kind of device is a class with these methods. All quantities are in SI units; patterns are raw grey levels, never
 phases.
+
+protocols           ModulatorDevice, CameraDevice, LasersDevice, StageDevice, BenchClock
+Devices             the open devices of a rig, which are closed with the lasers off first
+Wrapped…            a device in the place of another one, which it uses: base of limits, checks and safeguards
+call_device         what a vendor's library raises becomes a DeviceError
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -16,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.processes import Interrupted, Interruption, handled_signals
 
 Levels = NDArray[np.unsignedinteger]
 Counts = NDArray[np.uint16]
@@ -27,7 +32,7 @@ class DeviceError(UserError):
 
 
 class DeviceGone(DeviceError):
-    """A device that is gone: asking again is of no use."""
+    """A device that is gone: another request would fail as well."""
 
 
 class ModulatorDevice(Protocol):
@@ -118,6 +123,16 @@ class Devices:
     ) -> None:
         self.close()
 
+    @property
+    def settle_s(self) -> float:
+        """Seconds until the slower modulator shows its pattern."""
+        return max(modulator.settle_s for modulator in self.modulators)
+
+    def show(self, levels: Sequence[Levels] | Levels) -> None:
+        """Sends each modulator its grey levels (y, x), and doesn't wait until they have settled."""
+        for modulator, own in zip(self.modulators, levels, strict=True):
+            modulator.show(own)
+
     def close(self) -> None:
         """Switches the lasers off and closes all devices, each even if another one fails; the first failure counts."""
         with ExitStack() as stack:
@@ -127,7 +142,7 @@ class Devices:
             stack.callback(self._switch_lasers_off)  # last in, first out
 
     def _switch_lasers_off(self) -> None:
-        """Before a signal that comes meanwhile ends the program; a second one does so at once."""
+        """A signal that comes meanwhile ends the program afterwards; a second one ends it at once."""
         asked = Interruption()
 
         def handle(number: int) -> None:
@@ -139,6 +154,88 @@ class Devices:
             self.lasers.switch_off()
         if asked():
             raise Interrupted(asked.signal)
+
+
+@dataclass(eq=False)
+class WrappedModulator:
+    """A modulator in the place of another one, `device`; subclasses change some of its methods."""
+
+    device: ModulatorDevice
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.device.shape
+
+    @property
+    def settle_s(self) -> float:
+        return self.device.settle_s
+
+    def show(self, levels: Levels) -> None:
+        self.device.show(levels)
+
+    def close(self) -> None:
+        self.device.close()
+
+
+@dataclass(eq=False)
+class WrappedCamera:
+    """A camera in the place of another one, `device`; subclasses change some of its methods."""
+
+    device: CameraDevice
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.device.shape
+
+    @property
+    def exposures_s(self) -> tuple[float, float]:
+        return self.device.exposures_s
+
+    def set_exposure(self, exposure_s: float) -> float:
+        return self.device.set_exposure(exposure_s)
+
+    def take(self) -> Counts:
+        return self.device.take()
+
+    def close(self) -> None:
+        self.device.close()
+
+
+@dataclass(eq=False)
+class WrappedLasers:
+    """Lasers in the place of others, `device`; subclasses change some of their methods."""
+
+    device: LasersDevice
+
+    @property
+    def wavelengths_m(self) -> tuple[float, ...]:
+        return self.device.wavelengths_m
+
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        self.device.switch_on(wavelength_m, power)
+
+    def switch_off(self) -> None:
+        self.device.switch_off()
+
+    def close(self) -> None:
+        self.device.close()
+
+
+@dataclass(eq=False)
+class WrappedStage:
+    """A stage in the place of another one, `device`; subclasses change some of its methods."""
+
+    device: StageDevice
+
+    @property
+    def range_m(self) -> tuple[float, float]:
+        return self.device.range_m
+
+    def move_to(self, distance_m: float) -> float:
+        return self.device.move_to(distance_m)
+
+    def close(self) -> None:
+        self.device.close()
 
 
 def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:

@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 from holoview.rig.description import read_rig
 from holoview.rig.devices import LasersDevice
-from holoview.rig.laser_guard import ALL_OFF
-from holoview.rig.open_rig import open_lasers
+from holoview.rig.open_rig import ALL_OFF, open_lasers
 from holoview.util.errors import UserError
 
 _TRIES, _PAUSE_S = 10, 0.5  # the system may need a moment to free the port of a program that is gone

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from holoview.rig.devices import CameraDevice, Counts, Devices, LasersDevice, StageDevice
+from holoview.rig.devices import Devices, WrappedCamera, WrappedLasers, WrappedStage
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -48,14 +48,9 @@ def limit_devices(devices: Devices, limits: SafetyLimits) -> Devices:
     )
 
 
-@dataclass(frozen=True)
-class _LimitedCamera:
-    device: CameraDevice
+@dataclass(eq=False)
+class _LimitedCamera(WrappedCamera):
     limits: SafetyLimits
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.device.shape
 
     @property
     def exposures_s(self) -> tuple[float, float]:
@@ -66,36 +61,18 @@ class _LimitedCamera:
         self.limits.require_exposure(exposure_s)
         return self.device.set_exposure(exposure_s)
 
-    def take(self) -> Counts:
-        return self.device.take()
 
-    def close(self) -> None:
-        self.device.close()
-
-
-@dataclass(frozen=True)
-class _LimitedLasers:
-    device: LasersDevice
+@dataclass(eq=False)
+class _LimitedLasers(WrappedLasers):
     limits: SafetyLimits
-
-    @property
-    def wavelengths_m(self) -> tuple[float, ...]:
-        return self.device.wavelengths_m
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
         self.limits.require_power(power)
         self.device.switch_on(wavelength_m, power)
 
-    def switch_off(self) -> None:
-        self.device.switch_off()
 
-    def close(self) -> None:
-        self.device.close()
-
-
-@dataclass(frozen=True)
-class _LimitedStage:
-    device: StageDevice
+@dataclass(eq=False)
+class _LimitedStage(WrappedStage):
     limits: SafetyLimits
 
     @property
@@ -106,6 +83,3 @@ class _LimitedStage:
     def move_to(self, distance_m: float) -> float:
         self.limits.require_distance(distance_m)
         return self.device.move_to(distance_m)
-
-    def close(self) -> None:
-        self.device.close()

@@ -1,10 +1,14 @@
 """Opens the devices that a rig's description names.
 
-A kind of device is a function from the rig and the device's table to the device; `KINDS` lists them.
+A kind of device is a function from the rig and the device's table to the device; `KINDS` lists them. Lasers go off also
+when the program that opened them is killed, or crashes in a vendor's driver: a second process (`guard_process`) waits
+for the end of a pipe from the first one, which the operating system closes, and then switches them off.
 """
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -14,15 +18,14 @@ from types import ModuleType
 from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
-from holoview.rig.devices import BenchClock, Devices, LasersDevice
+from holoview.rig.devices import BenchClock, Devices, LasersDevice, WrappedLasers
 from holoview.rig.kinds.manual import open_manual
 from holoview.rig.kinds.micromanager import SharedCore, open_micromanager
 from holoview.rig.kinds.python_file import open_python
 from holoview.rig.kinds.serial_line import open_serial
 from holoview.rig.kinds.slmsuite_kind import open_slmsuite
-from holoview.rig.laser_guard import GuardedLasers
 from holoview.rig.limits import limit_devices
-from holoview.rig.placed_devices import place_devices
+from holoview.rig.registration import register_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,
     VirtualCamera,
@@ -58,10 +61,14 @@ class OpeningRig:
 
 Opener = Callable[[OpeningRig, DeviceSpec], Any]
 _NEED_NO_GUARD = ("virtual", "manual")  # the virtual bench has an interlock; a person has eyes
+_END_S = 30.0  # for the guard to end
+
+ALL_OFF = "off"
+"""What the guard is told when it has nothing to do."""
 
 
 class SystemClock:
-    """The time that passes."""
+    """The clock of a bench of real devices."""
 
     def now(self) -> float:
         return time.monotonic()
@@ -71,7 +78,7 @@ class SystemClock:
 
 
 def open_rig(rig: RigDescription) -> Devices:
-    """Opens all devices of a rig, within its safety limits and where they are placed; use it in a `with` statement.
+    """Opens all devices of a rig, within its safety limits and registered; use it in a `with` statement.
 
     Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
     answer; those that were open by then are closed.
@@ -88,7 +95,9 @@ def open_rig(rig: RigDescription) -> Devices:
         modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
-    return limit_devices(devices if rig.placement is None else place_devices(devices, rig.placement), rig.limits)
+    return limit_devices(
+        devices if rig.registration is None else register_devices(devices, rig.registration), rig.limits
+    )
 
 
 def open_lasers(rig: RigDescription) -> LasersDevice:
@@ -123,3 +132,41 @@ def _opener(rig: RigDescription, spec: DeviceSpec) -> Opener:
         where = f"{rig.path}: {spec.name}.device"
         raise UserError(where, f'"{spec.kind}"', remedy=suggest_matches(spec.kind, KINDS))
     return KINDS[spec.kind]
+
+
+class GuardedLasers(WrappedLasers):
+    """Lasers, and the process that switches them off if this one can't. rig_path: where they are described."""
+
+    def __init__(self, lasers: LasersDevice, rig_path: Path) -> None:
+        super().__init__(lasers)
+        self._is_off = True
+        command = [sys.executable, "-m", "holoview.rig.guard_process", str(rig_path)]
+        self._guard = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, start_new_session=True)
+
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        self._is_off = False
+        self.device.switch_on(wavelength_m, power)
+
+    def switch_off(self) -> None:
+        self.device.switch_off()
+        self._is_off = True
+
+    def close(self) -> None:
+        """Closes the lasers; if they couldn't be switched off, the guard tries."""
+        try:
+            self.device.close()
+        finally:
+            self._dismiss()
+
+    def _dismiss(self) -> None:
+        """Ends the guard, which has nothing to do if the lasers are off; twice is once."""
+        stdin = self._guard.stdin
+        if stdin is None or stdin.closed:
+            return
+        try:
+            if self._is_off:
+                stdin.write(ALL_OFF)
+            stdin.close()
+        except OSError:  # it is gone, as at the end of a terminal's session
+            pass
+        self._guard.wait(_END_S)

@@ -15,19 +15,19 @@ import jinja2
 import numpy as np
 from PIL import Image
 
-from holoview.io.png import write_png
+from holoview.io.pictures import write_png
 from holoview.study.plots import data_uri, render_figure
-from holoview.study.scale import QUICK, StudyScale
-from holoview.study.study import Claim, Findings, Study, StudyPicture
+from holoview.study.study import QUICK, Claim, Findings, Study, StudyPicture, StudyScale
 from holoview.util.file_writer import write_file
-from holoview.util.version import __version__
+from holoview.util.packages import __version__
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
 
 
-def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findings: Findings) -> Path:
+def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findings: Findings, live: str = "") -> Path:
     """Writes report.html, numbers.csv (numbers.parquet as well if pyarrow is installed) and the figures.
 
+    live: name of a page in the folder with the holograms, to which the report leads; none when empty.
     Returns the path of report.html.
     """
     figures = {plot.name: render_figure(plot) for plot in findings.plots}
@@ -38,7 +38,7 @@ def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findi
         write_png(folder / f"{picture.name}.png", picture.pixels, {"holoview.caption": picture.caption})
     _write_numbers(folder, findings.rows)
     path = folder / "report.html"
-    write_file(path, _render_html(study, scale, seed, findings, figures))
+    write_file(path, _render_html(study, scale, seed, findings, figures, live))
     return path
 
 
@@ -64,7 +64,12 @@ def _format_verdict(claim: Claim) -> str:
 
 
 def _render_html(
-    study: Study, scale: StudyScale, seed: int, findings: Findings, figures: Mapping[str, Mapping[str, bytes]]
+    study: Study,
+    scale: StudyScale,
+    seed: int,
+    findings: Findings,
+    figures: Mapping[str, Mapping[str, bytes]],
+    live: str,
 ) -> str:
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string(files(__package__).joinpath("report.html").read_text(encoding="utf-8"))
@@ -74,6 +79,7 @@ def _render_html(
         shows=study.summary,
         scale=f"Scale {scale.name}: {study.describe_size(scale)}; seed {seed}.",
         reduced=study.quick_note if scale.name == QUICK.name else "",
+        live=live,
         claims=findings.claims,
         plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],

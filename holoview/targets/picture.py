@@ -11,18 +11,17 @@ import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import srgb_decode
-from holoview.targets.colour_spaces import COLOUR_SPACES, to_linear_srgb
-from holoview.targets.image_reader import file_format, read_raster, read_rasters
-from holoview.targets.raster import Raster
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
+from holoview.targets.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 __all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
@@ -195,3 +194,151 @@ def _check_finite(where: str, values: NDArray[np.floating]) -> None:
     if count:
         found = f"{count} of {values.size} values are NaN or infinite"
         raise UserError(where, found, expected="finite numbers", remedy="repair the file or export it again")
+
+
+# --- float images: linear sRGB, CIE XYZ, or the primaries that a file states ------------------------------------------
+
+# The result isn't limited to 0…1. Nothing is lost, since XYZ ↔ linear sRGB is one to one: a colour outside the triangle
+# of the sRGB primaries has a negative channel.
+
+
+COLOUR_SPACES = ("srgb", "xyz")
+"""Interpretations of a float file's three channels: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
+
+_XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+"""Chromaticities by which OpenEXR files say that they hold XYZ."""
+
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+"""XYZ to the sharpened cone responses of the Bradford adaptation (Lam 1985; ICC.1:2010, annex E)."""
+
+
+def to_linear_srgb(
+    where: str, raster: Raster, light: NDArray[np.float64], space: str = "srgb"
+) -> tuple[NDArray[np.float64], str]:
+    """Light (y, x, 1 or 3) of a raster as linear sRGB of the same shape, and a note on what was done, or "".
+
+    `space` "xyz" overrides the primaries that the file states. Raises UserError, located at `where`, for another space,
+    for "xyz" without three float channels, and for primaries that can't make white.
+    """
+    if space not in COLOUR_SPACES:
+        raise UserError("space", f'"{space}"', expected=" or ".join(COLOUR_SPACES))
+    primaries = raster.primaries
+    if space == "xyz":
+        if raster.encoded or light.shape[-1] != 3:
+            found = "holds integers, a display signal" if raster.encoded else "has one channel"
+            remedy = "save it as float TIFF or OpenEXR, or read it as sRGB"
+            raise UserError(where, found, expected="three float channels of CIE XYZ", remedy=remedy)
+        ignored = "" if primaries is None or _is_xyz(primaries) else "; the chromaticities in its header are ignored"
+        return xyz_to_linear_srgb(light), f"CIE XYZ converted to linear sRGB{ignored}"
+    if primaries is None:
+        return light, ""
+    if _is_xyz(primaries):
+        return xyz_to_linear_srgb(light), "CIE XYZ, as its header says, converted to linear sRGB"
+    return light @ srgb_from_primaries(where, primaries).T, "converted from the file's own primaries"
+
+
+def srgb_from_primaries(where: str, chromaticities: Chromaticities) -> NDArray[np.float64]:
+    """The matrix (3, 3) from linear light of other primaries to linear sRGB, which maps their white to D65.
+
+    `chromaticities`: (x, y) of red, green, blue and white; SMPTE RP 177 gives the matrix to XYZ. A white other than D65
+    is adapted in Bradford's cone space. Raises UserError when the primaries lie on a line, or can't make the white.
+    """
+    corners = np.array([(x, y, 1 - x - y) for x, y in chromaticities], dtype=np.float64)
+    primaries, white = corners[:3].T, corners[3]
+    if len(corners) != 4 or not np.isfinite(corners).all() or abs(np.linalg.det(primaries)) < 1e-6 or white[1] <= 0:
+        pairs = ", ".join(f"({x:g}, {y:g})" for x, y in chromaticities)
+        raise UserError(
+            where,
+            f"its header states the chromaticities {pairs}",
+            expected="red, green, blue and white that span a triangle",
+            remedy="export it with other primaries, or without any for sRGB",
+        )
+    white = white / white[1]
+    to_xyz = primaries * np.linalg.solve(primaries, white)
+    gains = (_BRADFORD @ D65_WHITE) / (_BRADFORD @ white)
+    matrix: NDArray[np.float64] = XYZ_TO_SRGB @ np.linalg.solve(_BRADFORD, gains[:, None] * _BRADFORD) @ to_xyz
+    return matrix
+
+
+def _is_xyz(chromaticities: Chromaticities) -> bool:
+    return bool(np.allclose(chromaticities[:3], _XYZ_PRIMARIES, atol=1e-6))
+
+
+# Scales chroma in CIE LCHuv at constant lightness and hue, up to the spectral locus, as in the paper's gamut study.
+#
+# With u′, v′ the CIE 1976 chromaticities, u* = 13·L*·(u′ − u′ₙ) and the same for v* (CIE 15:2004, 8.2.2). L* depends on
+# luminance alone, so that scaling the chroma C*uv = √(u*² + v*²) by t at fixed L* and hue moves the chromaticity along
+# its ray from white, at fixed luminance:
+#
+# u′ ← u′ₙ + t·(u′ − u′ₙ)        v′ ← v′ₙ + t·(v′ − v′ₙ)        X = Y·9u′/4v′        Z = Y·(12 − 3u′ − 20v′)/4v′
+#
+# For t > 1 the ray leaves sRGB and finally the colours that any light can have. Towards blue it even reaches v′ = 0,
+# where X and Z are infinite: for the sRGB blue at t = 1.5. Chroma is therefore limited to that of the purest light of
+# its hue, on the spectral locus or the line of purples (CIE 1931 2°), inside which X, Y and Z are never negative.
+
+
+_LOCUS_WAVELENGTHS_M = np.arange(390, 701) * 1e-9  # beyond, the chromaticity hardly changes
+_PURPLE_LINE_POINTS = 512
+
+
+def scale_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray[np.float32]:
+    """Linear sRGB (…, 3), inside or outside 0…1, with its chroma in LCHuv (white D65) times `factor`; float32.
+
+    0 gives the grey of the same luminance, 1 changes nothing, and above 1 chroma rises up to that of the purest light
+    of the hue; colours beyond it already aren't changed then. Luminance is constant.
+
+    Colours without a chromaticity (Y and X + 15Y + 3Z aren't of one sign: black, or imaginary colours) are mixed with
+    the grey of their luminance instead, and a factor above 1 doesn't change them.
+
+    Raises UserError for a negative factor, infinity and NaN.
+    """
+    check_saturation(factor)
+    rgb = np.asarray(rgb_linear)
+    if factor == 1:
+        return rgb.astype(np.float32)
+    x, y, z = np.moveaxis(rgb @ SRGB_TO_XYZ.T, -1, 0)
+    lit = y * (x + 15 * y + 3 * z) > 0
+    u, v = _uv_chromaticity(np.where(lit, x, D65_WHITE[0]), np.where(lit, y, 1), np.where(lit, z, D65_WHITE[2]))
+    white_u, white_v = _uv_chromaticity(*D65_WHITE)
+    du, dv = u - white_u, v - white_v
+    scale = factor if factor < 1 else np.clip(_max_factor(du, dv), 1, factor)
+    u, v = white_u + scale * du, white_v + scale * dv
+    weight = min(factor, 1.0)
+    scaled_x = np.where(lit, y * 9 * u / (4 * v), weight * x + (1 - weight) * y * D65_WHITE[0])
+    scaled_z = np.where(lit, y * (12 - 3 * u - 20 * v) / (4 * v), weight * z + (1 - weight) * y * D65_WHITE[2])
+    scaled: NDArray[np.float64] = np.stack([scaled_x, y, scaled_z], axis=-1) @ XYZ_TO_SRGB.T
+    return scaled.astype(np.float32)
+
+
+def check_saturation(factor: float) -> None:
+    """Raises UserError for a factor that isn't finite and 0 or more."""
+    if not 0 <= factor < np.inf:
+        raise UserError(
+            "saturation", f"{factor:g}", expected="a factor of 0 or more", remedy="0 is grey, 1 changes nothing"
+        )
+
+
+def _uv_chromaticity(
+    x: NDArray[np.float64] | float, y: NDArray[np.float64] | float, z: NDArray[np.float64] | float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """CIE 1976 u′, v′."""
+    total = np.asarray(x + 15 * y + 3 * z)
+    return 4 * x / total, 9 * y / total
+
+
+def _max_factor(du: NDArray[np.float64], dv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The factor by which each (u′ − u′ₙ, v′ − v′ₙ) reaches the purest light of its hue; infinite for greys."""
+    hues, radii = _spectral_boundary()
+    radius = np.interp(np.arctan2(dv, du), hues, radii, period=2 * np.pi)
+    distance = np.hypot(du, dv)
+    return np.divide(radius, distance, out=np.full_like(radius, np.inf), where=distance > 1e-12 * radius)
+
+
+@cache
+def _spectral_boundary() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Hue angle (rad) and distance from white, in (u′, v′), of the spectral locus and the line of purples."""
+    u, v = _uv_chromaticity(*observer_weights("cie1931", _LOCUS_WAVELENGTHS_M).T)
+    purples = np.linspace(0, 1, _PURPLE_LINE_POINTS)
+    locus_u = np.append(u, u[-1] + purples * (u[0] - u[-1])) - _uv_chromaticity(*D65_WHITE)[0]
+    locus_v = np.append(v, v[-1] + purples * (v[0] - v[-1])) - _uv_chromaticity(*D65_WHITE)[1]
+    return np.arctan2(locus_v, locus_u), np.hypot(locus_u, locus_v)

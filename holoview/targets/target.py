@@ -17,12 +17,18 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone, diffraction_half_angle
 from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
-from holoview.targets.picture import Picture, read_depth, read_picture, resize_to_cover
-from holoview.targets.saturation import check_saturation, scale_saturation
+from holoview.targets.picture import (
+    Picture,
+    check_saturation,
+    read_depth,
+    read_picture,
+    resize_to_cover,
+    scale_saturation,
+)
 from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory import require_memory
 
 _STACK_BYTES = 36  # of a sample of a plane while a focal stack is made
 
@@ -79,7 +85,7 @@ def target_for(
     planes: distances (m) at which the stack is wanted, those of the system, or on which its eye is focused, when None.
     Depth range and layers stay those
     of the system's planes, so that planes between them show the same scene.
-    pupil: of the eye that sees the target, a `holoview.targets.viewing_pupil.ViewingPupil`; that of the system's eye,
+    pupil: of the eye that sees the target, a `holoview.targets.moving_pupil.ViewingPupil`; that of the system's eye,
     with its chromatic aberration, when None.
 
     Returns a `Target`: `stack` is (plane, y, x, 3) linear sRGB for `iterate`. Raises UserError for files that can't be

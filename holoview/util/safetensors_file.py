@@ -6,9 +6,10 @@ unknown source runs no code, as unpickling would.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -21,8 +22,8 @@ from safetensors.numpy import save
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import write_file
-from holoview.util.input_file import require_file
-from holoview.util.memory_limit import require_memory
+from holoview.util.files import require_file
+from holoview.util.memory import require_memory
 
 _TYPES = {
     "U8": "uint8",
@@ -149,3 +150,25 @@ def metadata_of(path: str | os.PathLike[str]) -> dict[str, str]:
             return dict(file.metadata() or {})
     except (SafetensorError, OSError, ValueError, TypeError, AttributeError):
         return {}
+
+
+# --- checkpoints ------------------------------------------------------------------------------------------------------
+
+
+def differing_fields(stored: Any, given: Any) -> list[str]:
+    """The names of the fields in which two instances of one dataclass differ."""
+    stored_values, given_values = dataclasses.asdict(stored), dataclasses.asdict(given)
+    return [name for name, value in stored_values.items() if value != given_values[name]]
+
+
+def refuse_differences(differing: Sequence[str], where: str, run: str, inputs: str) -> None:
+    """Raises UserError that names what differs, located at `where`, unless nothing does.
+
+    run: the kind of run in words ("optimisation"). inputs: what must be the same as when it was begun.
+    """
+    if differing:
+        raise UserError(
+            where,
+            f"is of another {run}: {', '.join(differing)} differ",
+            expected=f"the same {inputs} as when it was begun",
+        )

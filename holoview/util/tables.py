@@ -2,7 +2,7 @@
 
 parse_toml, parse_json    a text as tables, lists and numbers; nesting and whole numbers are bounded
 check_keys                refuses unknown and missing keys
-read_table                the values of a table whose keys have types, such as those of `holoview.model.field_types`
+read_table                the values of a table whose keys have types, such as those of `holoview.model.fields`
 read_record               a dataclass from the JSON table of its fields, by their annotations
 """
 
@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.input_file import TEXT_LIMIT
+from holoview.util.files import TEXT_LIMIT
 
 MAX_DEPTH = 32
 """Most tables and lists inside each other; a bench has 4, a saved session 6."""
@@ -157,7 +157,7 @@ def read_table(
 
     Raises UserError also for values that aren't of their key's type.
 
-    >>> from holoview.model.field_types import Number
+    >>> from holoview.model.fields import Number
     >>> read_table({"gap": "2 mm"}, {"gap": Number("mm")}, "bench.toml: ")
     {'gap': 0.002}
     """

@@ -34,7 +34,7 @@ SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
 CHOICE = "importing a rendercanvas backend chooses the window system, and may need what isn't installed"
-BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.binding` to do"
+BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.adapter` to do"
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.colour", "colour"): SLOW,
@@ -48,20 +48,19 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.__main__", "warnings"): FIRST,
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
-    ("holoview.session.derived_images", "torch"): SLOW,
-    ("holoview.session.derived_images", "holoview.engine.torch_executor"): SLOW,
-    ("holoview.session.derived_images", "holoview.optics.frame_inputs"): SLOW,
-    ("holoview.session.derived_images", "holoview.optics.slm"): SLOW,
-    ("holoview.session.live_score", "holoview.metrics.perceptual_quality"): SLOW,
-    ("holoview.session.measure", "scipy"): SLOW,
-    ("holoview.session.optimisation_job", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.optimisation_job", "holoview.optimise.parallel"): SLOW,
-    ("holoview.session.scheme_comparison", "holoview.optimise.solve"): SLOW,
-    ("holoview.session.scheme_comparison", "holoview.optimise.parallel"): SLOW,
-    ("holoview.metrics.retinal_speckle", "scipy.special"): SLOW,
+    ("holoview.render.page_images", "torch"): SLOW,
+    ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
+    ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
+    ("holoview.document.live_score", "holoview.metrics.perceptual"): SLOW,
+    ("holoview.document.measure", "scipy"): SLOW,
+    ("holoview.document.optimisation_job", "holoview.optimise.solve"): SLOW,
+    ("holoview.document.optimisation_job", "holoview.optimise.parallel"): SLOW,
+    ("holoview.document.scheme_comparison", "holoview.optimise.solve"): SLOW,
+    ("holoview.document.scheme_comparison", "holoview.optimise.parallel"): SLOW,
+    ("holoview.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
-    ("holoview.targets.scene_layers", "scipy"): SLOW,
-    ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
+    ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
@@ -77,8 +76,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.app.context", "holoview.experiment.live.rig_session"): SLOW,
     ("holoview.app.panels.rig", "holoview.app.rig.controls"): SLOW,
     ("holoview.app.panels.camera", "holoview.app.rig.camera_view"): SLOW,
-    ("holoview.app.panels.rig_diagnosis", "holoview.app.rig.diagnosis_view"): SLOW,
-    ("holoview.commands.view", "holoview.experiment.live.rig_bench"): SLOW,
+    ("holoview.app.panels.rig_diagnosis", "holoview.app.rig.controls"): SLOW,
+    ("holoview.commands.view", "holoview.experiment.rig_bench"): SLOW,
     ("holoview.app.run", "glfw"): CHOICE,
     ("holoview.app.run", "rendercanvas.glfw"): CHOICE,
     ("holoview.app.run", "holoview.app.served_canvas"): CHOICE,

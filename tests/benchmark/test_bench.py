@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.benchmark import first_image
-from holoview.benchmark.device_time import device_time
-from holoview.benchmark.frame_benchmark import benchmark_frame
-from holoview.benchmark.pruned_torch_baseline import WAYS, PrunedTorchBaseline, Way, can_prune
-from holoview.benchmark.strategy_choice import TuningReport
-from holoview.benchmark.timing import JobTimings, time_interleaved
-from holoview.benchmark.torch_baseline import TorchBaseline
+from holoview.benchmark import frame_benchmark
+from holoview.benchmark.frame_benchmark import benchmark_frame, device_time
+from holoview.benchmark.frame_jobs import JobTimings, TuningReport, time_interleaved
+from holoview.benchmark.torch_baseline import WAYS, PrunedTorchBaseline, TorchBaseline, Way, can_prune
 from holoview.cli import main
 from holoview.commands import bench
 from holoview.engine.frame import compute_focal_stack
@@ -25,7 +22,7 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.line_fft import supported_strategies
-from holoview.gpu.timer import GpuTimer
+from holoview.gpu.recorder import GpuTimer
 from holoview.gpu.tune import TuningResult
 from holoview.model import preset
 from holoview.model.plan import make_plan
@@ -136,7 +133,7 @@ def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> No
 
 @pytest.mark.gpu
 def test_a_first_image_comes_from_a_process_of_its_own(device: Device) -> None:
-    criterion = first_image.first_image_criterion(_system())
+    criterion = frame_benchmark.first_image_criterion(_system())
     assert criterion.value > 0 and criterion.limit == 3.0
 
 
@@ -155,21 +152,21 @@ def test_every_first_image_is_timed_and_warm_ones_find_the_caches_of_the_same_co
         runs.append((command.arguments, caches.name))
         return float(len(runs)), 1.0
 
-    monkeypatch.setattr(first_image, "_run", run_here)
-    timings = first_image.first_image_timings(_system(), rounds=1)
+    monkeypatch.setattr(frame_benchmark, "_run", run_here)
+    timings = frame_benchmark.first_image_timings(_system(), rounds=1)
     assert len(timings) == 5 and all(len(job.seconds) == 1 for job in timings.values())
     warm = [arguments for arguments, caches in runs if caches == "warm"]
     assert len(warm) == 6 and all(warm.count(arguments) == 2 for arguments in warm)
     assert len({caches for _, caches in runs} - {"warm"}) == 2
-    criteria = first_image.first_image_criteria(timings)
+    criteria = frame_benchmark.first_image_criteria(timings)
     assert [criterion.limit for criterion in criteria] == [3.0, 1.5]
-    assert criteria[0].value == timings[first_image.COLD].seconds[0]
+    assert criteria[0].value == timings[frame_benchmark.COLD].seconds[0]
 
 
 @pytest.mark.gpu
 @pytest.mark.slow
 def test_first_images_come_from_processes_of_their_own(device: Device) -> None:
-    timings = first_image.first_image_timings(_system(), rounds=1)
+    timings = frame_benchmark.first_image_timings(_system(), rounds=1)
     assert len(timings) == 5
     assert all(len(job.seconds) == 1 and job.seconds[0] > 0 for job in timings.values())
 
@@ -177,7 +174,7 @@ def test_first_images_come_from_processes_of_their_own(device: Device) -> None:
 @pytest.mark.gpu
 def test_a_first_image_that_fails_says_why(device: Device) -> None:
     with pytest.raises(RuntimeError, match="no adapter is called 'nonesuch'"):
-        first_image.first_image_criterion(_system(), "nonesuch")
+        frame_benchmark.first_image_criterion(_system(), "nonesuch")
 
 
 @pytest.mark.gpu
@@ -185,7 +182,7 @@ def test_the_command_prints_a_table_and_json(
     device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     times = JobTimings((2.5,), (1.0,))
-    names = (first_image.COLD, first_image.WARM, first_image.RENDER_TORCH)
+    names = (frame_benchmark.COLD, frame_benchmark.WARM, frame_benchmark.RENDER_TORCH)
     monkeypatch.setattr(bench, "first_image_timings", lambda *_: dict.fromkeys(names, times))
     arguments = ["bench", "--size", "64x48", "--rounds", "1", "--strategy", "workgroup"]
     assert main(arguments) == 0
@@ -194,7 +191,7 @@ def test_the_command_prints_a_table_and_json(
     assert "amplitude edit / full frame" in table and "2.5" in table
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["first_image"][first_image.RENDER_TORCH]["cpu_ms"] == 1000.0
+    assert result["first_image"][frame_benchmark.RENDER_TORCH]["cpu_ms"] == 1000.0
     assert len(result["bars"]) == 10 and result["size"] == [64, 48]
     assert result["adapter"]["name"] == device.info.name
 

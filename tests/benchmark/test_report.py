@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 
 from holoview.benchmark import report_run
-from holoview.benchmark.device_probe import probe_device
 from holoview.benchmark.frame_benchmark import Criterion
+from holoview.benchmark.frame_jobs import TuningReport
+from holoview.benchmark.machine import probe_device
 from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, VIEWER, Measurement, ReportRun
 from holoview.benchmark.report_text import report_data, report_markdown, results
-from holoview.benchmark.strategy_choice import TuningReport
 from holoview.cli import main
 from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
-from holoview.util.signals import Interruption
+from holoview.util.processes import Interruption
 
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")
@@ -144,7 +144,7 @@ sys.meta_path.insert(0, Refuse())
 import json
 from pathlib import Path
 from holoview.benchmark import report_run
-from holoview.benchmark.device_probe import probe_device
+from holoview.benchmark.machine import probe_device
 from holoview.commands.bench_report import measurements_of
 from holoview.gpu.device import open_device
 from holoview.model import preset

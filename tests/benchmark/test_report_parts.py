@@ -11,14 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.benchmark.device_probe import copy_dispatch, probe_device
-from holoview.benchmark.frame_cases import FrameCase, case_system, frame_bytes, parts_ms, time_case
-from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, gap_edit, open_renderer, scrub
-from holoview.benchmark.machine_facts import machine_facts, processor_name
+from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, gap_edit, open_renderer, scrub, time_interleaved
+from holoview.benchmark.machine import (
+    CardState,
+    copy_dispatch,
+    machine_facts,
+    measure_power,
+    probe_device,
+    processor_name,
+    read_card,
+)
 from holoview.benchmark.optimiser_iteration import time_iterations
-from holoview.benchmark.power import CardState, measure_power, read_card
-from holoview.benchmark.report_goals import goals, share_of_copy
-from holoview.benchmark.timing import time_interleaved
+from holoview.benchmark.report_run import FrameCase, case_system, frame_bytes, parts_ms, time_case
+from holoview.benchmark.report_text import goals, share_of_copy
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.recorder import CommandRecorder
 from holoview.model import preset

@@ -15,7 +15,7 @@ from holoview import cli
 from holoview.commands.console import deferred_interrupt
 from holoview.io.hologram import load_hologram
 from holoview.optimise.solve import iterate
-from holoview.util import signals
+from holoview.util import processes
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
@@ -66,13 +66,13 @@ OPTIMISE += ("-o", "h.safetensors")
 def test_each_signal_saves_and_has_its_exit_code(
     holoview: Callable[..., Any], signalled: Callable[[int, int], None], tmp_path: Path, picture: Path, number: int
 ) -> None:
-    before = [signal.getsignal(one) for one in signals.ENDING]
+    before = [signal.getsignal(one) for one in processes.ENDING]
     signalled(number, 1)
     outcome = holoview(*OPTIMISE)
     assert outcome.code == 128 + number and outcome.out == ""
     assert outcome.err.endswith("interrupted after iteration 0: the best so far is kept in h.safetensors\n")
     assert load_hologram(tmp_path / "h.safetensors").drive.shape == (1, 2, 24, 32)
-    assert [signal.getsignal(one) for one in signals.ENDING] == before
+    assert [signal.getsignal(one) for one in processes.ENDING] == before
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
@@ -88,12 +88,12 @@ def test_a_signal_that_is_ignored_stays_so(
 
 
 def test_a_second_signal_interrupts_at_once() -> None:
-    with pytest.raises(signals.Interrupted) as raised, deferred_interrupt() as interruption:
+    with pytest.raises(processes.Interrupted) as raised, deferred_interrupt() as interruption:
         assert not interruption() and interruption.exit_code == 0
         signal.raise_signal(signal.SIGTERM)
         assert interruption() and interruption.exit_code == 143
         signal.raise_signal(signal.SIGHUP)
-    assert signals.exit_code_of(raised.value) == 129 and signals.exit_code_of(KeyboardInterrupt()) == 130
+    assert processes.exit_code_of(raised.value) == 129 and processes.exit_code_of(KeyboardInterrupt()) == 130
 
 
 # Raises SIGINT in itself when a module is about to be imported.

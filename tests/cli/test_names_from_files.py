@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import holoview as hv
-from holoview.commands.default_output import default_output
+from holoview.commands.arguments import default_output
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_png
-from holoview.report.figure import figure_bytes, label, new_figure
+from holoview.io.pictures import write_png
+from holoview.report.images import figure_bytes, label, new_figure
 from holoview.util.errors import UserError
 
 Run = Callable[..., Any]

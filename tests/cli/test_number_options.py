@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holoview.cli import COMMANDS, _parser, main
-from holoview.commands.number_options import number, whole
-from holoview.util.memory_limit import VARIABLE
+from holoview.commands.arguments import number, whole
+from holoview.util.memory import VARIABLE
 
 
 def _leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

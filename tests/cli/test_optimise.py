@@ -14,7 +14,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.png import read_pattern
+from holoview.io.pictures import read_pattern
 
 Run = Callable[..., Any]
 

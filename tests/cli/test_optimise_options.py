@@ -14,7 +14,7 @@ import torch
 from PIL import Image
 
 from holoview.io.hologram import load_hologram
-from holoview.io.plm import memory_cells
+from holoview.io.pictures import memory_cells
 
 Run = Callable[..., Any]
 

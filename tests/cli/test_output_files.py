@@ -19,7 +19,7 @@ import holoview as hv
 from holoview.cli import COMMANDS
 from holoview.commands.output_files import ResultSaver, check_files
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_pattern
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, write_file

@@ -14,7 +14,7 @@ from PIL import Image
 import holoview as hv
 from holoview.gpu.device import Device
 from holoview.io.hologram import Hologram
-from holoview.io.png import write_pattern
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 
 Run = Callable[..., Any]
@@ -206,3 +206,11 @@ def test_what_would_be_uniform_whatever_the_patterns_is_refused(holoview: Run, t
     assert outcome.code == 2 and len(outcome.err.splitlines()) == 1
     assert "holds nothing but light that goes straight on" in outcome.err
     assert not list(tmp_path.glob("*.png"))
+
+
+@pytest.mark.parametrize("space", ["srgb", "p3", "rec2020"])
+def test_a_picture_of_16_bits_says_its_colour_space(holoview: Run, tmp_path: Path, space: str) -> None:
+    output = tmp_path / "deep.png"
+    assert holoview("render", "holochrome-8", *TORCH, "--colour-space", space, "-o", output).code == 0
+    data = output.read_bytes()
+    assert data[24:26] == bytes((16, 2)) and b"cICP" in data

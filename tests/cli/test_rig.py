@@ -20,7 +20,7 @@ def test_align_writes_where_things_are_and_show_says_it(tmp_path: Path, capsys: 
     said = capsys.readouterr().out
     assert "upside down" in said and "records: nothing found that is recorded wrongly" in said
     rig = read_rig(path)
-    assert rig.placement is not None and abs(rig.bench.camera.pitch_m - 4e-6 / 1.03) < 2e-9
+    assert rig.registration is not None and abs(rig.bench.camera.pitch_m - 4e-6 / 1.03) < 2e-9
     assert main(["rig", "show", path]) == 0
     assert "upside down" in capsys.readouterr().out
 

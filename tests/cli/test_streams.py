@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holoview.cli import main
-from holoview.commands.streams import PrintableStream, SafeStream, console_streams
+from holoview.commands.console import PrintableStream, SafeStream, console_streams
 from holoview.util.text import printable_lines
 
 SMALL = ["--set", "shape=[24,32]"]

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from holoview.commands.exit_codes import EXIT_DEVICE_LOST
+from holoview.commands.console import EXIT_DEVICE_LOST
 from holoview.commands.supervisor import MOST_CRASHES, is_crash, is_supervised, supervise
 
 SECONDS = 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import holoview as hv
-from holoview.commands.system_info import info_rows
+from holoview.commands.info import info_rows
 
 
 def _facts(name: str, **changes: Any) -> dict[str, str]:

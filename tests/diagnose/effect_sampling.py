@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
-from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.parameter import ListParameter, Parameter
 from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned

@@ -18,7 +18,8 @@ from holoview.diagnose.report import causes
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "holoview" / "diagnose"
-MANUAL = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+PAGES = ("diagnosis.md", "diagnosis-evidence.md")
+MANUAL = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in PAGES)
 CONFIG = SearchConfig()
 
 

@@ -7,7 +7,7 @@ import torch
 
 from holoview.model.effects.hook_contexts import ModulatorContext
 from holoview.model.effects.registry import get_effect
-from holoview.numerics.zernike import zernike
+from holoview.numerics.surfaces import zernike
 
 
 def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.study.store import ResultStore
+from holoview.study.runner import ResultStore
 from holoview.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
 from tests.fuzz.trial import Case
@@ -124,7 +124,7 @@ def damaged_session(rng: Random) -> Case:
     file = files[int(rng.integers(len(files)))]
 
     def read() -> None:
-        from holoview.session.archive import read_session
+        from holoview.document.archive import read_session
 
         read_session(Path("session"))
 
@@ -149,7 +149,7 @@ def damaged_virtual_bench(rng: Random) -> Case:
 
     def read() -> None:
         from holoview.rig import read_rig
-        from holoview.rig.virtual.virtual_settings import read_virtual_settings
+        from holoview.rig.virtual.virtual_bench import read_virtual_settings
 
         read_virtual_settings(read_rig("rig.toml"))
 

@@ -29,9 +29,9 @@ VERDICTS = ("clear", "worked", "traceback", "hang", "memory", "not finite", "oth
 
 ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
-    *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.session.archive"),
-    *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.store"),
-    *("holoview.rig.virtual.virtual_settings", "holoview.diagnose.pipeline"),
+    *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.document.archive"),
+    *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
+    *("holoview.rig.virtual.virtual_bench", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )

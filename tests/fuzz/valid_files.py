@@ -17,15 +17,15 @@ from PIL import Image
 import holoview as hv
 from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.io.png import write_pattern
+from holoview.document.archive import SessionArchive, SessionData
+from holoview.document.editing_session import EditingSession
+from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.rig.placement import Measured, Placement, write_placement
-from holoview.session.archive import SessionArchive, SessionData
-from holoview.session.editing_session import EditingSession
+from holoview.rig.registration import Measured, Registration, write_registration
 from holoview.targets.picture import read_picture
 from tests.rig.conftest import write_rig
 
@@ -164,7 +164,7 @@ def _rig(folder: Path) -> None:
     )
     (folder / "plan.toml").write_text(_PLAN, encoding="utf-8")
     (folder / "exposures.csv").write_text(_EXPOSURES, encoding="utf-8")
-    write_placement(folder / "rig.placement.toml", _PLACEMENT)
+    write_registration(folder / "rig.placement.toml", _PLACEMENT)
     _captures(folder)
 
 
@@ -188,7 +188,7 @@ _MEASURED = {
     "stage_scale": Measured(0.01, 0.001),
     "pitch": Measured(3.9e-6, 1e-9),
 }
-_PLACEMENT = Placement("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
+_PLACEMENT = Registration("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
 
 
 def _job(folder: Path) -> None:

@@ -11,15 +11,15 @@ import cffi
 import pytest
 import wgpu
 
-from holoview.gpu import binding
-from holoview.gpu.binding import TESTED_VERSIONS, load_declarations, stored_declarations
+from holoview.gpu import adapter
+from holoview.gpu.adapter import TESTED_VERSIONS, load_declarations, stored_declarations
 
 HEADER = "typedef struct { int x; double y[3]; } Point; typedef enum { Small = 3, Large } Size; int abs(int);"
 CHANGED = "typedef struct { int x; double y[4]; } Point;"
 LOAD = """
 import sys, warnings
 warnings.simplefilter("error")
-from holoview.gpu.binding import load_backend
+from holoview.gpu.adapter import load_backend
 load_backend()
 import wgpu
 assert wgpu.gpu.wgsl_language_features is not None
@@ -116,5 +116,5 @@ def test_a_version_that_was_not_tested_loads_as_it_is(tmp_path: Path) -> None:
 
 def test_a_backend_that_is_loaded_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "wgpu.backends.wgpu_native", object())  # type: ignore[arg-type]
-    monkeypatch.setattr(binding, "import_module", lambda name: pytest.fail(name))
-    binding.load_backend()
+    monkeypatch.setattr(adapter, "import_module", lambda name: pytest.fail(name))
+    adapter.load_backend()

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan, RowRange
-from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, radices
+from holoview.gpu.fft_codegen import MAX_LENGTH, MAX_RADIX, radices
 from holoview.gpu.recorder import CommandRecorder
-from holoview.numerics.fft_grid import is_fast_length
+from holoview.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
 
 TOLERANCE = 7e-7

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import INT64, SUBGROUP, Device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.fft_radices import radices
+from holoview.gpu.fft_codegen import radices
 from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supported_strategies
-from holoview.gpu.line_fft_workgroup import MAX_INVOCATIONS, fit_tile
+from holoview.gpu.line_fft_codegen import MAX_TILE_INVOCATIONS, fit_tile
 from holoview.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
 
@@ -138,7 +138,7 @@ def test_fields_lie_in_the_same_bytes_however_a_device_reads_them(device: Device
 def test_a_workgroup_holds_as_many_lines_as_fit(axis: str, n: int, memory: int, lines: int, threads: int) -> None:
     tile = fit_tile("x" if axis == "x" else "y", n, radices(n), memory)
     assert tile is not None and (tile.lines, tile.threads) == (lines, threads)
-    assert 8 * tile.pitch * tile.lines <= memory and tile.lines * tile.threads <= MAX_INVOCATIONS
+    assert 8 * tile.pitch * tile.lines <= memory and tile.lines * tile.threads <= MAX_TILE_INVOCATIONS
     assert tile.workgroups(5 * lines + 1) == 6
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.line_fft import TransformShader
-from holoview.gpu.precompile import precompile
+from holoview.gpu.line_fft import TransformShader, precompile
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
 
 pytestmark = pytest.mark.gpu

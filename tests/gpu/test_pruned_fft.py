@@ -22,7 +22,7 @@ from holoview.gpu.line_fft import (
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 from holoview.gpu.spectrum_order import Range
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 pytestmark = pytest.mark.gpu
 

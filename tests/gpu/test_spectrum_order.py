@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.fft_radices import radices
+from holoview.gpu.fft_codegen import radices
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
 from holoview.gpu.spectrum_order import Range, SpectrumOrder, covered_digits
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 
 BANDS: list[tuple[int, Range | None]] = [
     (1, None),

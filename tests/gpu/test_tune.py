@@ -21,8 +21,7 @@ from holoview.gpu.fft import FftPlan
 from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune import FftTuner, TuningResult, TuningStore, remembered_strategy
-from holoview.gpu.tune_process import TuningProcess
+from holoview.gpu.tune import FftTuner, TuningProcess, TuningResult, TuningStore, remembered_strategy
 from holoview.util.errors import UserError
 
 SHAPE = (64, 64)

@@ -7,8 +7,7 @@ import pytest
 
 from holoview.gpu.device import Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.gpu.wgsl_struct import WgslStruct
+from holoview.gpu.shader import GeneratedWgsl, WgslStruct, link
 
 MIXED = WgslStruct(
     "Mixed",

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.line_fft_subgroup import generate_subgroup_shader, lanes_per_line
-from holoview.gpu.line_step import Step
+from holoview.gpu.line_fft_codegen import generate_subgroup_shader, lanes_per_line
+from holoview.gpu.spectrum_order import Step
 
 Values = NDArray[Any]
 TOLERANCE = 1e-10

@@ -20,11 +20,11 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 from holoview.app.app import App
 from holoview.app.input_driver import InputDriver
 from holoview.app.run import SCRIPT_FRAME_S
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
 
 SIZE = (640, 400)
 GOLDEN = Path(__file__).parent / "golden"

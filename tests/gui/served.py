@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from holoview.session.session_store import SessionStore
+from holoview.document.session_store import SessionStore
 
 if TYPE_CHECKING:  # the library is an optional one
     from websockets.sync.client import ClientConnection

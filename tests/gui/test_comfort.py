@@ -19,9 +19,9 @@ from holoview.app.desktop import connect_desktop
 from holoview.app.input_driver import InputDriver
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
 from tests.gui.conftest import SIZE, Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -11,7 +11,7 @@ import pytest
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.model.effects.registry import listed_effects
-from holoview.session.view_settings import NOW
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

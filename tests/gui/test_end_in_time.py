@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from holoview.app.end_in_time import end_in_time
-from holoview.util.signals import handled_signals
+from holoview.util.processes import handled_signals
 
 SECONDS = 60.0
 _GRACE_S = 0.2

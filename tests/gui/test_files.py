@@ -16,10 +16,10 @@ from holoview.app.panels import files
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
+from holoview.document.session_store import SessionStore
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.session.session_store import SessionStore
-from holoview.session.tone_mapping import tone_map
-from holoview.session.view_settings import NOW
+from holoview.render.tone_mapping import tone_map
+from holoview.render.view_settings import NOW
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 from tests.gui.conftest import Gui, leave_crashed_session
@@ -90,6 +90,7 @@ def test_the_view_is_saved_as_it_is_seen(gui: Gui, tmp_path: Path) -> None:
     ("command", "name", "written"),
     [
         ("Save preset…", "bench.toml", ["bench.toml"]),
+        ("Save page…", "page.html", ["page.html"]),
         ("Save figure…", "figure.pdf", ["figure.pdf"]),
         ("Save focal sweep…", "sweep.gif", ["sweep.gif"]),
         ("Save all planes…", "all", [f"all-{z}mm.png" for z in ("10.5", "10", "11", "9.5", "9")]),

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from holoview.app.launch import IMAGE_DISPLAYED
-from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.gpu.device import Device
-from holoview.session.scene import Scene
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.scene import Scene
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 from tests.gui.conftest import Gui, small_bench

@@ -10,10 +10,9 @@ import pytest
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
 from holoview.colour import srgb_encode, xyz_to_linear_srgb
-from holoview.session.colour_maps import colour_map
-from holoview.session.file_reader import target_from_pixels
-from holoview.session.tone_mapping import compose_comparison, tone_map
-from holoview.session.view_settings import NOW, ComparisonSide, ViewSettings
+from holoview.document.file_reader import target_from_pixels
+from holoview.render.tone_mapping import colour_map, compose_comparison, tone_map
+from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu

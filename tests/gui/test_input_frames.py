@@ -16,10 +16,10 @@ from holoview.app.input_driver import InputDriver
 from holoview.app.keys import Chord
 from holoview.app.panels.files import FilesPanel
 from holoview.app.window import Window
+from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import Device
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession
-from holoview.session.view_settings import ViewSettings
+from holoview.render.view_settings import ViewSettings
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-import tests.session.conftest as bench
+import tests.document.conftest as bench
 from holoview.app.launch import LaunchOptions, open_session
-from holoview.session.editing_session import EditingSession
-from holoview.session.session_store import SessionStore
+from holoview.document.editing_session import EditingSession
+from holoview.document.session_store import SessionStore
 from tests.gui.served import serving
 
 OPTIONS = LaunchOptions(

@@ -57,7 +57,12 @@ def test_the_window_looks_as_it_did(
 def test_every_sign_that_is_written_has_a_glyph(gui: Gui) -> None:
     """Of the texts in panels, and of docstrings and sentences that panels show."""
     package = Path(theme.__file__).parents[1]
-    files = [*package.glob("app/**/*.py"), *package.glob("session/**/*.py"), *package.glob("effects/*.py")]
+    files = [
+        *package.glob("app/**/*.py"),
+        *package.glob("document/**/*.py"),
+        *package.glob("render/**/*.py"),
+        *package.glob("effects/*.py"),
+    ]
     signs = {sign for file in files for sign in file.read_text(encoding="utf-8") if ord(sign) > 127}
     font = imgui.get_io().fonts.fonts[0]
     missing = {sign for sign in signs if not font.is_glyph_in_font(ord(sign))}

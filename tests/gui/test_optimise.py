@@ -12,9 +12,9 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
-from holoview.session.eye_edits import toggle_eye
-from holoview.session.file_reader import target_from_pixels
-from holoview.session.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
+from holoview.document.eye_edits import toggle_eye
+from holoview.document.file_reader import target_from_pixels
+from holoview.document.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu

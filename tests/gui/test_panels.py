@@ -16,7 +16,7 @@ from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
 from holoview.model.bench_parts import Relay
 from holoview.model.stops import SquareStop
-from holoview.session.view_settings import NOW, ComparisonSide
+from holoview.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

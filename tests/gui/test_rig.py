@@ -14,9 +14,9 @@ from imgui_bundle import imgui
 from holoview.app.panels.camera import CameraPanel
 from holoview.app.panels.rig import RigPanel, open_rig
 from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
-from holoview.experiment.live import rig_connection
-from holoview.experiment.live.rig_bench import rig_system
 from holoview.experiment.live.rig_session import RigSession
+from holoview.experiment.rig_bench import rig_system
+from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
 from tests.gui.conftest import Gui
@@ -76,7 +76,7 @@ def rig_gui(make_gui: Callable[..., Gui], tmp_path: Path, monkeypatch: pytest.Mo
     bench = FakeBench(path)
     monkeypatch.setitem(cast(dict[str, Opener], KINDS), "fake", bench.open)
     for name in ("OFF_TIMEOUT_S", "_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
-        monkeypatch.setattr(rig_connection, name, 0.2)
+        monkeypatch.setattr(live_devices, name, 0.2)
     yield RigGui(make_gui(rig_system(bench.rig), SIZE, panels=PANELS), path, bench)
     bench.hangs.clear()
     bench.fails.clear()

@@ -10,11 +10,10 @@ import pytest
 
 from holoview.app.readout import describe_image
 from holoview.colour import xyz_to_linear_srgb
-from holoview.metrics.flip import flip
-from holoview.metrics.ms_ssim import ms_ssim
-from holoview.session.file_reader import target_from_pixels
-from holoview.session.target_builder import _TargetRequest
-from holoview.session.view_settings import NOW
+from holoview.document.file_reader import target_from_pixels
+from holoview.document.target_builder import _TargetRequest
+from holoview.metrics.perceptual import flip, ms_ssim
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu

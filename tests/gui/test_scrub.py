@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.app import progressive_renderer
 from holoview.app.frame_rate import measure_frame_rate
-from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.gpu.device import Device
-from holoview.session.scene import Scene
+from holoview.render import progressive_renderer
+from holoview.render.progressive_renderer import ProgressiveRenderer
+from holoview.render.scene import Scene
 from holoview.view import random_drive
 from tests.gui.conftest import small_bench
 

@@ -10,9 +10,9 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.speckle import SpecklePanel
-from holoview.session.file_reader import target_from_pixels
-from holoview.session.measure import measure_region
-from holoview.session.view_settings import NOW
+from holoview.document.file_reader import target_from_pixels
+from holoview.document.measure import measure_region
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -13,14 +13,14 @@ from holoview.app import run
 from holoview.app.app import App
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
+from holoview.document.editing_session import EditingSession
+from holoview.document.example import EXAMPLE_PRESET, new_session
+from holoview.document.optimisation_job import running_optimisation
+from holoview.document.session_store import SessionStore
+from holoview.document.target_spec import example_target
 from holoview.gpu.device import Device
 from holoview.model import preset
-from holoview.session.editing_session import EditingSession
-from holoview.session.example import EXAMPLE_PRESET, new_session
-from holoview.session.optimisation_job import running_optimisation
-from holoview.session.session_store import SessionStore
-from holoview.session.target_spec import example_target
-from holoview.session.view_settings import NOW
+from holoview.render.view_settings import NOW
 from tests.gui.conftest import SIZE, Gui, small_bench
 
 pytestmark = pytest.mark.gpu

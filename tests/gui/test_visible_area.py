@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.app.viewport import VisibleArea, visible_area_of
-from holoview.session.view_settings import ViewSettings
+from holoview.render.view_settings import ViewSettings
 
 SHAPE = (64, 96)
 

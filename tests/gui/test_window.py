@@ -17,10 +17,10 @@ import psutil
 import pytest
 from PIL import Image, ImageGrab
 
+from holoview.document.session_store import SessionStore
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.session.session_store import SessionStore
 from tests.child_process import child_process
 from tests.gui.conftest import Gui, small_bench
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.io.animation import MAX_FRAMES, open_encoder
+from holoview.io.pictures import MAX_FRAMES, open_encoder
 from holoview.util.errors import UserError
 
 FRAMES = list(np.random.default_rng(0).integers(0, 256, (5, 21, 30, 3), dtype=np.uint8))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.io.plm import CELL_MAPS, memory_cells
+from holoview.io.pictures import CELL_MAPS, memory_cells
 from holoview.util.errors import UserError
 
 

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from holoview import __version__
-from holoview.io.png import path_with_suffix, read_pattern, write_pattern, write_png
+from holoview.io.pictures import path_with_suffix, read_pattern, write_pattern, write_png
 from holoview.util.errors import UserError
 
 SHAPE = (6, 9)

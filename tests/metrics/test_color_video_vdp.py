@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ
-from holoview.metrics.color_video_vdp import WHITE_CD_M2, color_video_vdp
+from holoview.metrics.perceptual import WHITE_CD_M2, color_video_vdp
 from holoview.util.errors import UserError
 from tests.speckled import PATTERNS, picture, speckled
 

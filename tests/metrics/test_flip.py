@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.metrics.flip import flip
+from holoview.metrics.perceptual import flip
 from holoview.util.errors import UserError
 from tests.speckled import PATTERNS, picture, speckled
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from holoview.colour import srgb_encode
-from holoview.metrics.ms_ssim import ms_ssim
+from holoview.metrics.perceptual import ms_ssim
 from holoview.numerics.structural_similarity import multi_scale_similarity
 from holoview.util.errors import UserError
 

@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.metrics.flip import flip
-from holoview.metrics.ms_ssim import ms_ssim
-from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual import flip, measure_perceptual_scores, ms_ssim
 from holoview.metrics.perceptual_scores import (
     PERCEPTUAL_SCORES,
     installed_scores,
     require_scores,
     usable_scores,
 )
-from holoview.model.visual_angle import sample_degrees
+from holoview.model.eye import sample_degrees
 from holoview.util.errors import UserError
 from tests.speckled import PATTERNS, picture, speckled
 

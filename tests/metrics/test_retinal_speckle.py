@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from holoview.metrics.laser_patterns import independent_contrast, mean_wavelength
-from holoview.metrics.retinal_speckle import (
+from holoview.metrics.speckle import (
     CONE_ARCMIN,
     PUPILS_M,
     default_pupils,
+    independent_contrast,
+    mean_wavelength,
     pupils_of,
     retinal_contrast,
     seen_by_cones,
+    speckle_contrast,
 )
-from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError

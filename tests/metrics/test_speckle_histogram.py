@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
+from holoview.metrics.speckle import speckle_density, speckle_histogram
 from holoview.util.errors import UserError
 
 WHOLE = (0, 0, 256, 256)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from holoview.model.bench_parts import Relay
 from holoview.model.passband import Band, band_of_rows, column_support, limited_rows, stop_rows
 from holoview.model.stops import SquareStop
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 from holoview.util.errors import UserError
 
 PITCH_M, λ = 8e-6, 532e-9

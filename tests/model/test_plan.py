@@ -15,7 +15,7 @@ from holoview.model.bench_parts import Modulator
 from holoview.model.passband import band_limit
 from holoview.model.plan import Plan, make_plan, walk_off
 from holoview.model.system import System
-from holoview.numerics.fft_grid import frequency_indices, is_fast_length
+from holoview.numerics.sampling import frequency_indices, is_fast_length
 from holoview.util.errors import UserError
 
 

@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from holoview.numerics.least_squares import Minimum, SearchDomain, levenberg_marquardt, sum_of_squares
-from holoview.numerics.nelder_mead import nelder_mead
+from holoview.numerics.minimise import Minimum, SearchDomain, levenberg_marquardt, nelder_mead, sum_of_squares
 
 Vector = NDArray[np.float64]
 TIMES = np.linspace(0.0, 4.0, 60)

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from holoview.numerics.band_limited_warp import band_limited_warp
+from holoview.numerics.resample import band_limited_warp
 
 SIDE, SHAPE, WAVES = 160, (40, 56), 30
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.numerics.chirp_z import chirp_z_transform, dft_matrix
+from holoview.numerics.fourier import chirp_z_transform, dft_matrix
 
 
 @pytest.mark.parametrize("count", [5, 40, 300])

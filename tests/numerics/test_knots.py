@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.knots import knot_interval
+from holoview.numerics.tensors import knot_interval
 
 TABLE = torch.tensor([0.0, 0.1, 0.5, 0.6, 1.0]).double()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.numerics.least_squares import (
+from holoview.numerics.minimise import (
     Minimum,
     ResidualPart,
     ResidualVector,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.numerics.least_squares import Minimum, SearchDomain, Vector, levenberg_marquardt, sum_of_squares
-from holoview.numerics.nelder_mead import nelder_mead
+from holoview.numerics.minimise import Minimum, SearchDomain, Vector, levenberg_marquardt, nelder_mead, sum_of_squares
 
 ANGLES = np.linspace(0, 2 * np.pi, 400, endpoint=False)
 TRUE = np.array([2.0, -1.6, -1.9])

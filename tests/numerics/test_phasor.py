@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from holoview.numerics.phasor import phasor_of_turns
+from holoview.numerics.fourier import phasor_of_turns
 
 
 def test_whole_turns_change_nothing() -> None:

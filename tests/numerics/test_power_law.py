@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.numerics.power_law import power_law
+from holoview.numerics.tensors import power_law
 
 
 @pytest.mark.parametrize("exponent", [0.3, 1.0, 2.2])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.fft_grid import frequency_indices
-from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
+from holoview.numerics.fourier import PrunedAxis, PrunedTransform
+from holoview.numerics.sampling import frequency_indices
 
 AXES = {
     "all": PrunedAxis.for_band(12, 0, 12, -6, 5),

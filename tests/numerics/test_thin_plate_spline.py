@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.interpolate import RBFInterpolator
 
-from holoview.numerics.thin_plate_spline import thin_plate_spline_matrix
+from holoview.numerics.surfaces import thin_plate_spline_matrix
 
 NODES, POINTS, ASPECT = (4, 5), (7, 9), 1.5
 

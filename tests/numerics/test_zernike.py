@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.zernike import noll_to_nm, zernike, zernike_sum
+from holoview.numerics.surfaces import noll_to_nm, zernike, zernike_sum
 
 # Noll, J. Opt. Soc. Am. 66, 207 (1976), table I.
 NOLL_TABLE = {

@@ -9,8 +9,8 @@ import torch
 from holoview.model.bench_parts import Modulator, Sampling, Source
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
 from holoview.numerics.resample import upsample_nearest
+from holoview.numerics.sampling import positions
 from holoview.optics.bench import PixelAxis, illuminated, pixel_wave, plane_wave, spectrum_of_pixels
 
 CPU = torch.device("cpu")

@@ -12,7 +12,7 @@ import torch
 from holoview.model.bench_parts import Modulator, Relay, Sampling
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
+from holoview.numerics.sampling import positions
 from holoview.optics.propagate import nominal_pupil, phase_wavelength_derivative, support_mask, transfer_function
 
 CPU = torch.device("cpu")

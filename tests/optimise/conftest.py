@@ -15,7 +15,7 @@ import torch
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
+from holoview.numerics.sampling import positions
 from holoview.optics.bench import pupil_without_effects
 from holoview.optics.propagate import transfer_function
 from holoview.optimise.forward_model import ForwardModel

@@ -10,7 +10,7 @@ import torch
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 from holoview.optimise.beams import (
     BeamGroup,
     ZeroTails,

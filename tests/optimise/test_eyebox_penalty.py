@@ -15,7 +15,7 @@ from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.sampling import frequency_indices
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.propagate import nominal_pupil, relay_transfer_function
 from holoview.optimise.eyebox_penalty import EyeboxPenalty

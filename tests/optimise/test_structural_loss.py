@@ -11,7 +11,7 @@ import torch
 
 import holoview as hv
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.ms_ssim import ms_ssim
+from holoview.metrics.perceptual import ms_ssim
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise.objective import Objective, PlaneLoss, make_objective

@@ -12,8 +12,13 @@ import pytest
 
 import holoview.page
 from holoview import colour
-from holoview.engine.shader_structs import PLANE_WAVE
-from holoview.engine.uniforms import pixel_spectra, plane_wave_uniform, propagation_uniform, support_table
+from holoview.engine.shader_structs import (
+    PLANE_WAVE,
+    pixel_spectra,
+    plane_wave_uniform,
+    propagation_uniform,
+    support_table,
+)
 from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan, make_plan

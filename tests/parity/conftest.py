@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from holoview.benchmark.parity_benches import parity_bench
-from holoview.benchmark.stage_parity import ExecutorPair
+from holoview.benchmark.stage_parity import ExecutorPair, parity_bench
 from holoview.gpu.device import Device
 from holoview.model.system import System
 

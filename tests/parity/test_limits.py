@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.commands.system_info import info_rows
+from holoview.commands.info import info_rows
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor

@@ -19,9 +19,8 @@ from holoview.engine.kernels import KERNELS, FusedKernels, KernelVariant, make_t
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
+from holoview.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
 from holoview.gpu.spectrum_order import Range
-from holoview.gpu.wgsl_struct import WgslStruct
 from holoview.model.plan import Grid, make_plan
 from holoview.model.transfer import turns_to_fixed_point
 from holoview.optics.propagate import transfer_function

@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from holoview.benchmark.parity_benches import CHANGES, SOURCES
 from holoview.benchmark.stage_parity import (
+    CHANGES,
+    SOURCES,
     TOLERANCES,
     ExecutorPair,
     Step,

@@ -14,10 +14,8 @@ from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import DeviceError, DeviceGone, Devices
 from holoview.rig.limits import limit_devices
 from holoview.rig.virtual.client import VirtualCamera, VirtualClock, VirtualModulator, VirtualStage
-from holoview.rig.virtual.faults import FaultInjector
-from holoview.rig.virtual.server import BenchServer
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.server import BenchServer, FaultInjector
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 from holoview.rig.virtual.wire import Disconnected, Message
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)

@@ -11,12 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from holoview.study import executors
-from holoview.study.runner import ExecutionTarget, run_jobs
-from holoview.study.store import ResultStore
+from holoview.study import runner
+from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
-from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
@@ -54,19 +53,19 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
 def test_workers_share_their_machine_and_need_the_same_holoview(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with executors.dask_executor(cluster[0]) as executor:
+    with runner.dask_executor(cluster[0]) as executor:
         resources = executor.worker_resources
         assert sorted(worker.index for worker in resources.values()) == [0, 1]
         assert {worker.threads for worker in resources.values()} == {max(process_cpu_count() // 2, 1)}
         assert executor.submit(_resources_there).result() in resources.values()
-    monkeypatch.setattr(executors, "__version__", "0.0")
+    monkeypatch.setattr(runner, "__version__", "0.0")
     said = r"worker tcp://.*: has holoview .*expected holoview 0\.0, as here"
-    with pytest.raises(UserError, match=said), executors.dask_executor(cluster[0]):
+    with pytest.raises(UserError, match=said), runner.dask_executor(cluster[0]):
         pass
 
 
-def _resources_there(resources: dict[str, executors.WorkerResources]) -> executors.WorkerResources:
-    return executors.resources_of_worker(resources)
+def _resources_there(resources: dict[str, runner.WorkerResources]) -> runner.WorkerResources:
+    return runner.resources_of_worker(resources)
 
 
 def test_a_worker_that_is_killed_loses_nothing(
@@ -91,7 +90,7 @@ def test_a_worker_that_is_killed_loses_nothing(
 
 
 def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(runner, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
         run_jobs(
             STUDY,

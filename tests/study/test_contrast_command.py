@@ -16,7 +16,7 @@ from PIL import Image
 from holoview import cli
 from holoview.io.hologram import Hologram
 from holoview.model import preset
-from holoview.study.registry import studies_by_name
+from holoview.study.studies import studies_by_name
 from holoview.view import random_drive
 
 SIDE = 256

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.study import registry
-from holoview.study.scale import StudyScale
-from holoview.study.studies import pupil
-from holoview.study.study import JobResult, Results
+from holoview.study.studies import pupil, studies_by_name
+from holoview.study.study import JobResult, Results, StudyScale
 from holoview.view import View, random_drive, simulate
 
 SMALL = StudyScale("small", (16, 16), 1, 1, ("still-life",), 2, scores=())
@@ -28,7 +26,7 @@ def _view(pupil_mm: float = 2.0) -> View:
 def _results(scale: StudyScale) -> Results:
     """Results whose numbers say which pupil they belong to."""
     found = []
-    for job in registry.studies_by_name()["pupil"].jobs(scale, 0):
+    for job in studies_by_name()["pupil"].jobs(scale, 0):
         looks = pupil._looks(job.settings)
         numbers: dict[str, Any] = {key: [100 * x + d for x, d in looks] for key in pupil._AXES}
         numbers |= {"place_mm": [x for x, _ in looks], "pupil_mm": [d for _, d in looks]}
@@ -37,7 +35,7 @@ def _results(scale: StudyScale) -> Results:
 
 
 def test_a_hologram_is_seen_from_each_place_and_through_each_size_once() -> None:
-    (first, *_) = registry.studies_by_name()["pupil"].jobs(SMALL, 0)
+    (first, *_) = studies_by_name()["pupil"].jobs(SMALL, 0)
     looks = pupil._looks(first.settings)
     assert looks == [*((x, 2.0) for x in PLACES_MM), (0.0, 1.0), (0.0, 3.0), (0.0, 4.0), (0.0, 6.0)]
 
@@ -51,7 +49,7 @@ def test_the_sizes_are_chosen_and_the_pupil_beside_the_axis_stays() -> None:
 
 
 def test_the_table_has_a_row_for_each_hologram_and_pupil() -> None:
-    findings = registry.studies_by_name()["pupil"].analyse(_results(SMALL))
+    findings = studies_by_name()["pupil"].analyse(_results(SMALL))
     assert len(findings.rows) == len(findings.pictures) == 4 * 9
     assert all(row["psnr_db"] == 100 * row["place_mm"] + row["pupil_mm"] for row in findings.rows)
     assert {plot.name for plot in findings.plots} >= {"psnr_db", "psnr_db-by-size", "brightness-by-size"}

@@ -14,16 +14,20 @@ import pytest
 
 from holoview import cli
 from holoview.commands import study as study_command
-from holoview.study import registry
-from holoview.study.executors import ProcessExecutor, WorkerResources
-from holoview.study.runner import ExecutionTarget, run_in_worker, run_jobs
-from holoview.study.scale import SCALES
-from holoview.study.store import ResultStore
-from holoview.study.study import StudyJob
-from holoview.util.cpu_count import process_cpu_count
+from holoview.study import studies
+from holoview.study.runner import (
+    ExecutionTarget,
+    ProcessExecutor,
+    ResultStore,
+    WorkerResources,
+    run_in_worker,
+    run_jobs,
+)
+from holoview.study.study import SCALES, StudyJob
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
-from holoview.util.version import __version__
+from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.packages import __version__
+from holoview.util.processors import process_cpu_count
 from tests.child_process import child_process
 from tests.study.probe import STUDY
 
@@ -134,7 +138,7 @@ def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: ResultS
 def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for module in (registry, study_command):  # which binds the name when it is imported
+    for module in (studies, study_command):  # which binds the name when it is imported
         monkeypatch.setattr(module, "studies_by_name", lambda: {"probe": STUDY})
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert cli.main(["study", "probe", size, "-o", str(tmp_path)]) == 0
@@ -148,9 +152,9 @@ def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
 def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     """A terminal sends SIGINT to the program and to its workers."""
     program = (
-        "import sys; from holoview import cli; from holoview.study import registry\n"
+        "import sys; from holoview import cli; from holoview.study import studies\n"
         "from tests.study.probe import STUDY\n"
-        "registry.studies_by_name = lambda: {'probe': STUDY}; sys.exit(cli.main())"
+        "studies.studies_by_name = lambda: {'probe': STUDY}; sys.exit(cli.main())"
     )
     command = [sys.executable, "-c", program, "study", "probe", "-o", str(tmp_path), "--workers", "2"]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -212,7 +216,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
         "import sys; from pathlib import Path; from holoview.study.runner import run_jobs\n"
-        "from holoview.study.store import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
+        "from holoview.study.runner import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
         "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
     with child_process([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:

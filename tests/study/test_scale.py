@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from holoview.cli import main
-from holoview.study.hologram_jobs import job_system, job_target, run_hologram_job, target_picture
-from holoview.study.registry import studies_by_name
-from holoview.study.scale import MIDDLE, QUICK, TARGETS
+from holoview.study.hologram_study import job_system, job_target, run_hologram_job, target_picture
+from holoview.study.studies import studies_by_name
+from holoview.study.study import MIDDLE, QUICK, TARGETS
 
 TINY = {"scheme": "simultaneous", "target": "still-life", "seed": 0, "shape": [12, 16], "iterations": 2, "planes": 2}
 

@@ -13,19 +13,17 @@ from PIL import Image
 
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects import registry as effects
-from holoview.study import hologram_jobs as work
-from holoview.study import scale
-from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
-from holoview.study.registry import studies_by_name
+from holoview.study import hologram_study as work
+from holoview.study import study
+from holoview.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
 from holoview.study.report import format_claims, write_report
-from holoview.study.runner import run_jobs
-from holoview.study.store import ResultStore
-from holoview.study.studies import eye, eye_spacing, model_vs_capture, pupil
+from holoview.study.runner import ResultStore, run_jobs
+from holoview.study.studies import eye, model_vs_capture, pupil, studies_by_name
 from holoview.study.study import Findings
 from holoview.util.files import data_dir
 from tests.chromium import check_document, needs_chromium
 
-TINY = scale.StudyScale("tiny", (16, 16), 2, 1, ("still-life",), 2)
+TINY = study.StudyScale("tiny", (16, 16), 2, 1, ("still-life",), 2)
 VERDICTS = {REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS, SHOWN}
 CHI2_TOLERANCE = 0.18
 """5 σ of χ²/n, σ = √(2/n): 6 pairs of wavelength and plane, at least a capture of 16 x 16 pixels of each held out."""
@@ -43,6 +41,10 @@ PICTURED = {
     "model-vs-capture",
     "pupil",
 }
+
+
+QUICK = {"wavelengths", "wavelength-count", "multiplexing", "memory-effect"}
+"""One study of each kind that takes seconds: patterns, schemes, a job of its own, nothing optimised."""
 
 
 class _Page(HTMLParser):
@@ -84,19 +86,22 @@ def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing that takes long: small fields, a small scene, two benches whose only suspect is the gap, few pupils."""
-    monkeypatch.setattr(scale, "MIN_SPECKLE_SHAPE", TINY.shape)
+    monkeypatch.setattr(study, "MIN_SPECKLE_SHAPE", TINY.shape)
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
     benches = {name: model_vs_capture.BENCHES[name] for name in ("as designed", LONG_GAP)}
     monkeypatch.setattr(model_vs_capture, "BENCHES", benches)
     monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.listed_effects()["gap"]]))
     monkeypatch.setattr(eye, "_SCHEMES", {name: eye._SCHEMES[name] for name in ("simultaneous", "holochrome-8")})
     monkeypatch.setattr(eye, "_PUPILS_MM", (eye._PUPIL_MM,))
-    monkeypatch.setattr(eye_spacing, "_SPACINGS_NM", eye_spacing._SPACINGS_NM[::4])
+    monkeypatch.setattr(eye, "_SPACINGS_NM", eye._SPACINGS_NM[::4])
     monkeypatch.setattr(pupil, "_PLACES_MM", pupil._PLACES_MM[:3])
 
 
 @pytest.mark.usefixtures("tiny")
-@pytest.mark.parametrize("name", sorted(studies_by_name()))
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.explores) for name in sorted(studies_by_name())],
+)
 def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
     study = studies_by_name()[name]
     jobs = study.jobs(TINY, 0)
@@ -114,7 +119,7 @@ def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
 @needs_chromium
 @pytest.mark.usefixtures("tiny")
 def test_a_browser_shows_a_report_without_an_error(tmp_path: Path) -> None:
-    study = studies_by_name()[sorted(PICTURED)[0]]
+    study = studies_by_name()["wavelength-count"]
     findings = study.analyse(run_jobs(study, study.jobs(TINY, 0), ResultStore(tmp_path / "jobs")))
     check_document(write_report(tmp_path, study, TINY, 0, findings))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import holoview
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.rendered_stacks import StackSource, read_resized_pictures
+from holoview.targets.focal_stack import StackSource, read_resized_pictures
 
 Bench = Callable[..., System]
 """(planes, shape): a bench with that many planes and a simulation grid of that shape."""

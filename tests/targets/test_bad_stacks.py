@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.model.system import System
-from holoview.targets.rendered_stacks import is_stack, target_from_stack
+from holoview.targets.focal_stack import is_stack, target_from_stack
 from holoview.util.errors import UserError
 from tests.targets.conftest import read_stack
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, import_colour_science
-from holoview.targets.colour_spaces import srgb_from_primaries
-from holoview.targets.picture import read_picture
+from holoview.targets.picture import read_picture, srgb_from_primaries
 from holoview.util.errors import UserError
 
 D65 = (0.3127, 0.3290)

@@ -15,11 +15,10 @@ from holoview.colour import xyz_to_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone
-from holoview.targets.eye_targets import moving_target_from_views, target_from_views, views_of_picture
-from holoview.targets.light_field import LightField, refocus, render_views, view_weights
+from holoview.targets.light_field import LightField, ViewGrid, refocus, render_views, view_weights
+from holoview.targets.moving_pupil import moving_target_from_views, target_from_views, views_of_picture
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement, target_for
-from holoview.targets.view_folder import ViewGrid
 from holoview.targets.viewing_pupil import colour_shares
 
 Bench = Callable[..., System]

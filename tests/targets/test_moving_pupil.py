@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import holoview as hv
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.eye_targets import moving_target
+from holoview.targets.moving_pupil import moving_target
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement, target_for
 

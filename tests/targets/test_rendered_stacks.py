@@ -14,8 +14,8 @@ from PIL import Image
 
 from holoview.colour import SRGB_TO_XYZ, srgb_decode
 from holoview.model.system import System
-from holoview.targets.rendered_stacks import is_stack, target_from_stack
-from holoview.targets.saturation import scale_saturation
+from holoview.targets.focal_stack import is_stack, target_from_stack
+from holoview.targets.picture import scale_saturation
 from holoview.util.errors import UserError
 from tests.targets.conftest import read_stack
 

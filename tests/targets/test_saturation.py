@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, import_colour_science, observer_weights
-from holoview.targets.saturation import scale_saturation
+from holoview.targets.picture import scale_saturation
 from holoview.util.errors import UserError
 
 FLOAT32 = 2e-6  # of the largest channel: a few roundings to float32, 6e-8 each, through matrices of gain up to 3.2 · 10

@@ -14,8 +14,7 @@ from PIL import Image
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.model.system import System
-from holoview.targets.picture import Picture
-from holoview.targets.saturation import scale_saturation
+from holoview.targets.picture import Picture, scale_saturation
 from holoview.targets.target import Placement, target_for
 from holoview.util.errors import UserError
 

@@ -11,8 +11,8 @@ from PIL import Image
 
 import holoview as hv
 from holoview.model.system import System
-from holoview.targets.eye_targets import target_from_views
-from holoview.targets.view_folder import ViewGrid, is_light_field, read_light_field
+from holoview.targets.light_field import ViewGrid, is_light_field, read_light_field
+from holoview.targets.moving_pupil import target_from_views
 
 Bench = Callable[..., System]
 

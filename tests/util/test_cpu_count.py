@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.util import cpu_count
-from holoview.util.cpu_count import affine_cpu_count, cpu_quota, process_cpu_count
+from holoview.util import processors
+from holoview.util.processors import affine_cpu_count, cpu_quota, process_cpu_count
 
 
 def _write(root: Path, groups: str, files: dict[str, str]) -> Path:
@@ -57,8 +57,8 @@ def test_a_system_without_control_groups_has_no_limit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("quota", "count"), [(None, 8), (2.5, 3), (0.1, 1), (64.0, 8)])
 def test_a_share_of_a_cpu_counts_as_one(monkeypatch: pytest.MonkeyPatch, quota: float | None, count: int) -> None:
-    monkeypatch.setattr(cpu_count, "cpu_quota", lambda: quota)
-    monkeypatch.setattr(cpu_count, "affine_cpu_count", lambda: 8)
+    monkeypatch.setattr(processors, "cpu_quota", lambda: quota)
+    monkeypatch.setattr(processors, "affine_cpu_count", lambda: 8)
     assert process_cpu_count() == count
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from holoview.util import file_writer
 from holoview.util.errors import UserError
-from holoview.util.file_writer import WriteError, check_writable, make_folder, write_file
-from holoview.util.rescue import save_elsewhere
+from holoview.util.file_writer import WriteError, check_writable, make_folder, save_elsewhere, write_file
 from tests.file_limits import limit_of_file_size
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX permissions and limits")

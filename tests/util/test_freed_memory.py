@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 import pytest
 
-from holoview.util.freed_memory import give_back_freed_memory
+from holoview.util.memory import give_back_freed_memory
 
 PIECE, COUNT = 1 << 16, 4000  # bytes, too few for a mapping of their own; 260 MB in all
 

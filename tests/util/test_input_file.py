@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from holoview.util.errors import UserError
-from holoview.util.input_file import TEXT_LIMIT, read_bytes, read_text, require_file
+from holoview.util.files import TEXT_LIMIT, read_bytes, read_text, require_file
 
 
 def _socket(path: Path) -> None:

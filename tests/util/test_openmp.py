@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-from holoview.util import openmp
-from holoview.util.openmp import SPIN_COUNT, share_the_machine
+from holoview.util import processors
+from holoview.util.processors import SPIN_COUNT, share_the_machine
 
 
 @pytest.fixture
 def _four_of_eight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openmp, "process_cpu_count", lambda: 4)
-    monkeypatch.setattr(openmp, "affine_cpu_count", lambda: 8)
+    monkeypatch.setattr(processors, "process_cpu_count", lambda: 4)
+    monkeypatch.setattr(processors, "affine_cpu_count", lambda: 8)
 
 
 @pytest.mark.usefixtures("_four_of_eight")
@@ -40,8 +40,8 @@ def test_what_the_user_states_is_kept(stated: dict[str, str]) -> None:
 
 
 def test_without_a_limit_none_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openmp, "process_cpu_count", lambda: 8)
-    monkeypatch.setattr(openmp, "affine_cpu_count", lambda: 8)
+    monkeypatch.setattr(processors, "process_cpu_count", lambda: 8)
+    monkeypatch.setattr(processors, "affine_cpu_count", lambda: 8)
     environment: dict[str, str] = {}
     share_the_machine(environment)
     assert "OMP_NUM_THREADS" not in environment

@@ -19,7 +19,7 @@ import holoview as hv
 from holoview.app.serve import Address, serve
 from holoview.cli import main
 from holoview.util.errors import UserError
-from holoview.util.optional_library import EXTRAS, import_optional
+from holoview.util.packages import EXTRAS, import_optional
 
 PROJECT = tomllib.loads((Path(hv.__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 COMMANDS: dict[str, tuple[str, str]] = {

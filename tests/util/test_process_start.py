@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from holoview.util.process_start import process_start
+from holoview.util.processes import process_start
 
 
 def test_a_process_keeps_its_start_and_another_has_its_own() -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.util import processor_share as module
-from holoview.util.processor_share import processor_share
+from holoview.util import processors as module
+from holoview.util.processors import processor_share
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from holoview.util.signals import end_with_parent
-from holoview.util.threads import PREFIX, wait_for_threads
+from holoview.util.processes import PREFIX, end_with_parent, wait_for_threads
 
 
 def test_own_threads_are_waited_for_and_others_are_not() -> None:

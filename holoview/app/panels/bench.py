@@ -10,8 +10,8 @@ from holoview.app.context import AppContext
 from holoview.app.description_fields import draw_fields
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, count_field, number_field, tooltip
-from holoview.model import dataclass_fields as describe
-from holoview.model.field_types import Integer, Number, Shape
+from holoview.model import fields as describe
+from holoview.model.fields import Integer, Number, Shape
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.text import printable_lines

@@ -10,7 +10,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 
 if TYPE_CHECKING:
-    from holoview.app.rig.camera_view import CameraView
+    from holoview.app.rig.camera_view import CameraPanes
 
 
 class CameraPanel(Panel):
@@ -22,7 +22,7 @@ class CameraPanel(Panel):
     flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
 
     def __init__(self) -> None:
-        self.view: CameraView | None = None
+        self.view: CameraPanes | None = None
 
     def draw(self, context: AppContext) -> None:
         """Draws the pictures of an open rig."""
@@ -30,7 +30,7 @@ class CameraPanel(Panel):
             imgui.text_disabled("No rig is open.")
             return
         if self.view is None:
-            from holoview.app.rig.camera_view import CameraView  # slow start: most sessions open no rig
+            from holoview.app.rig.camera_view import CameraPanes  # slow start: most sessions open no rig
 
-            self.view = CameraView(context)
+            self.view = CameraPanes(context)
         self.view.draw(context)

@@ -11,9 +11,7 @@ from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
 from holoview.app.pupil_map import draw_pupil_map
 from holoview.app.pupil_path_widgets import add_path_commands, draw_path_controls
-from holoview.model.dataclass_fields import fields_by_key
-from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
-from holoview.session.eye_edits import (
+from holoview.document.eye_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
     eye_of,
@@ -22,8 +20,10 @@ from holoview.session.eye_edits import (
     toggle_chromatic,
     toggle_eye,
 )
-from holoview.session.focal_plane import focus_at, focus_range_m
-from holoview.session.view_settings import ACHROMATIC, NOW
+from holoview.document.focal_plane import focus_at, focus_range_m
+from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
+from holoview.model.fields import fields_by_key
+from holoview.render.view_settings import ACHROMATIC, NOW
 
 _BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")
 _ALL_BUT_CHROMATIC = tuple(key for key in fields_by_key(Eye) if key != "chromatic")

@@ -17,15 +17,16 @@ from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.recovery_dialog import RecoveryDialog
-from holoview.session.export.figure import save_figure
-from holoview.session.export.hologram_files import save_hologram, save_preset
-from holoview.session.export.png_images import save_planes, save_view
-from holoview.session.export.pupil_path import save_path, save_path_animation, save_path_pictures
-from holoview.session.export.pupil_sheet import save_pupil_sheet
-from holoview.session.export.sweep import save_sweep
-from holoview.session.jobs import format_job
-from holoview.session.tone_mapping import compose_comparison
-from holoview.session.view_settings import DERIVED_PAGES, displayed_side
+from holoview.document.export.figure import save_figure
+from holoview.document.export.hologram_files import save_hologram, save_preset
+from holoview.document.export.png_images import save_planes, save_view
+from holoview.document.export.pupil_path import save_path, save_path_animation, save_path_pictures
+from holoview.document.export.pupil_sheet import save_pupil_sheet
+from holoview.document.export.sweep import save_sweep
+from holoview.document.export.web_page import save_page
+from holoview.document.jobs import format_job
+from holoview.render.tone_mapping import compose_comparison
+from holoview.render.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
 from holoview.util.text import plain_name
 
@@ -80,6 +81,7 @@ class FilesPanel(Panel):
                 "Patterns, lasers and bench in one file.",
                 "Ctrl+S",
             ),
+            _Save("Save page", (".html",), partial(save_page, session), "One file that any browser shows live."),
             _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
             _Save(
                 "Save view",

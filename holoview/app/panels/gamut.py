@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
-from holoview.session.chromaticity_diagram import (
+from holoview.document.chromaticity_diagram import (
     D65_XY,
     DISPLAY_PRIMARIES,
     image_chromaticities,
@@ -17,7 +17,7 @@ from holoview.session.chromaticity_diagram import (
     laser_gamut,
     spectral_locus,
 )
-from holoview.session.view_settings import NOW
+from holoview.render.view_settings import NOW
 
 _TRIANGLE_COLOURS = {"sRGB": imgui.ImVec4(0.75, 0.75, 0.75, 1.0), "Display P3": imgui.ImVec4(0.95, 0.72, 0.30, 1.0)}
 _LASER_LINE = imgui.ImVec4(0.35, 0.75, 1.0, 1.0)

@@ -12,10 +12,11 @@ from holoview.app.panel import Panel
 from holoview.app.plane_sheet import PlaneSheet
 from holoview.app.pupil_map import draw_path, draw_pupil, handle_pupil
 from holoview.app.readout import draw_readout, readout_height
-from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
-from holoview.session.eye_edits import eyebox_half_m
-from holoview.session.focal_plane import focus_on, step_focus
-from holoview.session.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
+from holoview.app.viewport import Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
+from holoview.document.eye_edits import eyebox_half_m
+from holoview.document.focal_plane import focus_on, step_focus
+from holoview.render.scene import DeviceImage
+from holoview.render.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05
@@ -69,7 +70,7 @@ class ImagePanel(Panel):
             return
         is_compared = view.compare != "off" and view.page == "image"
         a = (
-            context.derived_images.picture()
+            context.page_images.picture(context.session.displayed_document.scene, view)
             if view.page in DERIVED_PAGES
             else context.side_renderers.picture(displayed_side(view))
         )

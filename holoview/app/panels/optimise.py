@@ -14,10 +14,9 @@ from holoview.app.context import AppContext
 from holoview.app.optimised_eye_fields import draw_eye_fields
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.optimise.settings import LOSS_SPACES
-from holoview.session.editing_session import EditingSession
-from holoview.session.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
-from holoview.session.optimisation_job import (
+from holoview.document.editing_session import EditingSession
+from holoview.document.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
+from holoview.document.optimisation_job import (
     OptimisationJob,
     chosen_optimisation,
     last_optimisation,
@@ -25,6 +24,7 @@ from holoview.session.optimisation_job import (
     start_optimisation,
     start_quick_optimisation,
 )
+from holoview.optimise.settings import LOSS_SPACES
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 

@@ -21,6 +21,6 @@ class RigDiagnosisPanel(Panel):
         if rig is None:
             imgui.text_disabled("No rig is open.")
             return
-        from holoview.app.rig.diagnosis_view import draw_live_diagnosis  # slow start: most sessions open no rig
+        from holoview.app.rig.controls import draw_live_diagnosis  # slow start: most sessions open no rig
 
         draw_live_diagnosis(context, rig)

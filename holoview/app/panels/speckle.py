@@ -10,10 +10,10 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.retinal_plot import draw_retinal_curve, draw_retinal_state
-from holoview.metrics.speckle_histogram import SpeckleHistogram
-from holoview.session.live_measurement import ImageMeasurements
-from holoview.session.measure import ContrastCurve, LineProfile
-from holoview.session.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
+from holoview.document.live_measurement import ImageMeasurements
+from holoview.document.measure import ContrastCurve, LineProfile
+from holoview.document.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
+from holoview.metrics.speckle import SpeckleHistogram
 
 _GROUP = "Speckle"
 _TIPS = {

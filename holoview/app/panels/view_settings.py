@@ -12,7 +12,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.model import preset
-from holoview.session.view_settings import (
+from holoview.render.view_settings import (
     ACHROMATIC,
     CHANNELS,
     COMPARISON_MODES,

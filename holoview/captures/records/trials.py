@@ -32,9 +32,9 @@ from holoview.captures.dataset import Captures, Floats
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import stuck_pixel_mask
 from holoview.captures.records.corrections import CameraOrientation, Hypothesis, apply_corrections
-from holoview.numerics.taper import taper
-from holoview.util.cpu_count import process_cpu_count
+from holoview.numerics.sampling import taper
 from holoview.util.errors import UserError
+from holoview.util.processors import process_cpu_count
 
 Values = Mapping[str, Mapping[str, float]]
 _Key = tuple[bytes, float, float, tuple[int, int]]

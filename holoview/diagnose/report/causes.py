@@ -39,7 +39,7 @@ from holoview.diagnose.report.diagnosis import Cause
 from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.list_parameter import ListParameter
+from holoview.model.effects.parameter import ListParameter
 from holoview.util.errors import UserError
 
 MIN_CORRELATION = 0.5

@@ -35,7 +35,7 @@ from holoview.diagnose.starts.transmission_slopes import (
     squared_residuals,
 )
 from holoview.model.effects.effect import Effect, StartKind
-from holoview.model.effects.list_parameter import MAX_FREE_ENTRIES
+from holoview.model.effects.parameter import MAX_FREE_ENTRIES
 
 _LEVEL_COUNT = 24
 """[levels] Shares of the stroke from 0 to 1 that are tried. Evidence: a stroke of two waves advances by half a radian

@@ -2,12 +2,7 @@
 
 Peng et al., Neural holography with camera-in-the-loop training, ACM Trans. Graph. 39, 6 (2020), sec. 4.
 
-bench_match     the rig's nominal bench as a system; whether another system is that of the rig
-camera_view     from intensities on the model's samples to means over camera pixels, and its transpose
-bench_camera    shows patterns and takes pictures: exposures, dark level, saturated pixels
-registration    counts per unit of intensity, and where the camera is, from probe pictures
-camera_problem  loss and gradients at the intensities that were measured
-loop            the loop: a generator of states
-model_update    effects of the bench, found in the pictures taken so far
-loop_checkpoint a loop saved in a safetensors file
+bench_camera     shows patterns and takes pictures: exposures, dark level, saturated pixels
+camera_problem   loss and gradients at measured intensities; how the camera sees the model's samples
+loop             the loop: a generator of states; its checkpoints, and updates of the model
 """

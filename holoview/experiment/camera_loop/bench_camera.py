@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import CameraDevice, Counts, Devices, Levels
+from holoview.rig.measure.camera_pictures import range_share, take_dark_frame
 from holoview.rig.measure.capture_plan import CaptureRequest
-from holoview.rig.measure.dark_frames import take_dark_frame
-from holoview.rig.measure.exposure_search import range_share
-from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.measure.measurement import Measurement
 from holoview.util.progress import TextCallback
 
 _TOO_BRIGHT, _TOO_DARK = 0.95, 0.2  # of the camera's range, beyond which an exposure is searched anew
@@ -100,7 +99,7 @@ class BenchCamera:
     """Takes pictures on open devices, which the caller closes.
 
     exposures_s: of each wavelength; searched for the first picture, and anew when one is too bright or all of a
-    hologram are much too dark. tell: called with what a user should know at once, as of `MeasurementSession`.
+    hologram are much too dark. tell: called with what a user should know at once, as of `Measurement`.
     """
 
     rig: RigDescription
@@ -112,7 +111,7 @@ class BenchCamera:
     def __post_init__(self) -> None:
         self._camera = _CountingCamera(self.devices.camera)
         devices = dataclasses.replace(self.devices, camera=self._camera)
-        self._session = MeasurementSession(self.rig, devices, self.tell)
+        self._session = Measurement(self.rig, devices, self.tell)
         self._dark: dict[float, NDArray[np.float32]] = {}
         self._began_s = devices.clock.now()
 

@@ -1,4 +1,8 @@
-"""The loop: shows patterns, takes their pictures, and steps against the gradient at what was measured.
+"""The loop: shows patterns, takes their pictures, and steps against the gradient at the measured intensities.
+
+CameraLoop       the loop, a generator of states
+LoopCheckpoint   a loop saved in a safetensors file, with what its expensive pictures have taught
+ModelUpdates     effects of the bench that the pictures show, added to the model, so that its gradients get better
 
 for state in camera_loop(system, stack, Settings(iterations=40), rig, camera, start=drive):
     print(state.iteration, state.psnr_db)      # measured
@@ -8,12 +12,25 @@ Patterns are rounded to the modulators' levels before they are shown, and gradie
 (Bengio et al., arXiv:1308.3432; `optimise.level_gradients`). A model that is wrong gives gradients that stop pointing
 downhill before the optimum is reached. So where the measured loss hasn't fallen for three iterations, the loop goes
 back to the best hologram and takes shorter steps.
+
+A checkpoint holds the tensors of `optimise.checkpoint` (patterns, amplitudes, Adam's moments, the best so far), and
+
+    scale        float64 (wavelength,), of `CameraCalibration`
+    shift        float64 (plane, 2), m
+    correlation  float64 (plane,)
+    exposures    float64 (wavelength,), s; 0 where the next picture is searched for
+    metadata     format, version, systems as begun and at present (TOML), settings and progress (JSON), digest of the
+                 target
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
+import os
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,26 +38,51 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.patterns import BLUR_SIGMAS_PX
+from holoview.diagnose.extended_model import extended_system
+from holoview.diagnose.pipeline import diagnose
 from holoview.experiment.camera_loop.bench_camera import Picture, PictureSource, Shot
-from holoview.experiment.camera_loop.bench_match import lasers_of, levels_of_drive, on_rig
-from holoview.experiment.camera_loop.camera_problem import CameraProblem
-from holoview.experiment.camera_loop.loop_checkpoint import LoopCheckpoint, LoopProgress
-from holoview.experiment.camera_loop.model_update import ModelUpdates, update_model
-from holoview.experiment.camera_loop.registration import PROBE_SIGMAS_PX, Registration, probe_levels, register
-from holoview.io.hologram import Hologram
+from holoview.experiment.camera_loop.camera_problem import (
+    PROBE_SIGMAS_PX,
+    CameraCalibration,
+    CameraProblem,
+    calibrate_camera,
+    probe_levels,
+)
+from holoview.experiment.rig_bench import lasers_of, levels_of_drive, on_rig
+from holoview.io.hologram import Hologram, drive_sizes
+from holoview.model import preset
+from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.model.system import System
-from holoview.optimise.checkpoint import target_digest
+from holoview.optimise.checkpoint import VARIABLE_TENSORS, target_digest
+from holoview.optimise.lasers import changes_lasers
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings
 from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
+from holoview.util.tables import read_record
 
 _PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and the factor of steps that follows them
 _UPDATE_SIGMAS_PX = BLUR_SIGMAS_PX * 2  # of the random patterns that updates of the model see beside holograms
 _KEPT_PICTURES = 48  # of earlier holograms, for updates of the model
+_F64 = ("float64",)
+_FORMAT = TensorFormat(
+    name="holoview-camera-loop",
+    version="1",
+    what="a checkpoint that `holoview optimise --rig` wrote",
+    tensors=(
+        *VARIABLE_TENSORS,
+        ArraySchema("scale", _F64, ("wavelength",), low=0.0),
+        ArraySchema("shift", _F64, ("plane", 2)),
+        ArraySchema("correlation", _F64, ("plane",), low=-1.0, high=1.0),
+        ArraySchema("exposures", _F64, ("wavelength",), low=0.0),
+    ),
+    metadata_keys=("system", "present", "settings", "progress", "target"),
+)
 
 
 @dataclass(frozen=True)
@@ -102,7 +144,7 @@ class CameraLoop:
         self.variables = OptimisationVariables(self.system, settings, drive.to(device))
         self.best: Hologram | None = None
         self.progress = LoopProgress(0, 0, 0.0, 0.0, math.inf, -math.inf)
-        self.registration: Registration | None = None
+        self.calibration: CameraCalibration | None = None
         self._probes: list[Picture] = []
         self._random: list[Captures] = []
         self._kept: list[Captures] = []
@@ -114,7 +156,7 @@ class CameraLoop:
     def states(self) -> Iterator[LoopState]:
         """Runs the loop; it may be left at any time."""
         began, before = time.perf_counter(), self.progress
-        self._register(from_pictures=self.registration is None)
+        self._calibrate(from_pictures=self.calibration is None)
         for iteration in range(before.iteration, self.settings.iterations + 1):
             if self.updates is not None and iteration > before.iteration and self.updates.is_due(iteration):
                 self._update_model(self.updates)
@@ -203,15 +245,15 @@ class CameraLoop:
         self.problem.set_pictures(pictures)
         self._latest = [picture.capture for picture in pictures]
 
-    def _register(self, *, from_pictures: bool) -> None:
-        """Gives the problem its registration, which pictures of probe patterns are taken for if it isn't known."""
+    def _calibrate(self, *, from_pictures: bool) -> None:
+        """Gives the problem its calibration, which pictures of probe patterns are taken for if it isn't known."""
         if from_pictures:
             if not self._probes:
                 self._probes = self._take_probes()
-            self.registration = self._fit_registration()
-            self._notes += self.registration.notes(self.system.planes_m)
-        assert self.registration is not None
-        self.problem.register(self.registration)
+            self.calibration = self._fit_calibration()
+            self._notes += self.calibration.notes(self.system.planes_m)
+        assert self.calibration is not None
+        self.problem.calibrate(self.calibration)
 
     def _take_probes(self, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> list[Picture]:
         """Pictures of random patterns, by plane, wavelength and pattern."""
@@ -220,7 +262,7 @@ class CameraLoop:
         shots = [Shot(p, λ, float(z)) for z in planes for λ in wavelengths for p in range(len(levels))]
         return self.camera.record(levels, shots)
 
-    def _fit_registration(self) -> Registration:
+    def _fit_calibration(self) -> CameraCalibration:
         levels = probe_levels(self.rig, self.settings.seed)
         wavelengths, planes, probes = len(self.system.wavelengths_m), len(self.system.planes_m), len(levels)
         first = [next(i for i, laser in enumerate(self.problem.lasers) if laser[1] == λ) for λ in range(wavelengths)]
@@ -231,10 +273,10 @@ class CameraLoop:
             predicted.append(self.problem.predict(self._path_m(drive))[:, first])
         left = iter(self._probes)
         nested = [[[next(left) for _ in range(probes)] for _ in range(wavelengths)] for _ in range(planes)]
-        return register(self.rig, torch.stack(predicted, dim=2), self.problem.sample_pitch_m, nested)
+        return calibrate_camera(self.rig, torch.stack(predicted, dim=2), self.problem.sample_pitch_m, nested)
 
     def _update_model(self, updates: ModelUpdates) -> None:
-        """Adds to the model what the pictures taken so far show, and registers them anew."""
+        """Adds to the model what the pictures taken so far show, and calibrates the camera anew."""
         if not self._probes:  # they aren't in checkpoints
             self._probes = self._take_probes()
         if not self._random:
@@ -246,7 +288,7 @@ class CameraLoop:
         self._notes.append(f"the model is updated: {updated.note}")
         self.system = updated.system
         self.problem = CameraProblem(self.system, self._stack, self.settings, self.rig, self._device)
-        self._register(from_pictures=True)
+        self._calibrate(from_pictures=True)
 
     # --- holograms and checkpoints ----------------------------------------------------------------------------------
 
@@ -257,7 +299,7 @@ class CameraLoop:
         return Hologram(shown.cpu().numpy().copy(), self.system.edit({"amplitudes": self.variables.amplitudes}))
 
     def _checkpoint(self) -> LoopCheckpoint:
-        assert self.best is not None and self.registration is not None
+        assert self.best is not None and self.calibration is not None
         best: dict[str, NDArray[np.floating]] = {
             "best_drive": self.best.drive,
             "best_amplitudes": np.array(self.best.system.amplitudes),
@@ -270,7 +312,7 @@ class CameraLoop:
             settings=self.settings,
             target=self._target,
             progress=self.progress,
-            registration=self.registration,
+            calibration=self.calibration,
             exposures_s=np.array(exposures),
             tensors=self.variables.state_dict() | best,
         )
@@ -279,9 +321,142 @@ class CameraLoop:
         resume.check_matches(self.begun, self.settings, self._target, "checkpoint")
         tensors = resume.tensors
         self.variables.load_state_dict(tensors)
-        self.system, self.progress, self.registration = resume.present, resume.progress, resume.registration
+        self.system, self.progress, self.calibration = resume.present, resume.progress, resume.calibration
         self.variables.patterns.step_factor = resume.progress.step_factor
         best = self.system.edit({"amplitudes": tensors["best_amplitudes"]})
         self.best = Hologram(tensors["best_drive"].astype(np.float32), best)
         wavelengths = lasers_of(self.system, self.rig)
         self.camera.exposures_s |= {λ: float(s) for λ, s in zip(wavelengths, resume.exposures_s, strict=True) if s > 0}
+
+
+@dataclass(frozen=True)
+class LoopProgress:
+    """How far a loop has come.
+
+    iteration: the next one. pictures, bench_s: taken so far, and seconds of bench time. seconds: that passed.
+    best_loss, best_psnr_db: of the smallest loss so far. step_factor: of the patterns' steps. without_gain: iterations
+    since the loss fell last.
+    """
+
+    iteration: int
+    pictures: int
+    bench_s: float
+    seconds: float
+    best_loss: float
+    best_psnr_db: float
+    step_factor: float = 1.0
+    without_gain: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.iteration, self.pictures) < 0 or not 0 <= self.bench_s < math.inf:
+            found = f"iteration {self.iteration}, {self.pictures} pictures in {self.bench_s} s"
+            raise UserError("progress", found, expected="numbers of 0 or more")
+
+
+@dataclass(frozen=True)
+class LoopCheckpoint:
+    """A loop between two iterations.
+
+    begun: the system that it began with. present: with the effects that have been found since. target: digest of the
+    stack. tensors: of the variables and the best hologram. exposures_s: (wavelength,), 0 for none.
+    """
+
+    begun: System
+    present: System
+    settings: Settings
+    target: str
+    progress: LoopProgress
+    calibration: CameraCalibration
+    exposures_s: NDArray[np.float64]
+    tensors: dict[str, NDArray[np.floating]]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file; an existing one is replaced only by a complete one."""
+        texts = {
+            "system": preset.dumps(self.begun),
+            "present": preset.dumps(self.present),
+            "settings": json.dumps(dataclasses.asdict(self.settings)),
+            "progress": json.dumps(dataclasses.asdict(self.progress)),
+            "target": self.target,
+        }
+        own = {
+            "scale": self.calibration.scale,
+            "shift": self.calibration.shift_m,
+            "correlation": self.calibration.correlation,
+            "exposures": self.exposures_s,
+        }
+        _FORMAT.write(path, self.tensors | own, texts)
+
+    def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
+        """Raises UserError that names what differs, unless the checkpoint is of this system, settings and target."""
+        stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.begun, system))
+        differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
+        differing += differing_fields(self.settings, settings)
+        differing += ["the target"] * (self.target != target)
+        refuse_differences(differing, where, "camera loop", "preset, picture and options")
+
+
+def load_loop_checkpoint(path: str | os.PathLike[str]) -> LoopCheckpoint:
+    """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
+    with _FORMAT.open(path) as file:
+        begun, present = (preset.loads(file.texts[key], f"{path}: {key}") for key in ("system", "present"))
+        settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
+        progress = read_record(LoopProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
+        tensors = file.tensors({**drive_sizes(begun), "plane": len(begun.planes_m)})
+    calibration = CameraCalibration(*(tensors.pop(name) for name in ("scale", "shift", "correlation")))
+    exposures_s = tensors.pop("exposures")
+    target = file.texts["target"]
+    return LoopCheckpoint(begun, present, settings, target, progress, calibration, exposures_s, tensors)
+
+
+@dataclass(frozen=True)
+class ModelUpdates:
+    """Every so many iterations the bench is diagnosed anew.
+
+    every: iterations between two updates. effects: ids of those that may be the cause; all where empty. time_s: of one
+    diagnosis; None for as long as `holoview diagnose` takes by default.
+    """
+
+    every: int
+    effects: tuple[str, ...] = ()
+    time_s: float | None = None
+
+    def is_due(self, iteration: int) -> bool:
+        """Whether the model is updated before this iteration."""
+        return iteration > 0 and iteration % self.every == 0
+
+
+@dataclass(frozen=True)
+class UpdatedModel:
+    """A bench with what was found, and what that was, in words."""
+
+    system: System
+    note: str
+
+
+def update_model(
+    system: System, captures: Sequence[Captures], updates: ModelUpdates, is_asked_to_end: Callable[[], bool]
+) -> UpdatedModel:
+    """The system with the effects that captures, each a session of one, show beside those that it has.
+
+    Effects that change the lasers themselves aren't taken over, since patterns can't be optimised for them.
+    Raises UserError for an effect that is unknown.
+    """
+    joined = join_captures(captures)
+    joined = dataclasses.replace(joined, levels_before=joined.levels)  # each settled before its picture was taken
+    candidates = [get_effect(name) for name in updates.effects] or list(listed_effects().values())
+    found = diagnose(
+        joined,
+        candidates,
+        known=system.effect_values,
+        free_maps=False,
+        time_s=updates.time_s,
+        is_asked_to_end=is_asked_to_end,
+    )
+    values = {name: own for name, own in found.values.items() if not changes_lasers(system, {name: own})}
+    left_out = [name for name in found.values if name not in values]
+    sentences = [cause.sentence for cause in found.causes if cause.effect in values]
+    note = " ".join(sentences) or "nothing beside what the model has"
+    if left_out:
+        note += f" ({', '.join(left_out)} can't be optimised for)"
+    return UpdatedModel(extended_system(system, values), note)

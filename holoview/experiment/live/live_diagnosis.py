@@ -12,10 +12,10 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.intervals import format_value
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Cause, Diagnosis
-from holoview.experiment.placement_doubt import diagnosis_options
-from holoview.rig.placement import Placement
-from holoview.session.editing_session import EditingSession
-from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.document.editing_session import EditingSession
+from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.experiment.known_alignment import diagnosis_options
+from holoview.rig.registration import Registration
 
 FIRST, FEW = 4, 3
 """Captures after which the first diagnosis begins; further ones after which, at least, the next one does."""
@@ -42,7 +42,7 @@ class LiveDiagnosis:
 
     time_s: how long a search may take. diagnosis: the last result, None before the first. seen: captures that were
     there when it was begun. so_far: a sentence of the running one, or "". is_on: whether it begins by itself.
-    placement: of the rig, if it was aligned; what it knows isn't named as a cause.
+    registration: of the rig, if it was aligned; the effects that it knows aren't named as causes.
     """
 
     def __init__(self, session: EditingSession, run: Diagnose = diagnose) -> None:
@@ -50,7 +50,7 @@ class LiveDiagnosis:
         self.time_s, self.is_on = TIME_S, True
         self.diagnosis: Diagnosis | None = None
         self.seen, self.so_far = 0, ""
-        self.placement: Placement | None = None
+        self.registration: Registration | None = None
         self._job: BackgroundJob | None = None
         self._next: tuple[list[Captures], int] | None = None
         self._begun = 0
@@ -99,7 +99,7 @@ class LiveDiagnosis:
     def _work(self, captures: list[Captures], time_s: float, control: JobControl) -> Diagnosis:
         found = self._run(
             join_captures(captures),
-            **diagnosis_options(self.placement),
+            **diagnosis_options(self.registration),
             progress=control.report,
             time_s=time_s,
             is_asked_to_end=lambda: control.is_cancelled,

@@ -1,24 +1,78 @@
-"""The newest picture of a rig's camera and its prediction, which a worker thread computes."""
+"""The newest picture of a rig's camera beside its prediction: residuals in units of the noise, χ²/n, histogram.
+
+LiveView           the newest picture, and its prediction, which a worker thread computes
+PicturePredictor   predicts one picture after the other
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.experiment.live.live_comparison import (
-    LivePicture,
-    PictureModel,
-    PicturePredictor,
-    PredictedPicture,
-    live_picture,
-)
+from holoview.captures.predictor import Prediction, Predictor
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.diagnose.extended_model import with_preset_geometry
+from holoview.diagnose.likelihood import Comparison, Values
+from holoview.diagnose.search_context import NeighbourVariances
+from holoview.document.editing_session import EditingSession
+from holoview.model.system import System
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
-from holoview.session.editing_session import EditingSession
-from holoview.session.latest_task import LatestTask
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
+
+Image = NDArray[np.float32]
+_BINS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class PictureModel:
+    """What a picture is predicted with. system: a bench in place of the rig's nominal one. values: effects on it.
+
+    name: in words.
+    """
+
+    name: str
+    system: System | None = None
+    values: Values | None = None
+
 
 NOMINAL = PictureModel("rig.toml")
+
+
+@dataclass(frozen=True, eq=False)
+class LivePicture:
+    """A picture (y, x) of the camera in counts.
+
+    white: counts above black of a saturated pixel. histogram: pixels in equal bins from 0 to saturation.
+    saturated: share of the pixels that are.
+    """
+
+    counts: Counts
+    black: float
+    white: float
+    histogram: NDArray[np.int64]
+    saturated: float
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedPicture:
+    """A prediction of a picture. of: that picture. model: its name.
+
+    expected (y, x): counts above black, with the scale that fits best. residual (y, x): measured − expected, in σ of
+    the noise, 0 where a pixel can't be compared. chi2: mean squared residual of a pixel that can; noise alone: 1.
+    """
+
+    of: LivePicture
+    model: str
+    expected: Image
+    residual: Image
+    chi2: float
 
 
 class LiveView:
@@ -87,3 +141,58 @@ class LiveView:
             self.prediction, self.problem = None, str(found)
         else:
             self.prediction, self.problem = found, ""
+
+
+def live_picture(rig: RigDescription, counts: Counts) -> LivePicture:
+    """A picture with its statistics."""
+    camera = rig.bench.camera
+    histogram, _ = np.histogram(counts, bins=_BINS, range=(0, camera.saturation + 1))
+    white = camera.saturation - camera.black_level
+    return LivePicture(counts, camera.black_level, white, histogram, float(np.mean(counts >= camera.saturation)))
+
+
+class PicturePredictor:
+    """Predicts pictures one after the other; light of the same settings isn't computed again. For one thread."""
+
+    def __init__(self) -> None:
+        self._known: tuple[tuple[Any, ...], tuple[Any, ...], Prediction] | None = None
+
+    def __call__(self, picture: LivePicture, capture: Captures, model: PictureModel) -> PredictedPicture:
+        """The prediction for a picture, which `capture` holds with its settings.
+
+        Raises UserError for a model that isn't of the rig's modulators, or that no bench can be.
+        """
+        values: Values = model.values or {}
+        if model.system is not None:
+            capture, own, _ = with_preset_geometry(capture, model.system, model.name)
+            values = {**own, **values}
+        data = prepare_captures(capture)
+        indices = np.array([0])
+        light = _Known(self._prediction(capture, values, model))
+        first = Comparison(light, data, indices, NeighbourVariances(data)(indices)).fit_gains(values)
+        variance = capture.camera.noise_variance(first.expected).astype(np.float32)
+        comparison = Comparison(light, data, indices, variance)
+        fitted = comparison.fit_gains(values)
+        chi2 = float(fitted.squares.sum() / max(comparison.pixel_count, 1.0))
+        return PredictedPicture(picture, model.name, fitted.expected[0], fitted.residual[0], chi2)
+
+    def _prediction(self, capture: Captures, values: Values, model: PictureModel) -> Prediction:
+        names = ("wavelength_m", "distance_m", "power", "exposure_s")
+        objects = (capture.levels.base, model.system)
+        settings = (*(float(getattr(capture, name)[0]) for name in names), repr(values))
+        known = self._known
+        if known is None or settings != known[1] or any(a is not b for a, b in zip(objects, known[0], strict=True)):
+            known = self._known = (objects, settings, Predictor(capture)([0], values))
+        return known[2]
+
+
+class _Known:
+    """A predictor that knows one prediction."""
+
+    fields_requested = 0
+
+    def __init__(self, prediction: Prediction) -> None:
+        self._prediction = prediction
+
+    def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
+        return self._prediction

@@ -1,25 +1,71 @@
-"""The next capture: of many proposals the one that promises most information in a second, improved by gradient."""
+"""The next capture: of many proposals the one that promises most information in a second, improved by gradient.
+
+CaptureChooser       chooses among proposals
+expected_…           how well a capture tells hypotheses apart, before it is taken
+BenchTime            how long a capture takes on the bench, learned from those that were taken
+ProposalPrediction   what hypotheses predict of proposed captures, in σ of the noise that the leader predicts
+improve_pattern      a proposal's patterns, improved by gradient
+
+A hypothesis i predicts the picture u_i, in σ of its noise. Its parameters, as uncertain as the captures so far leave
+them, spread it along the rows of B_i, each by one standard deviation. If i is true and its rival j is fitted again, to
+first order, with the present knowledge of j's parameters as a prior,
+
+    E[Δχ²_ij] = (u_i − u_j)ᵀ M_j (u_i − u_j) + tr(B_i M_j B_iᵀ),   M_j = (I + B_jᵀ B_j)⁻¹
+
+which is the criterion of T-optimal designs (Atkinson & Fedorov, Biometrika 62, 57 (1975)) with its rival linearised.
+The gain of a capture is unknown, so that all pictures are projected onto the directions that no gain can imitate.
+
+A larger Δχ² between two hypotheses tells no more than which of them is true. So proposals are compared by information,
+
+    I = −Σ_i p_i ln Σ_j p_j exp(−Δχ²_ij / 8)   in nats
+
+with Bhattacharyya's distances of Gaussians of equal variance, a lower bound of the mutual information between cause
+and capture (Kolchinsky & Tracey, Entropy 19, 361 (2017)). It is never negative, nor more than the entropy of p.
+
+The gradient raises the separation Σ (m₁ − a m₂)²/σ² of leader and rival, with the gain a that suits best and the
+rival's values refitted to first order to the proposal. At these values the derivative by them vanishes, so that the
+gradient by the pattern is that of a fixed rival.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.experiment.next_capture.bench_time import BenchTime
-from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis
-from holoview.experiment.next_capture.pattern_ascent import improve_pattern
-from holoview.experiment.next_capture.proposal_prediction import ProposalPrediction
+from holoview.captures.prepared_captures import BORDER_PX
+from holoview.captures.records.central_region import central_slices
+from holoview.diagnose.likelihood import PredictorProtocol, Values
+from holoview.experiment.next_capture.hypotheses import Belief, Hypothesis, searched_part
 from holoview.experiment.next_capture.proposals import Proposal
-from holoview.experiment.next_capture.separation import Response, expected_information, pairwise_delta_chi2
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.parameter import Values as ParameterValues
+from holoview.rig.devices import Devices, Levels
 from holoview.rig.limits import SafetyLimits
+from holoview.rig.measure.camera_pictures import BRIGHT_QUANTILE
+from holoview.util.errors import UserError
 
 MIN_INFORMATION = 1e-3
 """nats; a capture that promises less tells nothing."""
 
 _MAX_HYPOTHESES = 6
+Floats = NDArray[np.float64]
+Images = NDArray[np.float64]
+Tensor = torch.Tensor
+_GUESSED_SPEED = 5e-3  # m/s of a stage, until it has moved
+_GUESSED_READOUT_S = 0.05
+_FULL = 0.7  # of the camera's range that the brightest pixels are to reach
+_DIGITS = 2  # of an exposure time
+_STEPS = 6
+_STEP = 0.06  # of the stroke, r.m.s.
 
 
 @dataclass(frozen=True)
@@ -97,3 +143,284 @@ def _purpose(leader: Hypothesis, rival: Hypothesis) -> str:
         return f"separates {leader.name} from {rival.name}"
     beside = f" beside {leader.name}" if leader.causes else ""
     return f"shows whether there is {rival.causes[-1]}{beside}"
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a hypothesis predicts of one capture, in σ: picture (pixel,), spreads (parameter, pixel)."""
+
+    picture: Floats
+    spreads: Floats
+
+    def without(self, gain: Floats) -> Response:
+        """The part that isn't along the direction `gain` (pixel,)."""
+        unit = gain / max(float(np.linalg.norm(gain)), 1e-300)
+        picture = self.picture - unit * (unit @ self.picture)
+        return Response(picture, self.spreads - np.outer(self.spreads @ unit, unit))
+
+
+def expected_delta_chi2(truth: Response, rival: Response) -> float:
+    """By how much χ² of the rival, fitted again, will exceed that of the truth, in the mean."""
+    d, b = truth.picture - rival.picture, rival.spreads
+    rows = np.vstack([d[None], truth.spreads])
+    along = rows @ b.T
+    normal = np.eye(len(b)) + b @ b.T
+    explained = np.einsum("rp,pr->r", along, np.linalg.solve(normal, along.T)) if len(b) else np.zeros(len(rows))
+    return float(np.maximum(np.einsum("rn,rn->r", rows, rows) - explained, 0.0).sum())
+
+
+def pairwise_delta_chi2(responses: Sequence[Response]) -> Floats:
+    """Δχ² (hypothesis, hypothesis) by which a capture separates each pair, whichever of the two is true."""
+    count = len(responses)
+    directed = np.zeros((count, count))
+    for i, truth in enumerate(responses):
+        for j, rival in enumerate(responses):
+            if i != j:
+                directed[i, j] = expected_delta_chi2(truth, rival)
+    return np.minimum(directed, directed.T)
+
+
+def expected_information(probabilities: Floats, delta_chi2: Floats) -> float:
+    """I in nats. probabilities: (hypothesis,), of sum 1. delta_chi2: (hypothesis, hypothesis), zero on the diagonal."""
+    mixture = np.exp(-delta_chi2 / 8.0) @ probabilities
+    known = probabilities > 0
+    return max(0.0, float(-(probabilities[known] @ np.log(mixture[known]))))
+
+
+def entropy(probabilities: Floats) -> float:
+    """−Σ p ln p, in nats."""
+    p = probabilities[probabilities > 0]
+    return max(0.0, float(-(p @ np.log(p))))
+
+
+@dataclass
+class BenchTime:
+    """Seconds of a capture: move + settle + exposure + readout.
+
+    settle_s: of the modulators. The stage's speed (m/s) and what is added to each exposure follow from the clock.
+    """
+
+    settle_s: float
+    moved_m: float = 0.0
+    moving_s: float = 0.0
+    _readouts: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, devices: Devices) -> BenchTime:
+        """Of these devices, before any capture."""
+        return cls(max(modulator.settle_s for modulator in devices.modulators))
+
+    @property
+    def readout_s(self) -> float:
+        """What a capture takes beside moving, settling and its exposure; the median of those taken."""
+        ordered = sorted(self._readouts)
+        return ordered[len(ordered) // 2] if ordered else _GUESSED_READOUT_S
+
+    @property
+    def speed(self) -> float:
+        """Of the stage, m/s."""
+        return self.moved_m / self.moving_s if self.moving_s > 0 and self.moved_m > 0 else _GUESSED_SPEED
+
+    def expect(self, move_m: float, exposure_s: float) -> float:
+        """Seconds of a capture for which the stage moves so far."""
+        return abs(move_m) / self.speed + self.settle_s + exposure_s + self.readout_s
+
+    def note(self, move_m: float, exposure_s: float, seconds: float) -> None:
+        """Learns from a capture that took so many seconds."""
+        still = self.settle_s + exposure_s + self.readout_s
+        if abs(move_m) > 0:
+            self.moved_m += abs(move_m)
+            self.moving_s += max(seconds - still, 1e-6)
+        else:
+            self._readouts = (*self._readouts, max(seconds - self.settle_s - exposure_s, 0.0))
+
+
+class ProposalPrediction:
+    """Predicts proposals under the hypotheses of a belief.
+
+    taken: the captures so far, whole. Each proposal gets the exposure that its brightness asks for, by the light that
+    the captures so far showed at its wavelength; at a wavelength that none has, it has to be searched.
+    """
+
+    def __init__(
+        self, belief: Belief, taken: Captures, proposals: Sequence[Proposal], limits: SafetyLimits, **options: Any
+    ) -> None:
+        self._belief, self._gains = belief, _gains(belief)
+        self.captures = searched_part(_as_session(taken, proposals), belief.context.config)
+        self._all = np.arange(len(proposals))
+        self._predictor: PredictorProtocol = belief.context.predictor.create(captures=self.captures, **options)
+        self.proposals = self._with_exposures(proposals, limits)
+        signal, dark = self.light(self._predictor, belief.leader.values)
+        self.scale = np.array([self._gain(p.wavelength_m) for p in self.proposals])[:, None, None]
+        self._signal = signal * self.scale
+        camera, prnu = self.captures.camera, belief.context.prnu
+        expected = self._signal + dark
+        variance = camera.noise_variance(expected) + np.square(prnu * expected)
+        usable = expected < camera.saturation - camera.black_level
+        self.weight = usable / np.sqrt(variance * belief.temperature)
+
+    def responses(self, hypotheses: Sequence[Hypothesis]) -> list[list[Response]]:
+        """What each hypothesis predicts of each proposal, whose gain is free: [proposal][hypothesis]."""
+        found: list[list[Response]] = [[] for _ in self.proposals]
+        gains = (self._signal * self.weight).reshape(len(self.proposals), -1)
+        for hypothesis in hypotheses:
+            pictures, spreads = self._pictures_and_spreads(hypothesis)
+            for k, gain in enumerate(gains):
+                found[k].append(Response(pictures[k], spreads[k]).without(gain))
+        return found
+
+    def light(self, predictor: PredictorProtocol, values: Values) -> tuple[Images, Images]:
+        """Signals of all proposals (proposal, y, x) without borders, and counts that don't depend on the lasers."""
+        prediction = predictor(self._all, values)
+        dark = prediction.counts_without_lasers(self.captures.camera.black_level)
+        signal = np.asarray(prediction.signal, dtype=np.float64)
+        return without_border(signal), without_border(np.broadcast_to(dark, signal.shape).astype(np.float64))
+
+    def _pictures_and_spreads(self, hypothesis: Hypothesis) -> tuple[Images, Images]:
+        """Pictures (proposal, pixel) in σ, and (proposal, parameter, pixel) their change by one standard deviation."""
+        free, values = hypothesis.free, hypothesis.values
+        base = self._picture(values)
+        x, bounds = free.pack(values), free.bounds()
+        slopes = np.zeros((len(free), *base.shape))
+        for axis in range(len(free)):
+            step, stepped = bounds.step_at(x, axis), x.copy()
+            stepped[axis] += step
+            try:
+                slopes[axis] = (self._picture(free.unpack(stepped, values)) - base) / step
+            except UserError:
+                continue  # a bench that can't be: no capture shows it
+        return base, np.einsum("pc,pkn->kcn", hypothesis.root, slopes)
+
+    def _picture(self, values: Values) -> Images:
+        """Pictures (proposal, pixel) in σ, each with the gain that is nearest to the leader's picture."""
+        signal, dark = self.light(self._predictor, values)
+        model, w = signal * self.weight, self._signal * self.weight
+        power = np.maximum(np.einsum("kyx,kyx->k", model, model), 1e-300)
+        gain = np.einsum("kyx,kyx->k", w, model) / power
+        return (gain[:, None, None] * model + dark * self.weight).reshape(len(signal), -1)
+
+    def _gain(self, wavelength_m: float) -> float:
+        return self._gains.get(wavelength_m, float(np.median(list(self._gains.values()))))
+
+    def _with_exposures(self, proposals: Sequence[Proposal], limits: SafetyLimits) -> list[Proposal]:
+        """The proposals with exposures, which the session that predicts them gets as well."""
+        signal, _ = self.light(self._predictor, self._belief.leader.values)
+        camera, found = self.captures.camera, []
+        exposures = self.captures.exposure_s
+        for k, proposal in enumerate(proposals):
+            bright = float(np.quantile(signal[k], BRIGHT_QUANTILE)) * self._gain(proposal.wavelength_m)
+            wanted = proposal.brightness * _FULL * (camera.saturation - camera.black_level) / max(bright, 1e-300)
+            exposures[k] = float(np.clip(float(f"{wanted:.{_DIGITS}g}"), *limits.exposures_s))
+            is_known = proposal.wavelength_m in self._gains
+            found.append(dataclasses.replace(proposal, exposure_s=float(exposures[k]) if is_known else None))
+        return found
+
+
+def without_border(images: Images) -> Images:
+    """Without the borders, which no comparison uses."""
+    y, x = (min(BORDER_PX, n // 4) for n in images.shape[-2:])
+    return images[..., y : images.shape[-2] - y, x : images.shape[-1] - x]
+
+
+def _gains(belief: Belief) -> dict[float, float]:
+    """Counts per unit of signal at each wavelength that captures have, the median of its captures."""
+    gain = belief.comparison.fit_gains(belief.leader.values).gain
+    wavelengths = belief.context.data.captures.wavelength_m[belief.comparison.indices]
+    return {float(λ): float(np.median(gain[wavelengths == λ])) for λ in np.unique(wavelengths)}
+
+
+def _as_session(taken: Captures, proposals: Sequence[Proposal]) -> Captures:
+    """A session of the proposals, with exposures of 1 s and pictures of zeros, each taken after the last capture."""
+    count = len(proposals)
+    return dataclasses.replace(
+        taken,
+        levels=np.stack([p.levels for p in proposals]),
+        images=np.zeros((count, *taken.shape), np.uint16),
+        wavelength_m=np.array([p.wavelength_m for p in proposals]),
+        distance_m=np.array([p.distance_m for p in proposals]),
+        power=np.array([p.power for p in proposals]),
+        exposure_s=np.ones(count),
+        levels_before=np.broadcast_to(taken.levels[-1], (count, *taken.levels.shape[1:])),
+        levels_first=taken.levels[0],
+    )
+
+
+class ShownPatterns(Effect):
+    """Patterns that gradients reach, in place of those that a capture's record says. patterns: (modulator, y, x)."""
+
+    id = "shown_patterns"
+    cause = "Patterns are held by a tensor."
+    finding = "Patterns are held by a tensor."
+    parameters = (Parameter("on", "1: the patterns are shown."),)
+    acts_on = ("modulator 1", "modulator 2")
+    order = -100
+    listed = False
+
+    def __init__(self, patterns: Tensor) -> None:
+        self.patterns = patterns
+
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: ParameterValues) -> Tensor:
+        return self.patterns[context.number].to(share.dtype)
+
+
+def improve_pattern(
+    belief: Belief, taken: Captures, proposal: Proposal, rival: Hypothesis, limits: SafetyLimits
+) -> Levels:
+    """Levels (modulator, y, x) that separate the leader from the rival better, or those of the proposal."""
+    prediction = ProposalPrediction(belief, taken, [proposal], limits)
+    other = _refitted(prediction, belief.leader, rival)
+    drive = torch.from_numpy(prediction.captures.drive(0)).requires_grad_(True)
+    shown = ShownPatterns(drive)
+    predictor = belief.context.predictor.create(captures=prediction.captures, extra_effects=[shown], cache_mb=1)
+    weight = torch.from_numpy(prediction.weight[0])
+    best, best_separation = drive.detach().clone(), -1.0
+    for _ in range(_STEPS + 1):
+        separation = _separation(predictor, belief.leader.values, other, weight, float(prediction.scale[0, 0, 0]))
+        if separation.item() > best_separation:
+            best, best_separation = drive.detach().clone(), separation.item()
+        (slope,) = torch.autograd.grad(separation, drive)
+        rms = slope.square().mean().sqrt()
+        if not rms.item() > 0:
+            break
+        with torch.no_grad():
+            drive.add_(slope, alpha=_STEP / rms.item()).clamp_(0.0, 1.0)
+    return _as_levels(best.numpy(), proposal.levels, taken)
+
+
+def _separation(predictor: PredictorProtocol, first: Values, second: Values, weight: Tensor, scale: float) -> Tensor:
+    """Σ (m₁ − a m₂)²/σ² with the best gain a. scale: counts per unit of signal."""
+    index, on = np.array([0]), {ShownPatterns.id: {"on": 1.0}}
+    m, n = (
+        weight * scale * without_border(predictor(index, {**values, **on}, grad=True).signal[0].double())  # type: ignore[arg-type]
+        for values in (first, second)
+    )
+    gain = (m * n).sum() / (n * n).sum().clamp_min(1e-300)
+    return (m - gain * n).square().sum()
+
+
+def _refitted(prediction: ProposalPrediction, leader: Hypothesis, rival: Hypothesis) -> Values:
+    """Values of the rival, fitted to first order to what the leader predicts; an open one's at one standard deviation.
+
+    Of an open rival the direction that the proposal shows best.
+    """
+    ((first, second),) = prediction.responses([leader, rival])
+    spreads = second.spreads
+    if not len(rival.free):
+        return rival.values
+    if rival.is_open:
+        along = np.linalg.eigh(spreads @ spreads.T)[1][:, -1]
+    else:
+        normal = np.eye(len(spreads)) + spreads @ spreads.T
+        along = np.linalg.solve(normal, spreads @ (first.picture - second.picture))
+    x = rival.free.pack(rival.values) + rival.root @ along
+    bounds = rival.free.bounds()
+    return rival.free.unpack(bounds.clip(x), rival.values)
+
+
+def _as_levels(drive: NDArray[np.float64], levels: Levels, taken: Captures) -> Levels:
+    """Levels of the patterns, in the middle of those of the proposal where they are its middle."""
+    result = levels.copy()
+    rows, columns = central_slices(levels.shape[1:], (drive.shape[1], drive.shape[2]))
+    for own, pattern, slm in zip(result, drive, taken.slms, strict=True):
+        own[rows, columns] = np.rint(pattern * (slm.num_levels - 1))
+    return result

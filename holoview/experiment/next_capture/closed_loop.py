@@ -1,4 +1,8 @@
-"""Takes captures until the cause is certain: each is chosen by what the captures before it left open."""
+"""Takes captures until the cause is certain: each is chosen by what the captures before it left open.
+
+ClosedLoop   takes captures, judges them, and ends when the cause is certain or a budget is spent
+Planner      chooses the next capture: by the information that it promises (`InformedPlanner`), by chance, or by a plan
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,9 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.config import SearchConfig
@@ -15,26 +21,26 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
-from holoview.experiment.next_capture.bench_time import BenchTime
-from holoview.experiment.next_capture.capture_choice import Choice
-from holoview.experiment.next_capture.hypotheses import Belief
-from holoview.experiment.next_capture.hypothesis_fits import HypothesisFits
-from holoview.experiment.next_capture.loop_context import loop_context
-from holoview.experiment.next_capture.planners import LoopState, Planner
-from holoview.experiment.next_capture.proposals import START_COUNT
-from holoview.experiment.placement_doubt import diagnosis_options
+from holoview.experiment.known_alignment import diagnosis_options
+from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
+from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
+from holoview.experiment.next_capture.proposals import START_COUNT, Proposal, draw_proposals, starting_proposals
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices
-from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.measure.capture_plan import default_plan
+from holoview.rig.measure.measurement import Measurement
 from holoview.util.errors import UserError
 
 _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
-# captures, and a share of them, from a diagnosis that didn't agree to the next one
+# After a diagnosis that named other causes than the leading hypothesis, the next one waits for so many more captures,
+# and for a third more at least.
 _BETWEEN_CHECKS, _CHECK_SHARE = 2, 3
 _EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
 _EVERY = 4
+_PROPOSALS = 20
+_SPREAD = "no capture on offer promises to separate what is left; more of all kinds to be judged by"
 
 
 @dataclass(frozen=True)
@@ -111,8 +117,8 @@ class ClosedLoop:
     ) -> None:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
-        self._options = options | diagnosis_options(rig.placement)
-        self._session, self._time = MeasurementSession(rig, devices), BenchTime.of(devices)
+        self._options = options | diagnosis_options(rig.registration)
+        self._session, self._time = Measurement(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
 
@@ -162,7 +168,7 @@ class ClosedLoop:
 
     def _choose(self, parts: Sequence[Captures]) -> Choice | None:
         taken = join_captures(parts) if parts else None
-        return self._planner.next(LoopState(taken, len(parts), self._belief, self._here_m, self._time))
+        return self._planner.next(PlannerState(taken, len(parts), self._belief, self._here_m, self._time))
 
     def _take(self, number: int, choice: Choice) -> tuple[Step, Captures]:
         """One capture; the lasers are off afterwards, while the next one is thought about."""
@@ -230,3 +236,81 @@ class ClosedLoop:
 def _searched(values: Any) -> tuple[str, ...]:
     """The causes of a diagnosis that the hypotheses can hold: pictures show them, not the gains alone."""
     return tuple(name for name in values if not changes_only_power(get_effect(name)))
+
+
+@dataclass(frozen=True)
+class PlannerState:
+    """What a planner knows. taken: the captures so far, None before the first. count: how many.
+
+    belief: what they say; None while there are too few. here_m: where the stage is. time: of captures on this bench.
+    """
+
+    taken: Captures | None
+    count: int
+    belief: Belief | None
+    here_m: float
+    time: BenchTime
+
+
+class Planner(Protocol):
+    """Chooses the next capture."""
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """The next capture; None where there is no further one."""
+
+
+class InformedPlanner:
+    """A few captures to begin with, then those that promise most information per second."""
+
+    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((seed, 1))
+        self._start = starting_proposals(rig, seed)
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """One of the captures to begin with, or the best of random proposals."""
+        if state.count < START_COUNT:
+            return Choice(self._start[state.count], f"one of {START_COUNT} to begin with")
+        proposals = draw_proposals(self._rig, self._rng, _PROPOSALS)
+        if state.belief is None or state.taken is None:
+            return Choice(proposals[0], _SPREAD)
+        chooser = CaptureChooser(state.belief, state.taken, self._rig.limits, state.time, state.here_m)
+        choice = chooser.choose(proposals)
+        return choice if choice.promises_something else Choice(self._rarest(proposals, state.taken), _SPREAD)
+
+    def _rarest(self, proposals: list[Proposal], taken: Captures) -> Proposal:
+        """The proposal whose wavelength, then whose plane, has been taken least often."""
+        bright = [p for p in proposals if p.brightness == 1.0]
+
+        def times(proposal: Proposal) -> tuple[int, int]:
+            of_wavelength = int((taken.wavelength_m == proposal.wavelength_m).sum())
+            return of_wavelength, int((taken.distance_m == proposal.distance_m).sum())
+
+        return min(bright or proposals, key=times)
+
+
+class RandomPlanner:
+    """Captures drawn as the proposals are, whatever is known."""
+
+    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((seed, 2))
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """A random one."""
+        return Choice(draw_proposals(self._rig, self._rng, 1)[0], "drawn by chance")
+
+
+class FixedPlanner:
+    """The default plan of `holoview measure`, in its order."""
+
+    def __init__(self, rig: RigDescription) -> None:
+        self._rig, self._requests = rig, default_plan(rig).requests
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """The next one of the plan; None at its end."""
+        if state.count >= len(self._requests):
+            return None
+        request = self._requests[state.count]
+        words = f"noise blurred by {request.sigma_px:g} px"
+        levels = request.levels(self._rig)
+        proposal = Proposal(request.wavelength_m, request.distance_m, request.power, levels, words)
+        return Choice(proposal, "next of the plan")

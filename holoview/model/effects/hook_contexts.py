@@ -17,7 +17,7 @@ from holoview.numerics.resample import (
     upsample_nearest,
     weighted_blur,
 )
-from holoview.numerics.zernike import zernike_sum
+from holoview.numerics.surfaces import zernike_sum
 
 Tensor = torch.Tensor
 

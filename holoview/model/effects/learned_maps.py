@@ -31,10 +31,9 @@ import torch
 from torch.nn.functional import interpolate
 
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
-from holoview.numerics.knots import knot_interval
 from holoview.numerics.resample import centred_indices, interpolate_at
-from holoview.numerics.thin_plate_spline import thin_plate_spline_matrix
-from holoview.numerics.zernike import zernike
+from holoview.numerics.surfaces import thin_plate_spline_matrix, zernike
+from holoview.numerics.tensors import knot_interval
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat

@@ -1,4 +1,4 @@
-"""All effects by id: every module of `holoview.effects` that defines one, and files of users."""
+"""All effects by id, of `holoview.effects` and of users' files, and the field of a System with the active ones."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import pkgutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import Any
 
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter
 from holoview.util.errors import UserError
-from holoview.util.tables import check_keys
+from holoview.util.tables import check_keys, read_table
 
 _LIBRARY = "holoview.effects"
 _USER_MODULES = "holoview_user_effects"
@@ -112,3 +115,46 @@ def _check(effect: Effect, where: str) -> None:
     for p in effect.parameters:
         if not p.has_sound_bounds:
             raise UserError(where, f"parameter {p.name} of {effect.id}", expected="low ≤ identity ≤ high and prior > 0")
+
+
+# --- the table of active effects --------------------------------------------------------------------------------------
+
+
+EffectPairs = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]
+
+
+@dataclass(frozen=True)
+class EffectTable:
+    """Field type of active effects: a table {id: {parameter: value}}.
+
+    Its value is hashable: sorted pairs (id, ((parameter, SI value), …)).
+    """
+
+    def parse(self, value: Any, where: str) -> EffectPairs:
+        table = dict(value) if isinstance(value, tuple) else value
+        if not isinstance(table, Mapping):
+            raise UserError(where, f"{value!r}", expected='tables such as [effects.gap] gap_error = "0.1 mm"')
+        return tuple((name, self._parse_values(name, table[name], f"{where}.{name}")) for name in sorted(table))
+
+    def to_toml(self, value: EffectPairs) -> dict[str, Any]:
+        return {name: {key: self._parameters(name)[key].to_toml(x) for key, x in pairs} for name, pairs in value}
+
+    def with_changes(self, value: EffectPairs, changes: Mapping[str, Any], where: str) -> EffectPairs:
+        """With some values changed: {"gap.gap_error": "0.1 mm"} or {"gap": {…}}."""
+        table: dict[str, Any] = {name: dict(pairs) for name, pairs in value}
+        for key, change in changes.items():
+            name, _, parameter = key.partition(".")
+            table[name] = {**table.get(name, {}), parameter: change} if parameter else change
+        return self.parse(table, where)
+
+    def _parse_values(self, name: str, given: Any, where: str) -> tuple[tuple[str, Any], ...]:
+        """The values of one effect's parameters."""
+        values = dict(given) if isinstance(given, tuple) else given
+        if not isinstance(values, Mapping):
+            raise UserError(where, f"{given!r}", expected="a table of its parameters")
+        read = read_table(values, self._parameters(name), f"{where}.", noun="parameter")
+        return tuple(sorted(read.items()))
+
+    @staticmethod
+    def _parameters(name: str) -> dict[str, Parameter]:
+        return {parameter.name: parameter for parameter in get_effect(name).parameters}

@@ -1,4 +1,10 @@
-"""From the first dot to the geometry of the bench."""
+"""From the first dot to the geometry of the bench.
+
+find_geometry    the whole alignment
+PictureTaker     takes its pictures: patterns in, light per second out
+find_roughly     orientation and rough place of a modulator on the camera, from single dots, without prior knowledge
+stage_settings   the settings to which the stage goes
+"""
 
 from __future__ import annotations
 
@@ -8,20 +14,35 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.orientations import inverse_orientation, oriented_shape
-from holoview.rig.align.dot_bias import Shot, dot_bias
-from holoview.rig.align.dots import find_dots
+from holoview.captures.orientations import (
+    inverse_orientation,
+    nearest_orientation,
+    orientation_matrix,
+    oriented_shape,
+    undone,
+)
+from holoview.rig.align.dots import DotPicture, brightest_dot, dot_bias, find_dots
 from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
-from holoview.rig.align.pictures import AlignmentCancelled, PictureTaker
-from holoview.rig.align.planes import COUNT, stage_settings
-from holoview.rig.align.probes import Optics, Probes, flat_levels, grating, lens_array, optics_of
-from holoview.rig.align.rough import SINGLE_DOTS, RoughPlace, find_roughly, fourier_carrier, rectified_centre
+from holoview.rig.align.probes import (
+    DOTS_ACROSS,
+    FEWEST_PX,
+    Optics,
+    Probes,
+    flat_levels,
+    grating,
+    lens_array,
+    optics_of,
+    single_lens,
+)
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
+from holoview.rig.measure.camera_pictures import take_exposed
+from holoview.util import units
+from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
 _REACH = 0.45  # of the distance between dots
-_LEAST_CONTRAST = 8.0  # over the noise
+_LEAST_CONTRAST = 8.0  # over the noise; 4.5 is the highest of 10⁵ independent pixels of pure noise
 _MOST_ROUNDS, _CONVERGED = 4, 1.0  # of simulated pictures; standard deviations between two of them
 # Errors that dots share, of simulated beside measured pictures, on 36 hidden placements (benchmarks/rig_alignment.py).
 # Those of a Fourier bench were measured while a rotated camera's picture was interpolated cubically: since then, values
@@ -60,7 +81,7 @@ def find_geometry(
 ) -> FoundGeometry | None:
     """Finds where modulators and camera are; None if asked to end. The caller closes the devices.
 
-    rig: as described, without a placement. devices: those of it, as they are. Raises DeviceError where dots aren't
+    rig: as described, without a registration. devices: its open ones, as they are. Raises DeviceError where dots aren't
     seen.
     """
     total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
@@ -107,7 +128,7 @@ class _Alignment:
             self._errors.excess_px(geometry.residual_px),
         )
 
-    def _fitted(self, values: Floats, shots: Sequence[Shot], rounds: int) -> Geometry:
+    def _fitted(self, values: Floats, shots: Sequence[DotPicture], rounds: int) -> Geometry:
         """The geometry that explains the dots, where rays put them, then where the model of captures does."""
         before = geometry = fit_geometry(values, self._facts, [shot.dots() for shot in shots])
         for number in range(rounds):
@@ -153,7 +174,7 @@ class _Alignment:
             lambda levels, note: self._pictures.take(self._patterns(number, levels), note),
         )
 
-    def _shots_at(self, setting: float, values: Floats) -> list[Shot]:
+    def _shots_at(self, setting: float, values: Floats) -> list[DotPicture]:
         """The dots of all modulators at one setting of the stage. values: where they are expected."""
         setting = self._pictures.move_to(setting)
         geometry = dict(zip(NAMES, values, strict=True))
@@ -180,7 +201,7 @@ class _Alignment:
             grating(optics, (y * ν, -x * ν), part) for part, (y, x) in zip(_CARRIERS, _DIAGONALS, strict=True)
         ]
 
-    def _shot(self, number: int, setting: float, probes: Probes, values: Floats) -> Shot:
+    def _shot(self, number: int, setting: float, probes: Probes, values: Floats) -> DotPicture:
         """Shows one pattern and finds its dots."""
         picture = self._pictures.take(self._patterns(number, probes.levels), f"dots of modulator {number + 1}")
         facts, pitch = self._facts, float(np.exp(values[NAMES.index("log_pitch")]))
@@ -190,7 +211,7 @@ class _Alignment:
             apart = float(np.hypot(*probes.frequency[0])) * facts.wavelength_m * facts.focal_length_m
         found = find_dots(picture, expected, probes.width_m / pitch, _REACH * apart / pitch)
         position = np.where((found.contrast >= _LEAST_CONTRAST)[:, None], found.position_px, np.nan)
-        return Shot(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
+        return DotPicture(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
 
     def _patterns(self, number: int, levels: Levels) -> list[Levels]:
         """One modulator shows these, the other one nothing."""
@@ -198,3 +219,192 @@ class _Alignment:
 
     def _gap_behind(self, number: int) -> float:
         return (self._rig.bench.gap_m or 0.0) if number + 1 < len(self._optics) else 0.0
+
+
+_FIRST_EXPOSURE_S = 1e-2
+_BRIGHT_PIXELS = 3  # may saturate: hot ones
+
+
+class AlignmentCancelled(Exception):
+    """Whoever started the alignment has asked it to end."""
+
+
+class PictureTaker:
+    """Shows patterns and takes pictures with one laser. camera_turn: pictures are turned back by it.
+
+    total: number of pictures in all, for the progress.
+    """
+
+    def __init__(
+        self,
+        rig: RigDescription,
+        devices: Devices,
+        total: int,
+        progress: ProgressCallback,
+        is_asked_to_end: Callable[[], bool],
+    ) -> None:
+        self._rig, self._devices, self._total = rig, devices, total
+        self._progress, self._is_asked_to_end = progress, is_asked_to_end
+        self._done, self._exposure_s = 0, _FIRST_EXPOSURE_S
+        self.camera_turn = "none"
+
+    def light(self, wavelength_m: float) -> None:
+        """Switches a laser on, at the highest power that is allowed, or its nominal one if that is less."""
+        self._devices.lasers.switch_on(wavelength_m, min(self._rig.limits.power, 1.0))
+
+    def move_to(self, stage_m: float) -> float:
+        """Moves the stage; returns the setting that it reports."""
+        return self._devices.stage.move_to(stage_m)
+
+    def report(self, note: str) -> None:
+        """Says what happens. Raises AlignmentCancelled if asked to end."""
+        if self._is_asked_to_end():
+            raise AlignmentCancelled
+        self._progress(self._done, self._total, note)
+
+    def take(self, levels: Sequence[Levels], note: str) -> NDArray[np.float64]:
+        """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level.
+
+        Raises AlignmentCancelled if asked to end.
+        """
+        self.report(note)
+        for modulator, own in zip(self._devices.modulators, levels, strict=True):
+            modulator.show(own)
+        self._devices.clock.wait(max(modulator.settle_s for modulator in self._devices.modulators))
+        camera, facts = self._devices.camera, self._rig.bench.camera
+        quantile = 1 - _BRIGHT_PIXELS / (camera.shape[0] * camera.shape[1])
+        counts, self._exposure_s = take_exposed(camera, facts, self._exposure_s, quantile)
+        self._done += 1
+        return undone((counts - facts.black_level) / self._exposure_s, self.camera_turn)
+
+
+_PLACES = ((-0.28, -0.25), (-0.22, 0.27), (0.27, -0.2), (0.23, 0.28), (0.05, -0.03))  # shares of height and width
+_FOURIER_REACH = 0.25  # share of the camera's width within which dots are put
+
+_LARGEST_MISFIT = 0.15  # of the dots' extent, from a mirrored, turned and scaled copy of what was shown
+SINGLE_DOTS = len(_PLACES) + 1
+"""Pictures that it takes."""
+
+
+TakePicture = Callable[[Levels, str], Floats]
+
+
+@dataclass(frozen=True)
+class RoughPlace:
+    """turn: of what is displayed on the picture. pitch_m: of the camera, seen from the modulator. centre_px: (y, x)."""
+
+    turn: str
+    pitch_m: float
+    centre_px: Floats
+
+
+def find_roughly(
+    optics: Optics, number: int, distance_m: float, camera_width_m: float, take: TakePicture
+) -> RoughPlace:
+    """Shows dots one by one on one modulator. take: the picture of its pattern, the other modulator being flat.
+
+    number: 1 or 2, for messages. distance_m: from it to the camera, nominally. camera_width_m: of the shorter side.
+    Raises DeviceError where the dots aren't seen, or not where any place of the camera could have them.
+    """
+    dark = take(flat_levels(optics), f"modulator {number} flat")
+    probes = _single_dots(optics, distance_m, camera_width_m)
+    width_px = probes[0].width_m / (camera_width_m / min(dark.shape))
+    found = [brightest_dot(take(p.levels, f"dot on modulator {number}") - dark, width_px) for p in probes]
+    seen = [k for k, (_, contrast) in enumerate(found) if contrast >= _LEAST_CONTRAST]
+    if len(seen) < len(probes) - 1:
+        raise DeviceError(
+            "camera",
+            f"sees {len(seen)} of the {len(probes)} dots that modulator {number} showed",
+            remedy="look whether the laser's light reaches the camera, whether the camera sees the whole modulator, "
+            f"and whether slm{number}, [lasers] and [geometry] of rig.toml are as on the bench",
+        )
+    shown = np.concatenate([_nominal_point(p, optics) for p in probes])[seen]
+    return _place(shown, np.array([found[k][0] for k in seen]), number)
+
+
+def _single_dots(optics: Optics, distance_m: float, camera_width_m: float) -> list[Probes]:
+    if optics.focal_length_m is None:
+        extent = np.array(optics.shape) * optics.slm.pitch_m
+        return [single_lens(optics, (y * extent[0], x * extent[1]), distance_m) for y, x in _PLACES]
+    reach = fourier_carrier(optics, camera_width_m) / max(abs(share) for place in _PLACES[:-1] for share in place)
+    places = [*_PLACES[:-1], (0.0, 0.25)]
+    return [grating(optics, (y * reach, x * reach)) for y, x in places]
+
+
+def fourier_carrier(optics: Optics, camera_width_m: float) -> float:
+    """Spatial frequency (1/m) whose dot lies well on the camera of a Fourier bench."""
+    assert optics.focal_length_m is not None
+    on_camera = _FOURIER_REACH * camera_width_m / (optics.wavelength_m * optics.focal_length_m)
+    return min(optics.carrier, on_camera)
+
+
+def _nominal_point(probes: Probes, optics: Optics) -> Floats:
+    """Where the dots of a probe without a carrier, or on a Fourier bench, lie nominally (dot, 2), m."""
+    if optics.focal_length_m is None:
+        return probes.centre_m
+    return optics.focal_length_m * optics.wavelength_m * probes.frequency
+
+
+def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
+    """Turn, scale and shift from what was shown (dot, 2) to what was seen, without the worst dot if that helps."""
+    best: tuple[float, Floats] | None = None
+    for left_out in [None, *range(len(shown_m))] if len(shown_m) > 4 else [None]:
+        kept = [k for k in range(len(shown_m)) if k != left_out]
+        design = np.column_stack([shown_m[kept], np.ones(len(kept))])
+        solution, *_ = np.linalg.lstsq(design, seen_px[kept], rcond=None)
+        misfit = float(np.abs(design @ solution - seen_px[kept]).max())
+        if best is None or misfit < 0.3 * best[0]:
+            best = (misfit, np.asarray(solution, dtype=np.float64))
+    assert best is not None
+    misfit, solution = best
+    matrix = solution[:2].T
+    turn, extent = nearest_orientation(matrix), float(np.ptp(seen_px, axis=0).max())
+    scale = float((orientation_matrix(turn) * matrix).sum()) / 2
+    skew = float(np.abs(matrix - scale * orientation_matrix(turn)).max())
+    if scale <= 0 or misfit > _LARGEST_MISFIT * extent or skew > 2 * _LARGEST_MISFIT * scale:
+        raise DeviceError(
+            "camera",
+            f"sees the dots of modulator {number} where no mirrored, turned or shifted picture of them has them",
+            remedy="look for reflections and for other light, and whether the camera sees the whole modulator",
+        )
+    return RoughPlace(turn, 1 / scale, solution[2])
+
+
+def rectified_centre(centre_px: Floats, raw_shape: Sequence[int], camera_turn: str) -> Floats:
+    """A place (y, x) on the raw picture as one on the picture turned back."""
+    middle = (np.array(raw_shape) - 1) / 2
+    turned_back = orientation_matrix(camera_turn).T @ (centre_px - middle)
+    shape = np.abs(orientation_matrix(camera_turn).T) @ np.array(raw_shape)
+    return np.asarray(turned_back + (shape - 1) / 2)
+
+
+COUNT = 3
+_NEAREST = 0.35  # of the farthest plane
+_DEPTHS_OF_FOCUS = 4.0
+
+
+def stage_settings(rig: RigDescription, optics: Optics) -> list[float]:
+    """Ascending settings, m: where lenslets of the last modulator make small dots, within the safety limits.
+
+    On a Fourier bench they lie within a few depths of focus. One setting where the stage can't move.
+    """
+    low, high = rig.limits.stage_m
+    if optics.focal_length_m is not None:
+        extent = min(optics.shape) * optics.slm.pitch_m
+        reach = _DEPTHS_OF_FOCUS * optics.wavelength_m * (optics.focal_length_m / extent) ** 2
+        near, far = float(np.clip(-reach, low, high)), float(np.clip(reach, low, high))
+    else:
+        slope = optics.sine
+        far = float(np.clip(min(optics.shape) / DOTS_ACROSS * optics.slm.pitch_m / slope, low, high))
+        near = max(low, _NEAREST * far)
+        least = FEWEST_PX * optics.slm.pitch_m / (2 * slope)
+        if far < least:
+            found, expected = (units.format_rounded(z, "mm", 3) for z in (far, least))
+            raise UserError(
+                "stage",
+                f"goes no farther than {found}",
+                expected=f"a distance of {expected}, at which lenslets of 6 pixels focus",
+                remedy="move the stage, or change [limits] in rig.toml",
+            )
+        near = min(max(near, least), far)
+    return sorted({round(float(z), 9) for z in np.linspace(near, far, COUNT)})

@@ -1,17 +1,24 @@
-"""From the geometry that was found to the placement of the devices, and to sentences."""
+"""From the geometry that was found to the registration of the devices and to sentences; a check with a few captures."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
+from holoview.captures.dataset import join_captures
+from holoview.captures.patterns import BLUR_SIGMAS_PX
+from holoview.captures.records import RecordFindings, find_record_errors
 from holoview.captures.records.corrections import ORIENTATION_WORDS
 from holoview.rig.align.alignment import FoundGeometry
 from holoview.rig.align.geometry import Geometry
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import DeviceError
-from holoview.rig.placement import Measured, Placement
+from holoview.rig.devices import DeviceError, Devices
+from holoview.rig.measure.capture_plan import CapturePlan, default_plan
+from holoview.rig.measure.measurement import Measurement
+from holoview.rig.registration import Measured, Registration
+from holoview.util.progress import ProgressCallback
 from holoview.util.units import format_rounded
 
 _LEAST_SHARE = 0.5  # of the modulator's height and width that the camera has to see
@@ -24,8 +31,8 @@ _SECOND = {
 }
 
 
-def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
-    """The placement of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
+def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
+    """The registration of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
     g, rig = found.geometry, rig.as_described
     pitch = math.exp(g["log_pitch"])
     offset, scale = (_unless_nominal(g, name) for name in ("offset", "scale"))
@@ -51,7 +58,7 @@ def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
     if found.slm2_turn is not None:
         values |= {name: _measured(g, own) for name, own in _SECOND.items()}
         values["gap_error"] = Measured(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
-    return Placement(
+    return Registration(
         found.camera_turn,
         found.slm2_turn,
         (first[0], first[1]),
@@ -96,9 +103,9 @@ def doubt(found: FoundGeometry) -> str | None:
     )
 
 
-def sentences(placement: Placement) -> list[str]:
-    """What a placement says, in words."""
-    p, second = placement, placement.slm2_turn
+def sentences(registration: Registration) -> list[str]:
+    """A registration in sentences."""
+    p, second = registration, registration.slm2_turn
     row, column = p.first
     result = [
         f"The camera's picture is {_turned(p.camera_turn)}.",
@@ -125,7 +132,44 @@ def _turned(turn: str) -> str:
     return ORIENTATION_WORDS.get(turn, "the right way up")
 
 
-def _pm(placement: Placement, name: str, unit: str) -> str:
-    found = placement.values[name]
+def _pm(registration: Registration, name: str, unit: str) -> str:
+    found = registration.values[name]
     number, _ = format_rounded(found.value, unit, 5).split()
     return f"{number} ± {format_rounded(found.uncertainty, unit, 2)}"
+
+
+_OF_EACH = 2  # captures of each laser and plane
+
+
+def check_plan(rig: RigDescription) -> CapturePlan:
+    """The smoothest captures of each laser and plane of the default plan."""
+    smoothest = np.sort(BLUR_SIGMAS_PX)[-_OF_EACH:]
+    count: dict[tuple[float, float], int] = {}
+    requests = []
+    for request in default_plan(rig).requests:
+        condition = request.wavelength_m, request.distance_m
+        if request.sigma_px in smoothest and count.get(condition, 0) < _OF_EACH:
+            count[condition] = count.get(condition, 0) + 1
+            requests.append(request)
+    return CapturePlan(tuple(requests))
+
+
+def check_rig_records(
+    rig: RigDescription,
+    devices: Devices,
+    progress: ProgressCallback = lambda done, total, note: None,
+    is_asked_to_end: Callable[[], bool] = lambda: False,
+) -> RecordFindings | None:
+    """Takes two captures of every laser and plane, and checks their records; None if asked to end.
+
+    rig: with its registration. devices: its open ones, registered.
+    """
+    session, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
+    for done, request in enumerate(requests):
+        if is_asked_to_end():
+            return None
+        progress(done, len(requests), f"{request.wavelength_m * 1e9:.0f} nm, {request.distance_m * 1e3:.3g} mm")
+        taken.append(session.take(request, request.levels(rig)))
+    progress(len(requests), len(requests), "")
+    known = {} if rig.registration is None else rig.registration.known_effects()
+    return find_record_errors(join_captures(taken), known)

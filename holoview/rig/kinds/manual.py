@@ -18,7 +18,7 @@ from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.options import parse_options, require_device
+from holoview.rig.kinds.checks import parse_options, require_device
 from holoview.util import units
 from holoview.util.errors import UserError
 

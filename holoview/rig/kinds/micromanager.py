@@ -29,14 +29,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, call_device
-from holoview.rig.kinds.answers import require_bits, require_counts, require_shape
-from holoview.rig.kinds.options import Parse, option_place, parse_options, require_device, text, texts
-from holoview.rig.kinds.stage_axis import AXIS_OPTIONS, StageAxis
+from holoview.rig.kinds.checks import (
+    AXIS_OPTIONS,
+    Parse,
+    StageAxis,
+    option_place,
+    parse_options,
+    require_bits,
+    require_counts,
+    require_device,
+    require_shape,
+    text,
+    texts,
+)
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _COMMON: dict[str, Parse] = {"config": text, "adapters": text, "timeout": Number(low=0.0, high=1e4).parse}
 _CAMERA: dict[str, Parse] = {**_COMMON, "label": text}

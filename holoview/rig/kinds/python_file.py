@@ -19,11 +19,19 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from holoview.model.field_types import Number
+from holoview.model.fields import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, Levels, call_device
-from holoview.rig.kinds.answers import require_counts, require_levels, require_shape
-from holoview.rig.kinds.options import option_place, parse_options, require_device, table, text
+from holoview.rig.kinds.checks import (
+    option_place,
+    parse_options,
+    require_counts,
+    require_device,
+    require_levels,
+    require_shape,
+    table,
+    text,
+)
 from holoview.util.errors import UserError, suggest_matches
 
 _OPTIONS = {"file": text, "class": text, "arguments": table}

@@ -33,13 +33,21 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from holoview.model.field_types import Integer, Number
+from holoview.model.fields import Integer, Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import DeviceError, call_device
-from holoview.rig.kinds.options import Parse, option_place, parse_options, require_device, text, texts
-from holoview.rig.kinds.stage_axis import AXIS_OPTIONS, StageAxis
+from holoview.rig.kinds.checks import (
+    AXIS_OPTIONS,
+    Parse,
+    StageAxis,
+    option_place,
+    parse_options,
+    require_device,
+    text,
+    texts,
+)
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _LINE: dict[str, Parse] = {
     "port": text,

@@ -25,22 +25,25 @@ from typing import Any
 
 import numpy as np
 
-from holoview.io.plm import CELL_MAPS, memory_cells
-from holoview.model.field_types import Choice, Number, Truth
+from holoview.io.pictures import CELL_MAPS, memory_cells
+from holoview.model.fields import Choice, Number, Truth
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, Levels, call_device
-from holoview.rig.kinds.answers import require_bits, require_counts, require_levels, require_shape
-from holoview.rig.kinds.options import (
+from holoview.rig.kinds.checks import (
     Parse,
     find_class,
     option_place,
     parse_options,
+    require_bits,
+    require_counts,
     require_device,
+    require_levels,
+    require_shape,
     table,
     text,
 )
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 _REMEDY = "see that it is on and connected, and that no other program uses it"
 _COMMON: dict[str, Parse] = {"class": text, "arguments": table}

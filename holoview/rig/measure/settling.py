@@ -18,7 +18,7 @@ from scipy.optimize import curve_fit
 
 from holoview.captures.dataset import Camera
 from holoview.rig.devices import BenchClock, CameraDevice, Levels, ModulatorDevice
-from holoview.rig.measure.exposure_search import take_exposed
+from holoview.rig.measure.camera_pictures import take_exposed
 
 REMAINING = 1e-3
 """Share of the pattern before that may remain when a picture is taken."""

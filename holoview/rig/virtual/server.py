@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hmac
 import os
+import random
 import socket
 import sys
 import threading
@@ -16,15 +17,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from holoview.rig.description import read_rig
-from holoview.rig.virtual.faults import FaultInjector
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.devices import Counts
+from holoview.rig.virtual.virtual_bench import PICTURE_FAULTS, FaultSettings, VirtualBench, read_virtual_settings
 from holoview.rig.virtual.wire import Connection, Disconnected, Message
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
+
+_NO_PICTURE_S = 1.0  # of bench time, after which a camera's time-out is told
 
 
 class BenchServer:
@@ -102,6 +105,48 @@ class BenchServer:
         return Message({})
 
 
+class FaultInjector:
+    """Answers messages as devices with faults would. power_off: ends the process at once."""
+
+    def __init__(self, settings: FaultSettings, power_off: Callable[[], None]) -> None:
+        self._settings, self._power_off = settings, power_off
+        self._chance = random.Random(settings.seed)
+        self._before: Counts | None = None
+
+    def answer(self, message: Message, answer: Callable[[Message], Message]) -> Message:
+        """The answer of `answer`, unless a fault happens. Raises Disconnected for one of the connection."""
+        is_late = self._chance.random() < 0.5  # a fault comes before the request is carried out, or after it
+        found = answer(message) if is_late else None
+        if self._happens("power_off"):
+            self._power_off()
+        if self._happens("disconnect"):
+            raise Disconnected("a fault")
+        found = found or answer(message)
+        if message.table.get("do") != "take" or found.array is None:
+            return found
+        fault = next((name for name in PICTURE_FAULTS if self._happens(name)), None)
+        if fault == "timeout":
+            answer(Message({"do": "wait", "seconds": _NO_PICTURE_S}))
+            return Message({"error": f"no picture within {_NO_PICTURE_S:g} s"})
+        self._before = self._spoilt(found.array, fault)
+        return Message(found.table, self._before)
+
+    def _happens(self, fault: str) -> bool:
+        share = self._settings.shares.get(fault, 0.0)
+        return share > 0 and self._chance.random() < share
+
+    def _spoilt(self, picture: Counts, fault: str | None) -> Counts:
+        rows = len(picture)
+        if fault == "short":
+            return picture[: rows // 2]
+        if self._before is None or self._before.shape != picture.shape:
+            return picture
+        if fault == "torn":
+            tear = self._chance.randint(rows // 4, rows - max(rows // 8, 1))
+            return np.concatenate([picture[:tear], self._before[tear:]])
+        return self._before if fault == "repeated" else picture
+
+
 class LaserLog:
     """A file with a line for each switching of a laser. path: None for no file."""
 
@@ -121,7 +166,7 @@ def main() -> int:
     token = sys.stdin.readline().strip()
     torch.set_num_threads(1)
     try:
-        rig = read_rig(sys.argv[1], is_placed=False)
+        rig = read_rig(sys.argv[1], is_registered=False)
         settings = read_virtual_settings(rig)
         log = LaserLog(settings.laser_log)
         bench = VirtualBench(rig, settings, log.note)

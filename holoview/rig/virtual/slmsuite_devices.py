@@ -23,7 +23,7 @@ from holoview.rig.devices import Counts, DeviceError, Levels
 from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
 from holoview.rig.virtual.wire import Message
 from holoview.util.errors import UserError
-from holoview.util.optional_library import import_optional
+from holoview.util.packages import import_optional
 
 try:
     from slmsuite.hardware.cameras.camera import Camera
@@ -45,7 +45,7 @@ class VirtualBenchLink:
         self, rig: str | os.PathLike[str], address: Address | None, token: str | None, live: bool = True
     ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
-        self.rig: RigDescription = read_rig(rig, is_placed=False)
+        self.rig: RigDescription = read_rig(rig, is_registered=False)
         self._live, self.is_open = live, True
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")

@@ -1,37 +1,228 @@
-"""The light of a virtual bench: patterns, lasers, stage and camera to counts, in simulated time.
+"""A virtual bench: its hidden effects, and the light from patterns, lasers, stage and camera to counts.
 
-It has a clock of its own, which only waiting, moving and exposing advance, so that a session in which a real bench
-would wait for minutes takes as long as its light takes to compute.
+The bench has a clock of its own, which only waiting, moving and exposing advance: measuring, which on a real bench
+waits for minutes, takes as long as computing the light. What is hidden stands in a file that rig.toml names, or in
+rig.toml:
+
+    [virtual]
+    bench = "hidden.toml"
+
+    # hidden.toml
+    seed = 3
+    settle = 0.02                 # s, time constant of the modulators
+    prnu = 0.01                   # and exposure_jitter, camera_jitter, wavelength_jitter: standard deviations
+    trigger_jitter = 0.001        # s: exposures begin late by the absolute value of a normal number
+    camera_drift = "0.5 um"       # and power_drift: random walks, standard deviations after an hour
+    laser_log = "lasers.txt"      # a line for each switching of a laser, for tests; a file of this folder
+    [effects.gap]
+    gap_error = "0.1 mm"
+    [faults]                      # what devices do wrong at random moments, as shares of the pictures
+    seed = 7
+    timeout = 0.02                # no picture comes
+    short = 0.01                  # a picture without the lower half of its rows
+    torn = 0.01                   # the lower part is that of the picture before
+    repeated = 0.01               # the picture before, again: a trigger was dropped
+    disconnect = 0.001            # of all messages: the connection is cut
+    power_off = 0.001             # of all messages: everything goes dark at once
+    [placement]                   # how modulators and camera are turned: one of `captures.orientations`
+    slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
+    camera = "flip_x"             # the picture on the bench is recorded turned so
+
+Displacements and small rotations are effects: `camera_alignment`, `slm_alignment`, `distance`, `stage`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.orientations import inverse_orientation, oriented_shape, turned
+from holoview.captures.orientations import ORIENTATIONS, inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
-from holoview.captures.virtual_measurement import jittered_effects, read_out
+from holoview.captures.virtual_measurement import Nuisances, jittered_effects, read_out
+from holoview.model.effects.registry import EffectTable
+from holoview.model.fields import Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
-from holoview.rig.virtual.drift import Drift
-from holoview.rig.virtual.virtual_settings import VirtualSettings
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.files import read_text
+from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
+_EXPECTED = "what a virtual bench really is, in TOML"
+_TURNED = ("slm1", "slm2", "camera")
+_SHARE = Number(low=0.0, high=1.0)
+_HOUR_S = 3600.0
 _BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
 _MIN_SHARE, _MAX_SHARE = 1e-4, 0.95  # of a pattern before: below it is gone; the most that the effect takes
 _STAGE_SPEED = 5e-3  # m/s
+_LASER_LOG = re.compile(r"lasers[A-Za-z0-9_-]{0,40}\.txt")
+
+
+class OrientationTable:
+    """Field type of hidden orientations: a table {device: turn}."""
+
+    def parse(self, value: Any, where: str) -> dict[str, str]:
+        if not isinstance(value, Mapping):
+            raise UserError(where, f"{value!r}", expected='a table such as [placement] camera = "flip_x"')
+        check_keys(value, _TURNED, f"{where}.", noun="device")
+        for key, turn in value.items():
+            if turn not in ORIENTATIONS:
+                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), ORIENTATIONS))
+        return {key: str(turn) for key, turn in value.items()}
+
+
+class LaserLogName:
+    """Field type of the log of the lasers, which is written: a stranger's bench mustn't choose another file."""
+
+    def parse(self, value: Any, where: str) -> str:
+        if not (isinstance(value, str) and _LASER_LOG.fullmatch(value)):
+            raise UserError(where, f"{value!r}", expected='"lasers.txt", or letters and digits between these words')
+        return value
+
+
+PICTURE_FAULTS, MESSAGE_FAULTS = ("timeout", "short", "torn", "repeated"), ("disconnect", "power_off")
+_FAULTS: dict[str, ValueType] = {"seed": Integer(low=0, high=2**31)}
+_FAULTS |= dict.fromkeys((*PICTURE_FAULTS, *MESSAGE_FAULTS), _SHARE)
+
+
+@dataclass(frozen=True)
+class FaultSettings:
+    """shares: how often each fault happens, of pictures or of messages; those that are missing never do."""
+
+    seed: int = 0
+    shares: Mapping[str, float] = field(default_factory=dict)
+
+
+class FaultTable:
+    """Field type of the table [faults]."""
+
+    def parse(self, value: Any, where: str) -> FaultSettings:
+        if not isinstance(value, Mapping):
+            raise UserError(where, f"{value!r}", expected="a table such as [faults] timeout = 0.01")
+        shares = read_table(value, _FAULTS, f"{where}.")
+        return FaultSettings(shares.pop("seed", 0), shares)
+
+
+@dataclass(frozen=True)
+class DriftSettings:
+    """Standard deviations after an hour. camera_m: of its place, in y and in x. power: of the power's logarithm."""
+
+    camera_m: float = 0.0
+    power: float = 0.0
+
+
+_KEYS: dict[str, ValueType] = {
+    "seed": Number(low=0, high=2**31),
+    "settle": Number(low=0.0, high=100.0),
+    "finer": Number(low=1, high=8),
+    "readout": Number(low=0.0, high=100.0),
+    "exposure_jitter": _SHARE,
+    "prnu": _SHARE,
+    "camera_jitter": Number("um", low=0.0, high=1e-3),
+    "wavelength_jitter": Number("nm", low=0.0, high=1e-7),
+    "trigger_jitter": Number(low=0.0, high=100.0),
+    "camera_drift": Number("um", low=0.0, high=1e-3),
+    "power_drift": _SHARE,
+    "laser_log": LaserLogName(),
+    "faults": FaultTable(),
+    "effects": EffectTable(),
+    "placement": OrientationTable(),
+}
+
+
+@dataclass(frozen=True)
+class VirtualSettings:
+    """effects: {id: {parameter: value}}. settle_s: time constant of the modulators. readout_s: of a picture.
+
+    finer: factor by which light is computed finer than a model of the captures would. seed: of all that is random.
+    slm_turns: how the pattern of each modulator arrives on the bench. camera_turn: how the picture is recorded.
+    """
+
+    effects: Mapping[str, Mapping[str, Any]]
+    nuisances: Nuisances
+    seed: int = 0
+    settle_s: float = 0.0
+    readout_s: float = 0.02
+    finer: int = 1
+    trigger_jitter_s: float = 0.0
+    drift: DriftSettings = field(default_factory=DriftSettings)
+    faults: FaultSettings = field(default_factory=FaultSettings)
+    laser_log: Path | None = None
+    slm_turns: tuple[str, ...] = ("none", "none")
+    camera_turn: str = "none"
+
+
+def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
+    """The settings of a rig's virtual bench. Raises UserError that names the key of what is unknown or wrong."""
+    table, where = dict(rig.virtual), f"{rig.path}: virtual"
+    if "bench" in table:
+        if len(table) > 1 or not isinstance(table["bench"], str):
+            raise UserError(f"{where}.bench", "isn't the only key, or no text", expected="the name of a file alone")
+        file = rig.path.parent / table["bench"]
+        table, where = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED), str(file)
+    values = read_table(table, _KEYS, f"{where}.")
+    turns = values.get("placement", {})
+    slm_turns = tuple(turns.get(f"slm{n}", "none") for n in range(1, len(rig.bench.slms) + 1))
+    if len({oriented_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
+        expected = "turns that leave both modulators the same shape"
+        raise UserError(f"{where}.placement", f"{slm_turns[0]} and {slm_turns[1]}", expected=expected)
+    return VirtualSettings(
+        effects={name: dict(pairs) for name, pairs in values.get("effects", ())},
+        nuisances=Nuisances(
+            values.get("exposure_jitter", 0.0),
+            values.get("prnu", 0.0),
+            values.get("camera_jitter", 0.0),
+            values.get("wavelength_jitter", 0.0),
+        ),
+        seed=int(values.get("seed", 0)),
+        settle_s=values.get("settle", 0.0),
+        readout_s=values.get("readout", 0.02),
+        finer=int(values.get("finer", 1)),
+        trigger_jitter_s=values.get("trigger_jitter", 0.0),
+        drift=DriftSettings(values.get("camera_drift", 0.0), values.get("power_drift", 0.0)),
+        faults=values.get("faults", FaultSettings()),
+        laser_log=rig.path.parent / values["laser_log"] if "laser_log" in values else None,
+        slm_turns=slm_turns,
+        camera_turn=turns.get("camera", "none"),
+    )
+
+
+class Drift:
+    """Random walks (Wiener processes): their variances grow with the time on the bench.
+
+    camera_m: shift (y, x) of the camera. power: factor of the lasers' light.
+    """
+
+    def __init__(self, settings: DriftSettings, rng: np.random.Generator) -> None:
+        self._settings, self._rng, self._time_s = settings, rng, 0.0
+        self._walk = np.zeros(3)
+
+    def advance(self, time_s: float) -> None:
+        """Goes on to this time on the bench."""
+        if time_s > self._time_s and (self._settings.camera_m or self._settings.power):
+            self._walk += math.sqrt((time_s - self._time_s) / _HOUR_S) * self._rng.standard_normal(3)
+        self._time_s = max(time_s, self._time_s)
+
+    @property
+    def camera_m(self) -> tuple[float, float]:
+        y, x, _ = self._settings.camera_m * self._walk
+        return float(y), float(x)
+
+    @property
+    def power(self) -> float:
+        return math.exp(self._settings.power * float(self._walk[2]))
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """A modulator: its pattern, what was there when that was sent (in levels, not only whole ones), and when."""
+    """A modulator's pattern, what it showed when that was sent (fractions of levels too), and the time of sending."""
 
     levels: Levels
     before: NDArray[np.float64]
@@ -149,23 +340,22 @@ class VirtualBench:
         return read_out(self._rig.bench.camera, on_pixels, black_level, self._rng)
 
     def _one_capture(self, wavelength_m: float, power: float) -> Captures:
-        """A session of one capture: what is shown, and where the camera is."""
-        return Captures(
-            levels=self._on_the_bench([shown.levels for shown in self._shown]),
-            images=np.zeros((1, *self._picture_shape), np.uint16),
-            wavelength_m=np.array([wavelength_m]),
-            distance_m=np.array([self.distance_m]),
-            power=np.array([power]),
-            exposure_s=np.array([self.exposure_s]),
+        """A capture of the patterns shown at the place of the camera, with an empty picture."""
+        return self._rig.capture(
+            self._on_the_bench([shown.levels for shown in self._shown]),
+            np.zeros(self._picture_shape, np.uint16),
+            wavelength_m=wavelength_m,
+            distance_m=self.distance_m,
+            power=power,
+            exposure_s=self.exposure_s,
             lasers_m=self._rig.wavelengths_m,
-            levels_before=self._on_the_bench([shown.before for shown in self._shown]),
-            **self._rig.bench.as_fields(),
+            levels_before=self._on_the_bench([shown.before for shown in self._shown])[None],
         )
 
     def _on_the_bench(self, displayed: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        """Patterns as they arrive on the bench (1, modulator, y, x)."""
+        """Patterns as they arrive on the bench (modulator, y, x)."""
         turns = self._settings.slm_turns
-        return np.stack([turned(own, turn) for own, turn in zip(displayed, turns, strict=True)])[None]
+        return np.stack([turned(own, turn) for own, turn in zip(displayed, turns, strict=True)])
 
     def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
         """The effects, with the share of the patterns before that remains when an exposure begins."""
@@ -185,7 +375,7 @@ class VirtualBench:
         return {**effects, "camera_alignment": own | {key: own.get(key, 0.0) + m for key, m in shifts.items()}}
 
     def _share_before(self, shown: _Shown, now_s: float) -> float:
-        """How much of what was there before a pattern remains, 1 when it is sent."""
+        """The share of a pattern's predecessor that remains, 1 when the pattern is sent."""
         τ = self._settings.settle_s
         return math.exp(-(now_s - shown.since_s) / τ) if τ > 0 else 0.0
 

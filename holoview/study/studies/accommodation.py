@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.metrics.band_contrast import band_contrast, contrast_like
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import job_system, job_target, mean_curve, optimise_job
-from holoview.study.hologram_study import scheme_jobs
+from holoview.study.hologram_study import SHOWN, job_system, job_target, mean_curve, optimise_job, scheme_jobs
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, JobResult, Results, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyScale,
+)
 from holoview.view import simulate
 
 _SCHEMES = {"simultaneous": "3 wavelengths", "holochrome-8": "8 wavelengths", "holochrome-16": "16 wavelengths"}
@@ -115,4 +122,4 @@ def _left(curve: NDArray[np.float64]) -> float:
     return float((curve[0] + curve[-1]) / 2 / curve[len(curve) // 2])
 
 
-STUDY = _Accommodation()
+STUDIES = (_Accommodation(),)

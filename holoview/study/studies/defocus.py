@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import job_system, job_target, mean_curve, optimise_job
-from holoview.study.hologram_study import scheme_jobs
+from holoview.study.hologram_study import SHOWN, job_system, job_target, mean_curve, optimise_job, scheme_jobs
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
 from holoview.study.study import (
     Claim,
     Findings,
@@ -23,6 +20,7 @@ from holoview.study.study import (
     StudyFigure,
     StudyJob,
     StudyPicture,
+    StudyScale,
 )
 from holoview.view import simulate
 
@@ -100,4 +98,4 @@ class _Defocus(Study):
         return Findings(rows=rows, claims=claims, plots=plots, pictures=pictures)
 
 
-STUDY = _Defocus()
+STUDIES = (_Defocus(),)

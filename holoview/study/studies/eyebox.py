@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import mean_number
-from holoview.study.hologram_study import HologramStudy, result_table, scheme_jobs
+from holoview.study.hologram_study import SHOWN, HologramStudy, mean_number, result_table, scheme_jobs
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
 
 _COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
 
@@ -52,4 +49,4 @@ def _scheme(count: int, frames: int) -> str:
     return f"holochrome-{count}x{frames}"
 
 
-STUDY = _Eyebox()
+STUDIES = (_Eyebox(),)

@@ -9,12 +9,23 @@ import numpy as np
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.model.scheme import with_scheme
-from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES, SHOWN, gain_claim, judge_gain
-from holoview.study.hologram_jobs import job_system, mean_number, paired_gains
-from holoview.study.hologram_study import HologramStudy, result_pictures, result_table, scheme_jobs
+from holoview.study.hologram_study import (
+    CONTRADICTS,
+    DIRECTION_ONLY,
+    REPRODUCES,
+    SHOWN,
+    HologramStudy,
+    gain_claim,
+    job_system,
+    judge_gain,
+    mean_number,
+    paired_gains,
+    result_pictures,
+    result_table,
+    scheme_jobs,
+)
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
 
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"
@@ -106,4 +117,4 @@ def _gamut_area_xy(wavelengths_m: np.ndarray) -> float:
     return gamut_area(chromaticity(observer_weights("cie1931", wavelengths_m)))
 
 
-STUDY = _Gamut()
+STUDIES = (_Gamut(),)

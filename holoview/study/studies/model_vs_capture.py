@@ -12,11 +12,9 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model import preset
-from holoview.report.contact_sheet import greyscale_pixels
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import mean_number, table_row
+from holoview.report.images import greyscale_pixels
+from holoview.study.hologram_study import SHOWN, mean_number, table_row
 from holoview.study.plots import bar_chart
-from holoview.study.scale import StudyScale, format_size
 from holoview.study.study import (
     Claim,
     Findings,
@@ -27,6 +25,8 @@ from holoview.study.study import (
     StudyFigure,
     StudyJob,
     StudyPicture,
+    StudyScale,
+    format_size,
 )
 
 _WAVELENGTHS_M = (460e-9, 550e-9, 640e-9)
@@ -137,4 +137,4 @@ def _format_outcome(outcome: JobResult) -> str:
     )
 
 
-STUDY = _ModelVsCapture()
+STUDIES = (_ModelVsCapture(),)

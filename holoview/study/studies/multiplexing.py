@@ -10,12 +10,30 @@ import numpy as np
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.gamut import chromaticity
 from holoview.metrics.psnr import psnr_xyz
-from holoview.study.claims import CONTRADICTS, REPRODUCES
-from holoview.study.hologram_jobs import hologram_metrics, job_system, job_target, mean_number, optimise_job, table_row
-from holoview.study.hologram_study import QUICK_SIZE, targets_and_seeds
+from holoview.study.hologram_study import (
+    CONTRADICTS,
+    QUICK_SIZE,
+    REPRODUCES,
+    hologram_metrics,
+    job_system,
+    job_target,
+    mean_number,
+    optimise_job,
+    table_row,
+    targets_and_seeds,
+)
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, JobResult, Results, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyScale,
+)
 from holoview.view import simulate
 
 _LASERS_M = (532e-9, 638e-9)
@@ -99,4 +117,4 @@ def tinted(stack: np.ndarray, mix: float) -> np.ndarray:
     return np.asarray(luminance[..., None] * colour @ XYZ_TO_SRGB.T, dtype=np.float32)
 
 
-STUDY = _Multiplexing()
+STUDIES = (_Multiplexing(),)

@@ -12,20 +12,23 @@ from holoview.colour import SRGB_TO_XYZ
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
-from holoview.numerics.fft_grid import positions
+from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_curve, optimise_job
-from holoview.study.hologram_study import aimed_jobs
-from holoview.study.perceptual_columns import (
+from holoview.study.hologram_study import (
+    SHOWN,
+    aimed_jobs,
+    has_settings,
+    job_system,
+    job_target,
+    mean_curve,
     notes_on_scores,
+    optimise_job,
     score_axis,
     score_names,
     score_numbers,
     score_settings,
 )
 from holoview.study.plots import line_plot
-from holoview.study.scale import StudyScale
 from holoview.study.study import (
     Claim,
     Findings,
@@ -36,6 +39,7 @@ from holoview.study.study import (
     StudyFigure,
     StudyJob,
     StudyPicture,
+    StudyScale,
 )
 from holoview.view import View, simulate
 
@@ -215,4 +219,4 @@ def _pictures(results: Results) -> list[StudyPicture]:
     ]
 
 
-STUDY = _Pupil()
+STUDIES = (_Pupil(),)

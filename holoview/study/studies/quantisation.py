@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.model import preset
-from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import METRIC_LABELS, mean_by_case
-from holoview.study.hologram_study import HologramStudy, result_table, scheme_jobs
+from holoview.study.hologram_study import METRIC_LABELS, SHOWN, HologramStudy, mean_by_case, result_table, scheme_jobs
 from holoview.study.plots import bar_chart
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
 
 _SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
 _MEASURED = "16 levels of a real modulator"
@@ -58,4 +55,4 @@ def _cases() -> dict[str, dict[str, Any]]:
     return {**equal, _MEASURED: {"levels": measured.tolist()}, "continuous": {}}
 
 
-STUDY = _Quantisation()
+STUDIES = (_Quantisation(),)

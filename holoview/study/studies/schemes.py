@@ -1,9 +1,8 @@
-"""Comparison of colour schemes: simultaneous, time-sequential, multiplexed; HoloChrome in one frame and in three."""
+"""Comparisons of colour schemes: in turn or together, by the number of wavelengths, and beside source directions."""
 
 from __future__ import annotations
 
-from holoview.study.claims import gain_claim
-from holoview.study.hologram_study import QUICK_SIZE, SchemeStudy
+from holoview.study.hologram_study import QUICK_SIZE, SchemeStudy, equal_claim, gain_claim
 from holoview.study.study import Claim, Results
 
 _CLAIMS = (
@@ -29,4 +28,55 @@ class _Schemes(SchemeStudy):
         return [gain_claim(results, *claim) for claim in _CLAIMS]
 
 
-STUDY = _Schemes()
+# --- the number of wavelengths in one frame ---
+
+
+class _WavelengthCount(SchemeStudy):
+    name = "wavelength-count"
+    title = "The number of wavelengths in one frame"
+    summary = (
+        "The paper's ablation over the number of wavelengths at equal frames: more lasers average more speckle, and "
+        "each adds a degree of freedom in colour."
+    )
+    schemes = ("simultaneous", "holochrome-8", "holochrome-16")
+    labels = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
+
+    def claims(self, results: Results) -> list[Claim]:
+        return [
+            gain_claim(results, "8 wavelengths against 3", 3.6, "holochrome-8", "simultaneous"),
+            gain_claim(results, "16 wavelengths against 3", 4.3, "holochrome-16", "simultaneous"),
+        ]
+
+
+# --- source directions, wavelengths, and both together ---
+
+
+_SOURCES, _COLOURS = "time-sequential+multisource-3x3", "holochrome-9x3"
+_BOTH = "holochrome-9x3+multisource-3x3"
+_REASON = "here HoloChrome is ahead: it has nine lasers to mix colours from, the sources have three"
+
+
+class _Multisource(SchemeStudy):
+    name = "multisource"
+    title = "Source directions against wavelengths"
+    summary = (
+        "Nine mutually incoherent source directions in three colours, nine wavelengths from one direction, and both "
+        "together, three frames each. How fast speckle decorrelates with either is the study memory-effect."
+    )
+    schemes = (_SOURCES, _COLOURS, _BOTH)
+    labels = ("3 x 3 sources", "9 wavelengths", "both")
+    notes = (
+        "How alike the speckle of two directions or two wavelengths is, is the memory effect: `holoview study "
+        "memory-effect` has it by angle and by wavelength, for several gaps. Sources 8.6 mrad apart count as "
+        "independent where its curves have fallen to nothing, and wavelengths likewise.",
+    )
+
+    def claims(self, results: Results) -> list[Claim]:
+        return [
+            equal_claim(results, "9 wavelengths and 3 x 3 sources are equal", "equal", _COLOURS, _SOURCES, _REASON),
+            gain_claim(results, "both against 9 wavelengths", None, _BOTH, _COLOURS),
+            gain_claim(results, "both against 3 x 3 sources", None, _BOTH, _SOURCES),
+        ]
+
+
+STUDIES = (_Schemes(), _WavelengthCount(), _Multisource())

@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.experiment.camera_loop.bench_camera import Picture, Shot
-from holoview.experiment.camera_loop.bench_match import on_rig, system_of_rig
-from holoview.experiment.camera_loop.camera_problem import CameraProblem
-from holoview.experiment.camera_loop.camera_view import camera_view
+from holoview.experiment.camera_loop.camera_problem import CameraProblem, camera_sampling
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Devices, Levels
 from holoview.rig.limits import limit_devices
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 
 SHAPE = (24, 32)
 PLANE_M = 2e-3
@@ -92,7 +90,7 @@ class ModelCamera:
         self.pictures, self.bench_s, self.rested, self.recorded = 0, 0.0, 0, list[NDArray[np.uint16]]()
         self._system, self._rig, self._scale, self._noise = system, rig, scale, noise
         self._problem = CameraProblem(system, target_on(system), Settings(), rig)
-        self._view = camera_view(rig, self._problem.model.plan.grid.shape, self._problem.sample_pitch_m, shift_m)
+        self._view = camera_sampling(rig, self._problem.model.plan.grid.shape, self._problem.sample_pitch_m, shift_m)
 
     def record(self, levels: NDArray[np.uint16], shots: Sequence[Shot]) -> list[Picture]:
         self.recorded.append(levels)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holoview.experiment.camera_loop.bench_match import levels_of_drive, on_rig, system_of_rig
+from holoview.experiment.rig_bench import levels_of_drive, on_rig, system_of_rig
 from holoview.model.system import System
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError

@@ -11,9 +11,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.experiment.camera_loop.bench_camera import Picture
-from holoview.experiment.camera_loop.bench_match import levels_of_drive
-from holoview.experiment.camera_loop.camera_problem import CameraProblem
-from holoview.experiment.camera_loop.registration import Registration
+from holoview.experiment.camera_loop.camera_problem import CameraCalibration, CameraProblem
+from holoview.experiment.rig_bench import levels_of_drive
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.variables import PatternVariables, initial_drive
@@ -46,7 +45,7 @@ class Case:
         self.problem = CameraProblem(self.system, self.target, settings, rig)
         planes = len(self.system.planes_m)
         scale = np.full(len(self.system.wavelengths_m), SCALE)
-        self.problem.register(Registration(scale, np.tile(shift_m, (planes, 1)), np.ones(planes)))
+        self.problem.calibrate(CameraCalibration(scale, np.tile(shift_m, (planes, 1)), np.ones(planes)))
         self.pictures = camera.record(levels_of_drive(shown.numpy(), self.system), self.problem.shots)
         self.problem.set_pictures(self.pictures)
 

@@ -12,9 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.experiment.camera_loop import loop as loop_module
-from holoview.experiment.camera_loop.loop import CameraLoop, LoopState
-from holoview.experiment.camera_loop.loop_checkpoint import load_loop_checkpoint
-from holoview.experiment.camera_loop.model_update import ModelUpdates, UpdatedModel
+from holoview.experiment.camera_loop.loop import CameraLoop, LoopState, ModelUpdates, UpdatedModel, load_loop_checkpoint
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate

@@ -9,12 +9,13 @@ from typing import cast
 
 import pytest
 
-from holoview.experiment.live import rig_connection
-from holoview.experiment.live.rig_bench import rig_system
+from holoview.document.editing_session import EditingSession
+from holoview.experiment.live.bench_state import random_pattern
 from holoview.experiment.live.rig_session import RigSession
-from holoview.experiment.live.sent_pattern import random_pattern
+from holoview.experiment.rig_bench import rig_system
+from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
-from holoview.session.editing_session import EditingSession
+from tests.document.conftest import small_system
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
 
 LASER_M = 638e-9
@@ -55,12 +56,19 @@ class Rigged:
 
 
 @pytest.fixture
+def session() -> Iterator[EditingSession]:
+    made = EditingSession(small_system())
+    yield made
+    made.close()
+
+
+@pytest.fixture
 def rigged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Rigged]:
     path = write_rig(tmp_path)
     bench = FakeBench(path)
     monkeypatch.setitem(cast(dict[str, Opener], KINDS), "fake", bench.open)
     for name in ("OFF_TIMEOUT_S", "_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
-        monkeypatch.setattr(rig_connection, name, 0.2)  # of devices that hang for good
+        monkeypatch.setattr(live_devices, name, 0.2)  # of devices that hang for good
     made = Rigged(path, bench)
     yield made
     bench.hangs.clear()

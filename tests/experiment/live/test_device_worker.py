@@ -7,8 +7,8 @@ from threading import Event
 
 import pytest
 
-from holoview.experiment.live.device_worker import DeviceWorker
-from holoview.session.call_queue import CallQueue
+from holoview.document.call_queue import CallQueue
+from holoview.rig.live_devices import DeviceWorker
 
 Calls = list[str]
 

@@ -6,7 +6,7 @@ from threading import Event, Thread
 
 import pytest
 
-from holoview.experiment.live.laser_interlock import LaserInterlock, LasersForbidden
+from holoview.rig.live_devices import LaserInterlock, LasersForbidden
 
 
 class _SlowLasers:

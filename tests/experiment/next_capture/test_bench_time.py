@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.experiment.next_capture.bench_time import BenchTime
+from holoview.experiment.next_capture.capture_choice import BenchTime
 
 
 def test_it_learns_the_stage_and_the_readout() -> None:

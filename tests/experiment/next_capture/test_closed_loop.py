@@ -12,17 +12,24 @@ from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.search_context import NEVER
-from holoview.experiment.next_capture.bench_time import BenchTime
-from holoview.experiment.next_capture.capture_choice import CaptureChooser
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, LoopResult, LoopSettings
-from holoview.experiment.next_capture.hypotheses import Belief
-from holoview.experiment.next_capture.hypothesis_fits import HypothesisFits
-from holoview.experiment.next_capture.loop_context import loop_context
-from holoview.experiment.next_capture.pattern_ascent import improve_pattern
-from holoview.experiment.next_capture.planners import FixedPlanner, InformedPlanner, LoopState, RandomPlanner
-from holoview.experiment.next_capture.proposal_prediction import ProposalPrediction
+from holoview.experiment.next_capture.capture_choice import (
+    BenchTime,
+    CaptureChooser,
+    ProposalPrediction,
+    expected_delta_chi2,
+    improve_pattern,
+)
+from holoview.experiment.next_capture.closed_loop import (
+    ClosedLoop,
+    FixedPlanner,
+    InformedPlanner,
+    LoopResult,
+    LoopSettings,
+    PlannerState,
+    RandomPlanner,
+)
+from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
 from holoview.experiment.next_capture.proposals import START_COUNT, draw_proposals
-from holoview.experiment.next_capture.separation import expected_delta_chi2
 from holoview.model.effects.registry import get_effect
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
@@ -181,11 +188,11 @@ def test_of_equal_information_the_quicker_capture_is_taken(
 
 def test_other_planners_take_what_they_say(gap_bench: BenchInProcess) -> None:
     rig = gap_bench.rig
-    state = LoopState(None, 0, None, 0.0, BenchTime(0.1))
+    state = PlannerState(None, 0, None, 0.0, BenchTime(0.1))
     plan = FixedPlanner(rig)
     first = plan.next(state)
     assert first is not None and first.proposal.wavelength_m == rig.wavelengths_m[0]
     count = 8 * len(rig.wavelengths_m) * 3
-    assert plan.next(LoopState(None, count, None, 0.0, BenchTime(0.1))) is None
+    assert plan.next(PlannerState(None, count, None, 0.0, BenchTime(0.1))) is None
     drawn = [RandomPlanner(rig, seed=s).next(state) for s in range(8)]
     assert {one.proposal.wavelength_m for one in drawn if one} == set(rig.wavelengths_m)

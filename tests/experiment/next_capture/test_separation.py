@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.next_capture.separation import (
+from holoview.experiment.next_capture.capture_choice import (
     Response,
     entropy,
     expected_delta_chi2,

@@ -14,12 +14,25 @@ from holoview.colour import to_srgb8
 from holoview.effects.source_extent import SourceExtent
 from holoview.model import preset
 from holoview.model.eye import Eye
-from holoview.model.validity.checks import LIMITS, check_plan, exceeded_limits, read_limits
-from holoview.model.validity.eye_limits import EYEBOX, PUPIL_SAMPLES, pupil_share
-from holoview.model.validity.limit import Limit, Measured
-from holoview.model.validity.scalar_limits import EVANESCENT, NEAR_FIELD, PIXEL_WAVELENGTHS, PIXELS, evanescent_share
-from holoview.model.validity.source_limits import CONTINUUM, OBSERVER
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.model.validity import (
+    CONTINUUM,
+    EVANESCENT,
+    EYEBOX,
+    LIMITS,
+    NEAR_FIELD,
+    OBSERVER,
+    PIXEL_WAVELENGTHS,
+    PIXELS,
+    PUPIL_SAMPLES,
+    Limit,
+    Measured,
+    check_plan,
+    evanescent_share,
+    exceeded_limits,
+    pupil_share,
+    read_limits,
+)
+from holoview.numerics.sampling import frequency_indices
 
 
 def _bench(**changes: Any) -> hv.System:

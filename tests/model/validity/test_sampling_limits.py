@@ -11,17 +11,19 @@ import holoview as hv
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.passband import band_limit
-from holoview.model.sampled_distance import frequencies_left
-from holoview.model.validity.checks import LIGHT_LEFT, STOPS_RESOLVED, check_plan
-from holoview.model.validity.limit import Limit
-from holoview.model.validity.sampling_limits import (
+from holoview.model.transfer import frequencies_left
+from holoview.model.validity import (
     BAND_LEFT,
     BAND_LIMIT,
+    LIGHT_LEFT,
     OBLIQUE_LIGHT,
     SAMPLES_A_PIXEL,
     SINGLE_PRECISION,
     STOPS,
+    STOPS_RESOLVED,
     WRAP_AROUND,
+    Limit,
+    check_plan,
     envelope_excess,
 )
 from holoview.optics.frame_inputs import FrameInputs

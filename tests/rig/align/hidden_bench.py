@@ -14,9 +14,8 @@ from holoview.captures.orientations import ORIENTATIONS, nearest_orientation, or
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import Counts, Devices, Levels
 from holoview.rig.limits import limit_devices
-from holoview.rig.placement import Placement
-from holoview.rig.virtual.virtual_bench import VirtualBench
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.registration import Registration
+from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 
 PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 
@@ -83,7 +82,7 @@ class Hidden:
             tables |= {"slm2": slm, "geometry": {"gap": "1 mm", "iris1_na": 0.03, "iris2_na": 0.03}}
         path = folder / "rig.toml"
         path.write_text(tomli_w.dumps(tables), encoding="utf-8")
-        return read_rig(path, is_placed=False)
+        return read_rig(path, is_registered=False)
 
     def _effects(self) -> dict[str, dict[str, float]]:
         effects: dict[str, dict[str, float]] = {
@@ -137,14 +136,14 @@ class Hidden:
         return expected
 
 
-def found_values(placement: Placement) -> dict[str, tuple[float, float]]:
+def found_values(registration: Registration) -> dict[str, tuple[float, float]]:
     """Values and uncertainties of a placement, with the centre in pixels in place of what is left of the shift."""
-    values = {name: (own.value, own.uncertainty) for name, own in placement.values.items()}
-    raw = np.array(oriented_shape(placement.camera_shape, placement.camera_turn))
+    values = {name: (own.value, own.uncertainty) for name, own in registration.values.items()}
+    raw = np.array(oriented_shape(registration.camera_shape, registration.camera_turn))
     for axis, name in enumerate("yx"):
         left, error = values.pop(f"shift_{name}")
-        crop = placement.first[axis] + (placement.shape[axis] - 1) / 2 - (raw[axis] - 1) / 2
-        values[f"centre_{name}"] = crop + left / placement["pitch"], error / placement["pitch"]
+        crop = registration.first[axis] + (registration.shape[axis] - 1) / 2 - (raw[axis] - 1) / 2
+        values[f"centre_{name}"] = crop + left / registration["pitch"], error / registration["pitch"]
     return values
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from holoview.captures.orientations import ORIENTATIONS
 from holoview.rig import read_rig
-from holoview.rig.align.alignment import find_geometry
+from holoview.rig.align.alignment import find_geometry, find_roughly
 from holoview.rig.align.probes import flat_levels, optics_of
-from holoview.rig.align.result import doubt, placement_of, sentences
-from holoview.rig.align.rough import find_roughly
+from holoview.rig.align.result import doubt, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 
@@ -25,12 +24,12 @@ def check(hidden: Hidden, folder: Path) -> None:
     devices, _ = devices_of(rig)
     found = find_geometry(rig, devices)
     assert found is not None
-    placement = placement_of(rig, found)
-    assert (placement.camera_turn, placement.slm2_turn) == hidden.expected_turns()
+    registration = registration_of(rig, found)
+    assert (registration.camera_turn, registration.slm2_turn) == hidden.expected_turns()
     expected = hidden.expected_values()
-    for name, (value, uncertainty) in found_values(placement).items():
+    for name, (value, uncertainty) in found_values(registration).items():
         assert abs(value - expected[name]) < DEVIATIONS * uncertainty, name
-    assert len(sentences(placement)) == (8 if hidden.kind == "two" else 5)
+    assert len(sentences(registration)) == (8 if hidden.kind == "two" else 5)
 
 
 @pytest.mark.parametrize("kind", ["one", "two", "fourier"])
@@ -53,14 +52,14 @@ def test_many_hidden_placements_are_found(kind: str, seed: int, tmp_path: Path) 
 def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path: Path) -> None:
     """Crosstalk of half a pixel moves planes by tens of µm; where the camera is doesn't depend on it."""
     hidden = Hidden("two", (40, 48), camera="flip_x", faults={"crosstalk": {"sigma": 0.5}})
-    found = find_geometry(hidden.write(tmp_path), devices_of(read_rig(tmp_path / "rig.toml", is_placed=False))[0])
+    found = find_geometry(hidden.write(tmp_path), devices_of(read_rig(tmp_path / "rig.toml", is_registered=False))[0])
     assert found is not None and found.excess_px > 0
     sentence = doubt(found)
     assert sentence is not None and "aren't what rig.toml says" in sentence
-    placement = placement_of(read_rig(tmp_path / "rig.toml", is_placed=False), found)
-    assert (placement.camera_turn, placement.slm2_turn) == hidden.expected_turns()
+    registration = registration_of(read_rig(tmp_path / "rig.toml", is_registered=False), found)
+    assert (registration.camera_turn, registration.slm2_turn) == hidden.expected_turns()
     for name in ("stage_offset", "gap_error"):
-        own = placement.values[name]
+        own = registration.values[name]
         assert abs(own.value) <= 3 * own.uncertainty
         assert own.uncertainty > 20e-6
 

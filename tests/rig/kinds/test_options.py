@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from holoview.rig import open_rig
-from holoview.rig.kinds.options import find_class, table, texts
+from holoview.rig.kinds.checks import find_class, table, texts
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

@@ -9,10 +9,10 @@ import pytest
 from slmsuite.hardware.cameras.camera import Camera
 from slmsuite.hardware.slms.slm import SLM
 
-from holoview.io.plm import CELL_MAPS, memory_cells
+from holoview.io.pictures import CELL_MAPS, memory_cells
 from holoview.rig import open_rig
 from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.options import find_class
+from holoview.rig.kinds.checks import find_class
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.stage_axis import StageAxis
+from holoview.rig.kinds.checks import StageAxis
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pytest
 from holoview.captures import read_captures, write_captures
 from holoview.captures.validation import check_settings
 from holoview.rig import RigDescription
-from holoview.rig.measure.bench_record import BenchRecord, read_bench_record
-from holoview.rig.measure.dark_frames import DarkFrame
+from holoview.rig.measure.camera_pictures import DarkFrame
+from holoview.rig.measure.capture_folder import BenchRecord, read_bench_record
 from holoview.rig.measure.settling import Settling
 from holoview.util.errors import UserError
 from tests.rig.conftest import CAMERA_SHAPE

@@ -11,8 +11,8 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.rig import RigDescription
+from holoview.rig.measure.capture_folder import CaptureStore
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan
-from holoview.rig.measure.capture_store import CaptureStore
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size

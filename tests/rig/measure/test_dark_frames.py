@@ -11,7 +11,7 @@ import pytest
 
 from holoview.captures.dataset import Camera
 from holoview.rig import RigDescription
-from holoview.rig.measure.dark_frames import DarkFrame, dark_exposures, dark_notes, take_dark_frame
+from holoview.rig.measure.camera_pictures import DarkFrame, dark_exposures, dark_notes, take_dark_frame
 from tests.rig.conftest import CAMERA_SHAPE, direct_devices
 
 MakeRig = Callable[..., RigDescription]

@@ -7,7 +7,7 @@ import pytest
 
 from holoview.captures.dataset import Camera
 from holoview.rig.devices import Counts
-from holoview.rig.measure.exposure_search import BRIGHT_QUANTILE, take_exposed
+from holoview.rig.measure.camera_pictures import BRIGHT_QUANTILE, take_exposed
 
 FACTS = Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=4.0, read_noise=3.0, black_level=64)
 RAMP = np.linspace(0, 1, 2001)[1:].reshape(40, 50)  # brightest quantile: 0.999

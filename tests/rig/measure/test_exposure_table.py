@@ -13,7 +13,7 @@ from holoview.captures.dataset import join_captures
 from holoview.cli import main
 from holoview.rig import RigDescription
 from holoview.rig.measure.capture_plan import default_plan, read_plan
-from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.measure.measurement import Measurement
 from holoview.util.errors import UserError
 from tests.rig.conftest import LASERS_M, direct_devices
 
@@ -42,7 +42,7 @@ def test_each_laser_has_its_power_and_exposure_in_the_default_captures(make_rig:
 def test_the_table_of_captures_plan_is_read(make_rig: MakeRig, tmp_path: Path) -> None:
     rig = make_rig()
     with direct_devices(rig) as devices:
-        session = MeasurementSession(rig, devices)
+        session = Measurement(rig, devices)
         first = [session.take(request, request.levels(rig)) for request in default_plan(rig).requests[::9][:3]]
     write_captures(tmp_path / "first.h5", join_captures(first))
     table = tmp_path / "plan.csv"

@@ -10,7 +10,7 @@ import pytest
 from holoview.captures.dataset import Camera
 from holoview.captures.virtual_measurement import read_out
 from holoview.rig.devices import Counts, DeviceError, DeviceGone
-from holoview.rig.measure.picture_check import ATTEMPTS, CheckedCamera, PictureCheck
+from holoview.rig.measure.camera_pictures import ATTEMPTS, CheckedCamera, PictureCheck
 
 FACTS = Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=4.0, read_noise=6.0, black_level=64)
 SHAPE = (24, 32)

@@ -13,11 +13,9 @@ import pytest
 from holoview.captures.predictor import Predictor
 from holoview.rig import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
-from holoview.rig.measure.bench_record import read_bench_record
-from holoview.rig.measure.capture_plan import CapturePlan, default_plan
-from holoview.rig.measure.capture_store import CaptureStore
-from holoview.rig.measure.forecast import forecast_lines, make_forecast
-from holoview.rig.measure.session import MeasurementSession, is_complete
+from holoview.rig.measure.capture_folder import CaptureStore, read_bench_record
+from holoview.rig.measure.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
+from holoview.rig.measure.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from tests.rig.conftest import direct_devices
 
@@ -46,7 +44,7 @@ def test_captures_are_the_model_s_whatever_the_camera_did(make_rig: MakeRig, tmp
     plan, said = _plan(rig), list[str]()
     store = _store(plan, tmp_path)
     with direct_devices(rig) as devices:
-        session = MeasurementSession(rig, devices, said.append)
+        session = Measurement(rig, devices, said.append)
         assert session.run(plan, store, _ignore)
     captures = store.finish()
     signal = Predictor(captures)(range(len(captures))).signal.double().numpy()
@@ -66,7 +64,7 @@ def test_dark_frames_are_taken_with_the_lasers_off_at_the_exposures_used(make_ri
     store = _store(plan, tmp_path)
     with direct_devices(rig) as devices:
         assert not is_complete(store)
-        MeasurementSession(rig, devices, said.append).run(plan, store, _ignore)
+        Measurement(rig, devices, said.append).run(plan, store, _ignore)
     assert is_complete(store)
     store.finish()
     frames = read_bench_record(tmp_path / "X.h5").dark
@@ -81,9 +79,9 @@ def test_settling_is_measured_where_the_rig_says_auto_and_used_and_stated(make_r
     plan, said = _plan(rig, 0.01, 2), list[str]()
     store = _store(plan, tmp_path)
     with direct_devices(rig) as devices:
-        MeasurementSession(rig, devices, said.append).run(plan, store, _ignore)
+        Measurement(rig, devices, said.append).run(plan, store, _ignore)
         begin = devices.clock.now()
-        again = MeasurementSession(rig, devices)
+        again = Measurement(rig, devices)
         again.run(CapturePlan(plan.requests[:1]), _Fresh(store), _ignore)
         waited = devices.clock.now() - begin
     assert said[0].startswith("slm1: settles with a time constant of")
@@ -129,7 +127,7 @@ def test_an_interruption_leaves_what_is_there_and_the_lasers_off(
     plan = _plan(rig, 0.01)
     try:
         with direct_devices(rig) as devices:
-            done = MeasurementSession(rig, devices).run(plan, _store(plan, tmp_path), _ignore, _Asked(2, error))
+            done = Measurement(rig, devices).run(plan, _store(plan, tmp_path), _ignore, _Asked(2, error))
             assert not done and error is None
     except (KeyboardInterrupt, DeviceError) as raised:
         assert raised is error
@@ -138,7 +136,7 @@ def test_an_interruption_leaves_what_is_there_and_the_lasers_off(
     assert store.missing == [2, 3, 4]
     before = (store.folder / "00000.h5").read_bytes()
     with direct_devices(rig) as devices:
-        assert MeasurementSession(rig, devices).run(plan, store, _ignore)
+        assert Measurement(rig, devices).run(plan, store, _ignore)
     assert (store.folder / "00000.h5").read_bytes() == before
     captures = store.finish()
     assert captures.power.tolist() == [request.power for request in plan.requests]
@@ -154,7 +152,7 @@ def test_pictures_at_the_end_of_the_exposures_are_told_once_for_each_laser(make_
     rig = make_rig({"limits.exposure": [1e-5, 2e-4]})
     plan, said = _plan(rig), list[str]()
     with direct_devices(rig) as devices:
-        MeasurementSession(rig, devices, said.append).run(plan, _store(plan, tmp_path), _ignore)
+        Measurement(rig, devices, said.append).run(plan, _store(plan, tmp_path), _ignore)
     assert sorted(said) == [f"{nm} nm: too dark at 0.0002 s, where exposures end" for nm in (450, 638)]
 
 
@@ -162,7 +160,7 @@ def test_progress_tells_the_bench_s_time_that_is_left(make_rig: MakeRig, tmp_pat
     rig = make_rig({"slm1.settle": 10.0, "slm2.settle": 10.0})
     plan, notes = _plan(rig, 0.01), list[str]()
     with direct_devices(rig) as devices:
-        MeasurementSession(rig, devices).run(plan, _store(plan, tmp_path), lambda _, __, note: notes.append(note))
+        Measurement(rig, devices).run(plan, _store(plan, tmp_path), lambda _, __, note: notes.append(note))
     assert notes[0] == "450 nm, 1 mm" and notes[1].endswith(" left") and notes[-1] == ""
     left = [float(note.split(", ")[2].removesuffix(" s left")) for note in notes[1:-1]]
     assert left == pytest.approx([40, 30, 20, 10], rel=0.2)  # of the moves between
@@ -192,7 +190,7 @@ def test_the_forecast_of_time_is_near_what_the_bench_takes(make_rig: MakeRig, tm
     plan = default_plan(rig)
     store = _store(plan, tmp_path)
     with direct_devices(rig) as devices:
-        MeasurementSession(rig, devices).run(plan, store, _ignore)
+        Measurement(rig, devices).run(plan, store, _ignore)
         took = devices.clock.now()
     assert took / 2 < make_forecast(rig, plan, range(len(plan.requests))).bench_s < took * 2
 
@@ -203,7 +201,7 @@ def test_a_fourier_bench_is_measured_and_its_settling_too(make_rig: MakeRig, tmp
     plan = CapturePlan(default_plan(rig).requests[6:10])
     store = _store(plan, tmp_path)
     with direct_devices(rig) as devices:
-        assert MeasurementSession(rig, devices).run(plan, store, _ignore)
+        assert Measurement(rig, devices).run(plan, store, _ignore)
     captures = store.finish()
     assert captures.is_fourier and len(captures) == 4
     found = read_bench_record(tmp_path / "X.h5").settling["slm1"]
@@ -226,7 +224,7 @@ def test_patterns_are_levels_and_never_changed(make_rig: MakeRig) -> None:
 
     devices = dataclasses.replace(direct_devices(rig), modulators=(Modulator(), Modulator()))
     request = default_plan(rig).requests[0]
-    capture = MeasurementSession(rig, devices).take(request, request.levels(rig))
+    capture = Measurement(rig, devices).take(request, request.levels(rig))
     assert np.array_equal(capture.levels[0], np.stack(sent)) and capture.levels.dtype == np.uint8
 
 

@@ -11,9 +11,8 @@ import pytest
 
 from holoview.rig import RigDescription
 from holoview.rig.devices import DeviceError, DeviceGone
-from holoview.rig.virtual.drift import Drift, DriftSettings
-from holoview.rig.virtual.faults import FaultInjector, FaultSettings
-from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.server import FaultInjector
+from holoview.rig.virtual.virtual_bench import Drift, DriftSettings, FaultSettings, read_virtual_settings
 from holoview.rig.virtual.wire import Disconnected, Message
 from holoview.util.errors import UserError
 from tests.rig.conftest import LASERS_M, DirectBench

@@ -1,0 +1,330 @@
+"""Reads and writes a session as a folder of JSON and safetensors files.
+
+`session.json` holds the history; patterns and pictures are in `objects/*.safetensors`, named by a hash of their
+content, so that steps of the history share them. Objects are written before `session.json`, which is replaced by
+renaming, and each is flushed to the disk (fsync): the folder holds a complete session even after a crash of the
+machine. What can't be read back is left out and reported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import weakref
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.document.document import Document, as_readonly_drive
+from holoview.document.history import HistoryStep
+from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
+from holoview.document.target_spec import TargetSpec, example_target
+from holoview.document.unfinished_optimisation import UnfinishedOptimisation, read_rest
+from holoview.document.view_settings_table import (
+    finite,
+    index,
+    pupil_path_from_table,
+    text,
+    view_settings_from_table,
+    view_settings_table,
+)
+from holoview.model import preset
+from holoview.model.pupil_path import PupilPath
+from holoview.model.system import System
+from holoview.render.view_settings import ViewSettings
+from holoview.targets.picture import Picture
+from holoview.targets.target import Placement
+from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
+from holoview.util.file_writer import make_folder, write_file
+from holoview.util.files import read_text
+from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import parse_json_table
+
+FORMAT, VERSION = "holoview-session", 1
+SESSION_FILE = "session.json"
+_WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of a thousand steps has about a million
+_TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
+_TARGET_READERS: dict[str, Callable[[Any], Any]] = {
+    "title": text,
+    "brightness": finite,
+    "saturation": finite,
+    "space": text,
+    "is_example": bool,
+}
+_DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
+"""What reading a file raises that isn't as it was written; UserError is a ValueError."""
+_ARRAY = TensorFormat(
+    "holoview-object",
+    "1",
+    "patterns or a picture of a saved session",
+    (ArraySchema("array", ("float32",), None),),
+    (),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SessionData:
+    """The data of a session that are saved.
+
+    steps: of the history, up to the present and undone ones; position: index of the present step. snapshots: by name.
+    unfinished: an optimisation that was running. choices: for the next one.
+    """
+
+    steps: tuple[HistoryStep, ...]
+    position: int
+    snapshots: Mapping[str, Document]
+    unfinished: UnfinishedOptimisation | None = None
+    choices: OptimisationChoices = field(default_factory=OptimisationChoices)
+
+    @property
+    def present(self) -> Document:
+        """The document at the present step."""
+        return self.steps[self.position].document
+
+
+class SessionArchive:
+    """Writes a session into a folder repeatedly; objects that are already there aren't written again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._objects = folder / "objects"
+        self._names: dict[int, tuple[weakref.ref[Any], str]] = {}
+        self._systems: dict[System, str] = {}
+
+    def write(self, data: SessionData, metadata: Mapping[str, Any]) -> None:
+        """Writes the data, with `metadata` in session.json. Raises WriteError when the disk can't be written.
+
+        Objects that no step refers to any more are deleted.
+        """
+        make_folder(self._objects)
+        systems: dict[str, str] = {}
+        targets: dict[str, Any] = {}
+        paths: dict[str, Any] = {}
+
+        def table_of(document: Document) -> dict[str, Any]:
+            table = self._document_table(document, systems, targets)
+            return table | {"look": _view_table(document.view_settings, paths)}
+
+        steps = [{"label": step.label, "when": step.when, **table_of(step.document)} for step in data.steps]
+        table = {
+            "format": FORMAT,
+            "version": VERSION,
+            **metadata,
+            "position": data.position,
+            "steps": steps,
+            "snapshots": {name: table_of(document) for name, document in data.snapshots.items()},
+            "unfinished": None
+            if (unfinished := data.unfinished) is None
+            else table_of(unfinished.best) | {"rest": unfinished.rest_table()},
+            "choices": asdict(data.choices),
+            "systems": systems,
+            "targets": targets,
+            "pupil_paths": paths,
+        }
+        content = json.dumps(table)
+        write_file(self.folder / SESSION_FILE, content)
+        for path in self._objects.glob("*.safetensors"):
+            if path.stem not in content:
+                with suppress(OSError):  # on a disk that is read-only by now
+                    path.unlink(missing_ok=True)
+        kept = set(systems.values())
+        self._systems = {system: toml for system, toml in self._systems.items() if toml in kept}
+        self._names = {key: entry for key, entry in self._names.items() if entry[0]() is not None}
+
+    def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
+        """The JSON of a document but its view; system and target are added to the tables that all documents share."""
+        if document.system not in self._systems:
+            self._systems[document.system] = preset.dumps(document.system)
+        toml = self._systems[document.system]
+        system_key = hashlib.sha256(toml.encode()).hexdigest()[:16]
+        systems[system_key] = toml
+        target_key = None
+        if document.target_spec is not None:
+            target_key = str(id(document.target_spec))
+            targets.setdefault(target_key, self._target_table(document.target_spec))
+        return {
+            "system": system_key,
+            "drive": self._store_array(document.drive),
+            "wanted": target_key,
+            "origin": document.origin,
+            "path": None if document.path is None else str(document.path),
+        }
+
+    def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
+        table = {key: getattr(target_spec, key) for key in _TARGET_READERS}
+        if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
+            return table
+        placement = asdict(target_spec.placement)
+        table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
+        if isinstance(target_spec.source, Path):
+            return table | {"stack": str(target_spec.source)}
+        return table | {"picture": self._store_array(target_spec.source.rgb), "source": target_spec.source.source}
+
+    def _store_array(self, array: NDArray[np.float32]) -> str:
+        """Writes an array to a file named by its hash, unless that exists; returns the name without suffix."""
+        entry = self._names.get(id(array))
+        if entry is None or entry[0]() is not array:
+            digest = hashlib.sha256(repr(array.shape).encode() + np.ascontiguousarray(array).data).hexdigest()[:32]
+            entry = (weakref.ref(array), digest)
+            self._names[id(array)] = entry
+        path = self._objects / f"{entry[1]}.safetensors"
+        if not path.is_file():
+            _ARRAY.write(path, {"array": array}, {})
+        return entry[1]
+
+
+def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
+    """The JSON of view settings; their path of the pupil is added to the table that all share."""
+    if view.pupil_path is None:
+        return view_settings_table(view)
+    key = str(id(view.pupil_path))
+    paths.setdefault(key, asdict(view.pupil_path))
+    return view_settings_table(view) | {"pupil_path": key}
+
+
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """The content of a folder's session.json. Raises UserError when it is missing, damaged, or of another version."""
+    path = folder / SESSION_FILE
+    table = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT, finite=True)
+    if (table.get("format"), table.get("version")) != (FORMAT, VERSION):
+        raise UserError(str(path), f"version {table.get('version')}", expected=f"{FORMAT}, version {VERSION}")
+    for name, kind in _TABLE_TYPES.items():
+        if not isinstance(table.get(name), kind):
+            raise UserError(f"{path}: {name}", f"{type(table.get(name)).__name__}", expected=f"a {kind.__name__}")
+    return table
+
+
+def is_of_other_version(folder: Path) -> bool:
+    """Whether the session in a folder is whole, but written by another version of holoview."""
+    path = folder / SESSION_FILE
+    try:
+        table = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT)
+        return bool(table["format"] == FORMAT and isinstance(table["version"], int) and table["version"] != VERSION)
+    except _DAMAGE:
+        return False
+
+
+def read_session(folder: Path) -> tuple[SessionData, list[str]]:
+    """The session in a folder, and a sentence for each part that couldn't be read.
+
+    Raises UserError when session.json or every step of the history is unreadable.
+    """
+    table = read_metadata(folder)
+    try:
+        return _read_table(folder, table)
+    except _DAMAGE as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(str(folder), f"is damaged: {_reason(error)}", expected="a saved session") from error
+
+
+def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, list[str]]:
+    reader = _Reader(folder, table)
+    steps: list[HistoryStep] = []
+    position, present = 0, index(table["position"])
+    for number, entry in enumerate(table["steps"]):
+        label = text(entry["label"])
+        document = reader.document(entry, f'step "{label}"')
+        if document is not None:
+            steps.append(HistoryStep(label, document, finite(entry["when"])))
+        if number <= present:
+            position = max(len(steps) - 1, 0)
+    if not steps:
+        raise UserError(str(folder), "no step of it can be read", expected="a saved session")
+    snapshots = {name: reader.document(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
+    unfinished = reader.unfinished(table.get("unfinished"))
+    readable = {name: document for name, document in snapshots.items() if document is not None}
+    choices = reader.choices(table.get("choices", {}))
+    return SessionData(tuple(steps), position, readable, unfinished, choices), reader.unreadable
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong, in words."""
+    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+
+
+class _Reader:
+    """Reads documents; each system, array and target is read once, so that steps share them again."""
+
+    def __init__(self, folder: Path, table: Mapping[str, Any]) -> None:
+        self._folder, self._table = folder, table
+        self._arrays: dict[str, NDArray[np.float32]] = {}
+        self._systems: dict[str, System] = {}
+        self._targets: dict[str, TargetSpec] = {}
+        self._paths: dict[str, PupilPath] = {}
+        self.unreadable: list[str] = []
+
+    def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
+        """A document; None where it can't be read, which is then noted in `unreadable`."""
+        try:
+            return Document(
+                self._system(entry["system"]),
+                self._array(entry["drive"]),
+                self._view(entry["look"]),
+                None if entry["wanted"] is None else self._target(entry["wanted"]),
+                text(entry["origin"]),
+                None if entry["path"] is None else Path(text(entry["path"])),
+            )
+        except _DAMAGE as error:
+            self.unreadable.append(f"{what}: {_reason(error)}")
+            return None
+
+    def choices(self, table: Mapping[str, Any]) -> OptimisationChoices:
+        """Choices for the next optimisation; the usual ones where they can't be read, which is then noted."""
+        try:
+            return choices_from_table(table)
+        except _DAMAGE as error:
+            self.unreadable.append(f"choices for the next optimisation: {_reason(error)}")
+            return OptimisationChoices()
+
+    def unfinished(self, entry: Mapping[str, Any] | None) -> UnfinishedOptimisation | None:
+        """An optimisation that was running; without what was left of it where that can't be read."""
+        best = None if entry is None else self.document(entry, "unfinished optimisation")
+        if entry is None or best is None:
+            return None
+        try:
+            return UnfinishedOptimisation(best, read_rest(entry.get("rest")))
+        except _DAMAGE as error:
+            self.unreadable.append(f"unfinished optimisation: {_reason(error)}")
+            return UnfinishedOptimisation(best)
+
+    def _system(self, key: str) -> System:
+        if key not in self._systems:
+            self._systems[key] = preset.loads(self._table["systems"][key], "saved system")
+        return self._systems[key]
+
+    def _array(self, name: str) -> NDArray[np.float32]:
+        if name not in self._arrays:
+            if not (isinstance(name, str) and name.isalnum()):
+                raise UserError("object", f"{name!r}", expected="a name of letters and digits")
+            tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
+            self._arrays[name] = as_readonly_drive(tensors["array"])
+        return self._arrays[name]
+
+    def _target(self, key: str) -> TargetSpec:
+        if key not in self._targets:
+            table = self._table["targets"][key]
+            fields = {name: read(table[name]) for name, read in _TARGET_READERS.items() if name in table}
+            self._targets[key] = (
+                replace(example_target(), **fields)
+                if fields.get("is_example")
+                else TargetSpec(self._target_source(table), placement=Placement(**table["placement"]), **fields)
+            )
+        return self._targets[key]
+
+    def _view(self, table: Mapping[str, Any]) -> ViewSettings:
+        key = table.get("pupil_path")
+        if key is not None and key not in self._paths:
+            self._paths[key] = pupil_path_from_table(self._table["pupil_paths"][key])
+        return view_settings_from_table(table, None if key is None else self._paths[key])
+
+    def _target_source(self, table: Mapping[str, Any]) -> Picture | Path:
+        if "stack" in table:
+            return Path(text(table["stack"]))
+        return Picture(self._array(table["picture"]), text(table["source"]))

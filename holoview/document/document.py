@@ -1,0 +1,155 @@
+"""The document that a session edits: system, modulator patterns, target and view settings. Immutable."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.document.target_spec import TargetSpec
+from holoview.model.system import System
+from holoview.render.scene import Drive, Scene, image_shape
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
+from holoview.util.errors import UserError
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """What is edited and undone as a whole.
+
+    drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only. origin: where the patterns come from, in words.
+    path: the hologram file that they were read from or written to. View settings that refer to lasers, frames,
+    modulators or samples that don't exist are adjusted. Raises UserError when the drive doesn't have the shape that
+    the system needs.
+    """
+
+    system: System
+    drive: Drive
+    view_settings: ViewSettings
+    target_spec: TargetSpec | None = None
+    origin: str = ""
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.drive.shape != self.system.drive_shape:
+            raise UserError(
+                "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
+            )
+        object.__setattr__(self, "drive", as_readonly_drive(self.drive))
+        frames, modulators = self.system.drive_shape[:2]
+        count = len(self.system.wavelengths_m)
+        object.__setattr__(
+            self, "view_settings", self.view_settings.clamped_to(count, self.image_shape, frames, modulators)
+        )
+
+    @property
+    def scene(self) -> Scene:
+        """What the image is rendered from."""
+        return Scene(self.system, self.drive, self.view_settings.plane_m)
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Rows and columns of the simulated image."""
+        return image_shape(self.system)
+
+    @property
+    def measured_region(self) -> Region:
+        """Where speckle is measured: the region of the view settings, else the central half in each direction."""
+        rows, columns = self.image_shape
+        return self.view_settings.region or (columns // 4, rows // 4, columns // 2, rows // 2)
+
+    @property
+    def sample_pitch_m(self) -> float:
+        """Distance in metres between samples of the simulated image."""
+        return self.system.modulators[0].pitch_m / self.system.sampling.upsample
+
+    @property
+    def lit_system(self) -> System:
+        """The system with the amplitudes of lasers that are muted, or aren't the solo one, set to 0.
+
+        Raises UserError when none is left on.
+        """
+        view, count = self.view_settings, len(self.system.wavelengths_m)
+        if view.solo is None and not view.muted:
+            return self.system
+        amplitudes = self.system.amplitudes * np.array([view.shows_laser(i) for i in range(count)])
+        if not np.any(amplitudes > 0):
+            raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
+        return self.system.edit({"amplitudes": amplitudes})
+
+    @property
+    def view_settings_for_picture(self) -> ViewSettings:
+        """The view settings, without the low exposure that new random patterns get."""
+        view = self.view_settings
+        is_low = "random patterns" in self.origin and view.exposure_stops == SPECKLE_EXPOSURE_STOPS
+        return view.with_(exposure_stops=0.0) if is_low else view
+
+    def with_changes(self, changes: dict[str, Any]) -> Document:
+        """A copy with some fields changed; patterns are adapted to a changed system by `fit_drive`.
+
+        Raises UserError when the result is impossible.
+        """
+        system = changes.get("system", self.system)
+        if "drive" not in changes and system.drive_shape != self.drive.shape:
+            drive, note = fit_drive(self.drive, system.drive_shape)
+            changes = {**changes, "drive": drive}
+            changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
+        document = replace(self, **changes)
+        _ = document.lit_system
+        return document
+
+
+def middle_plane(system: System) -> float:
+    """The median focal plane in metres, which a new session displays."""
+    return float(np.sort(system.planes_m)[len(system.planes_m) // 2])
+
+
+def is_same_document(one: Document, other: Document) -> bool:
+    """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged ones."""
+    if one.drive is not other.drive or one.target_spec is not other.target_spec:
+        return False
+    return all(
+        getattr(one, field.name) == getattr(other, field.name)
+        for field in dataclasses.fields(one)
+        if field.name not in ("drive", "target_spec")
+    )
+
+
+def as_readonly_drive(drive: NDArray[np.floating]) -> Drive:
+    """A read-only float32 copy of a drive; the array itself if it is both already."""
+    if drive.dtype == np.float32 and not drive.flags.writeable:
+        return drive
+    copy = np.array(drive, dtype=np.float32)
+    copy.setflags(write=False)
+    return copy
+
+
+def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
+    """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of what was done.
+
+    Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
+    patterns become random, because phase patterns can't be resampled like pictures.
+    """
+    frames, modulators = shape[:2]
+    if drive.shape[2:] != shape[2:]:
+        return _random(shape, seed), "random patterns of the new size"
+    notes = []
+    if drive.shape[0] != frames:
+        fewer = f"{frames} of {drive.shape[0]} frames"
+        notes.append(fewer if frames < drive.shape[0] else f"repeated to {frames} frames")
+        drive = drive[np.arange(frames) % drive.shape[0]]
+    if drive.shape[1] < modulators:
+        notes.append("a random second modulator")
+        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]), seed)], axis=1)
+    elif drive.shape[1] > modulators:
+        notes.append("the first modulator's patterns")
+        drive = drive[:, :modulators]
+    return np.ascontiguousarray(drive), ", ".join(notes)
+
+
+def _random(shape: tuple[int, int, int, int], seed: int) -> Drive:
+    return np.random.default_rng(seed).random(shape, dtype=np.float32)

@@ -1,0 +1,254 @@
+"""Optimises patterns as a background job with a preview; the result is one edit that can be undone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import partial
+from threading import Event
+from time import monotonic
+
+import numpy as np
+
+from holoview.document.document import Document
+from holoview.document.editing_session import EditingSession
+from holoview.document.jobs import BackgroundJob, JobControl
+from holoview.document.optimisation_choices import START_PATTERNS, OptimisationChoices
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.eyes import OptimisedEyes, target_at_places
+from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.settings import Settings
+from holoview.render.scene import Drive
+from holoview.util import units
+from holoview.util.errors import UserError
+
+_QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
+_PREVIEW_INTERVAL_S = 0.25  # between previews, at least
+
+
+@dataclass(frozen=True)
+class OptimisationRequest:
+    """What to optimise, and how.
+
+    settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
+    the present ones, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
+    iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
+    superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
+    device: of torch, "auto" for the fastest. Raises UserError for invalid values.
+    """
+
+    settings: Settings = field(default_factory=Settings)
+    scheme: str | None = None
+    start_patterns: str = "random"
+    eyes: OptimisedEyes = field(default_factory=OptimisedEyes)
+    preview_every: int = 3
+    superpixel: int = 1
+    only_plane_m: float | None = None
+    device: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.start_patterns not in START_PATTERNS:
+            raise UserError("begin", f'"{self.start_patterns}"', expected=", ".join(START_PATTERNS))
+        for key, count in (("every", self.preview_every), ("coarse", self.superpixel)):
+            if count < 1:
+                raise UserError(key, str(count), expected="at least 1")
+        if self.superpixel > 1 and self.start_patterns == "now":
+            raise UserError("begin", '"now" with larger pixels', expected='"random" or "smooth"')
+
+
+@dataclass(frozen=True)
+class OptimisationProgress:
+    """The progress after an iteration: its number, of how many, the loss, the present PSNR and the best so far (dB)."""
+
+    iteration: int
+    iterations: int
+    loss: float
+    psnr_db: float
+    best_psnr_db: float
+
+
+class OptimisationJob(BackgroundJob):
+    """An optimisation in the background.
+
+    `stop_and_keep` ends it early with the best result so far; `cancel` ends it and leaves the patterns unchanged.
+    start_drive: patterns that "now" stands for; those of the document `start` when None.
+    progress: one entry for each iteration.
+    """
+
+    def __init__(
+        self,
+        session: EditingSession,
+        request: OptimisationRequest,
+        start: Document,
+        system: System,
+        start_drive: Drive | None = None,
+    ) -> None:
+        super().__init__("Optimise", session.call_on_owner, session.wake)
+        self._start_drive = start.drive if start_drive is None else start_drive
+        self.request, self.start_document, self.system = request, start, system
+        self.progress: list[OptimisationProgress] = []
+        self._session, self._keep = session, Event()
+        self.control.total = request.settings.iterations
+
+    @property
+    def latest(self) -> OptimisationProgress | None:
+        """The progress after the last iteration; None before the first."""
+        return self.progress[-1] if self.progress else None
+
+    def stop_and_keep(self) -> None:
+        """Ends the optimisation after the present iteration; the best result so far becomes an edit."""
+        self._keep.set()
+        self.resume()
+
+    def run(self, control: JobControl) -> Document:
+        """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
+        from holoview.optimise.parallel import resolve_torch_device
+        from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
+
+        request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
+        assert target_spec is not None
+        control.report(0, request.settings.iterations, "building the target")
+        system = with_superpixels(self.system, request.superpixel)
+        system = system if request.only_plane_m is None else system.edit({"planes": [request.only_plane_m]})
+        system = request.eyes.aimed(system)
+        places = request.eyes.places_in(system)
+        settings, stack = places.in_settings(request.settings), target_at_places(target_spec, system, places)
+        control.report(0, request.settings.iterations, "preparing")
+        start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
+        state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
+        for state in iterate(with_compact_grid(system), stack, settings, start, device=device):
+            self._report(control, state)
+            is_due = state.iteration % request.preview_every == 0 and monotonic() - previewed_at >= _PREVIEW_INTERVAL_S
+            if is_due or state.iteration == 0:
+                previewed_at = monotonic()
+                self._session.call_on_owner(partial(self._show_preview, self._as_document(state)))
+            if self._keep.is_set():
+                break
+        assert state is not None
+        return self._as_document(state)
+
+    def _report(self, control: JobControl, state: IterationState) -> None:
+        progress = OptimisationProgress(
+            state.iteration, state.iterations, state.loss, state.psnr_db, state.best_psnr_db
+        )
+        self.progress.append(progress)
+        control.report(state.iteration, state.iterations, f"loss {state.loss:.4g}, PSNR {state.best_psnr_db:.2f} dB")
+
+    def _as_document(self, state: IterationState) -> Document:
+        """The best result so far as a document, with the system's own grid and pixels."""
+        factor, plane_m = self.request.superpixel, self.request.only_plane_m
+        drive = _expand_superpixels(state.best.drive, factor, self.system.modulators[0].shape)
+        pixels = f" with {factor} x {factor} pixels as one" if factor > 1 else ""
+        plane = "" if plane_m is None else f" for {units.format_rounded(plane_m, 'mm')}"
+        eyes = f" for {text}" if (text := self.request.eyes.description) else ""
+        origin = f"optimised{pixels}{plane}{eyes}, {state.iteration} iterations, PSNR {state.best_psnr_db:.1f} dB"
+        system = with_lasers_of(self.system, state.best.system)
+        return replace(self.start_document, system=system, drive=drive, origin=origin, path=None)
+
+    def _show_preview(self, document: Document) -> None:
+        if self.is_active:
+            self._session.set_preview(self.start_document, document)
+
+    def commit(self, result: Document) -> None:
+        """Applies the result as an edit. Called on the owner's thread."""
+        latest, session = self.latest, self._session
+        assert latest is not None
+        system = result.system
+        if session.system != self.start_document.system:
+            system, message = self._with_later_edits(result)
+            session.messages.post(message, "warning")
+        label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB"
+        session.edit(label, system=system, drive=result.drive, origin=result.origin, path=None)
+        session.messages.post(f"{label}: {latest.loss:.4g} loss")
+
+    def _with_later_edits(self, result: Document) -> tuple[System, str]:
+        """The bench as it was edited during the optimisation, if it can show the result; and what to tell the user."""
+        begun, now = self.start_document.system, self._session.system
+        if self.system != begun or now.drive_shape != result.drive.shape:
+            return result.system, "the bench is as it was when the optimisation began; undo brings your changes back"
+        lasers_are_as_before = all(
+            np.array_equal(getattr(now, name), getattr(begun, name)) for name in ("wavelengths_m", "amplitudes")
+        )
+        system = with_lasers_of(now, result.system) if lasers_are_as_before else now
+        return system, "the bench was changed during the optimisation: the patterns are for the bench as it was before"
+
+
+def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
+    """Starts an optimisation of the session's patterns for its target; the low exposure of random patterns is reset.
+
+    Raises UserError without a target, while another optimisation runs, and for an invalid scheme or settings.
+    """
+    request = request or OptimisationRequest()
+    if session.target_spec is None:
+        raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
+    if running_optimisation(session) is not None:
+        raise UserError("optimise", "one is running", remedy="keep or cancel it first")
+    if request.start_patterns in ("random", "smooth"):
+        request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
+    system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
+    request.eyes.places_in(request.eyes.aimed(system))  # an eye that there isn't is refused before the job begins
+    session.edit("Exposure for a picture", view_settings=session.document.view_settings_for_picture)
+    return run_optimisation(session, OptimisationJob(session, request, session.document, system))
+
+
+def run_optimisation(session: EditingSession, job: OptimisationJob) -> OptimisationJob:
+    """Starts an optimisation of a session, which shows its preview until it ends."""
+    session.jobs.start("Optimise", job.run, job.commit, on_end=lambda: session.set_preview(None), job=job)
+    return job
+
+
+def chosen_optimisation(choices: OptimisationChoices, system: System) -> OptimisationRequest:
+    """The optimisation that a user has chosen, for a system. Raises UserError for invalid choices."""
+    settings = Settings(iterations=choices.iterations, loss=choices.loss or None, eyebox=choices.eyebox)
+    return OptimisationRequest(
+        settings,
+        scheme=choices.scheme or None,
+        start_patterns=choices.start_patterns,
+        eyes=choices.eyes_for(system),
+    )
+
+
+def running_optimisation(session: EditingSession) -> OptimisationJob | None:
+    """The optimisation that is running or paused, if any."""
+    return next((job for job in session.jobs.active if isinstance(job, OptimisationJob)), None)
+
+
+def last_optimisation(session: EditingSession) -> OptimisationJob | None:
+    """The optimisation that was started last, whether it has ended or not."""
+    return next((job for job in reversed(session.jobs.all) if isinstance(job, OptimisationJob)), None)
+
+
+def start_quick_optimisation(session: EditingSession, iterations: int = 10) -> OptimisationJob:
+    """Starts an optimisation that takes seconds: few iterations, one plane, superpixels, and a smooth initial phase."""
+    rows, columns = session.system.modulators[0].shape
+    settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
+    superpixel = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))
+    nearest_m = float(min(session.system.planes_m, key=lambda z: abs(z - session.view_settings.plane_m)))
+    request = OptimisationRequest(
+        settings, start_patterns="smooth", preview_every=1, superpixel=superpixel, only_plane_m=nearest_m
+    )
+    return start_optimisation(session, request)
+
+
+def with_lasers_of(system: System, optimised: System) -> System:
+    """A system with the wavelengths and amplitudes of another one."""
+    return system.edit({"wavelengths": optimised.wavelengths_m, "amplitudes": optimised.amplitudes})
+
+
+def with_superpixels(system: System, factor: int) -> System:
+    """A system whose modulator pixels are `factor` × `factor` larger; rounded up to cover the original pixels."""
+    if factor == 1:
+        return system
+    shape = [-(-side // factor) for side in system.modulators[0].shape]
+    return system.edit({"shape": shape, "pitch": system.modulators[0].pitch_m * factor})
+
+
+def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Drive:
+    """Patterns of superpixels (…, y, x) on single pixels, cropped evenly to `shape` (y, x)."""
+    if factor == 1:
+        return drive
+    fine = drive.repeat(factor, axis=-2).repeat(factor, axis=-1)
+    top, left = (fine.shape[-2] - shape[0]) // 2, (fine.shape[-1] - shape[1]) // 2
+    return np.ascontiguousarray(fine[..., top : top + shape[0], left : left + shape[1]])

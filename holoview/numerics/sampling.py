@@ -1,0 +1,76 @@
+"""Conventions of sampled grids and their Fourier transforms, defined once.
+
+The centre of a grid of N samples lies at index (N − 1)/2. Frequencies are in the order of `numpy.fft.fftfreq`: zero
+first, never shifted. Lengths that both executors can transform are 2^a·3^b·5^c.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def is_fast_length(n: int) -> bool:
+    """Whether n = 2^a·3^b·5^c, a length that the FFT in shaders can transform."""
+    if n < 1:
+        return False
+    for prime in (2, 3, 5):
+        while n % prime == 0:
+            n //= prime
+    return n == 1
+
+
+def next_fast_length(at_least: int, multiple_of: int = 1) -> int:
+    """The smallest n = 2^a·3^b·5^c with n ≥ `at_least` that is divisible by `multiple_of`.
+
+    Raises ValueError unless `multiple_of` is such a product itself.
+    """
+    if not is_fast_length(multiple_of):
+        raise ValueError(f"multiple_of = {multiple_of}: expected a product of 2, 3 and 5")
+    n = -(-max(at_least, 1) // multiple_of)
+    while not is_fast_length(n):
+        n += 1
+    return n * multiple_of
+
+
+def ceil_div(value: int, divisor: int) -> int:
+    """⌈value / divisor⌉ for a positive divisor."""
+    return -(-value // divisor)
+
+
+def round_up(value: int, multiple: int) -> int:
+    """The smallest multiple of `multiple` that is not less than `value`."""
+    return ceil_div(value, multiple) * multiple
+
+
+def positions(n: int, spacing: float) -> NDArray[np.float64]:
+    """Positions of n samples `spacing` apart, shape (n,), counted from the grid's centre; in the unit of `spacing`."""
+    return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * spacing
+
+
+def frequency_indices(n: int) -> NDArray[np.int64]:
+    """The signed frequency index of each FFT bin, shape (n,): 0, 1, …, −2, −1, which is `fftfreq(n)·n`."""
+    return np.rint(np.fft.fftfreq(n) * n).astype(np.int64)
+
+
+def pixel_spectrum(padded: int, upsample: int, slope: float) -> NDArray[np.complex128]:
+    """The spectrum of one pixel along an axis, (padded,): Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
+
+    padded: length of the FFT of samples. upsample: samples of the pixel. slope: of the phase, turns a sample.
+
+    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum.
+    """
+    turns = slope - np.arange(padded) / padded
+    spectrum: NDArray[np.complex128] = np.exp(2j * math.pi * np.outer(np.arange(upsample), turns)).sum(axis=0)
+    return spectrum
+
+
+def taper(n: int, share: float) -> NDArray[np.float64]:
+    """1 in the middle, falling to 0 over this share of the n samples at each end as a squared sine."""
+    edge = max(2, round(share * n))
+    rise = np.sin(np.pi / 2 * (np.arange(edge) + 0.5) / edge) ** 2
+    window = np.ones(n)
+    window[:edge], window[n - edge :] = rise, rise[::-1]
+    return window

@@ -1,0 +1,150 @@
+"""The images of the pages "phase" and "spectrum": the phase of a pattern, and the eyebox.
+
+`PageImages` keeps the displayed one on the device. Both are computed in torch, which takes a second to import: call
+`phase_turns` and `eyebox_xyz` on a worker thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.engine.frame import spectrum_behind_modulators
+from holoview.gpu.device import Device
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optics.first_order import first_order
+from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.view_settings import ViewSettings
+from holoview.util.latest_task import LatestTask
+
+Xyz = NDArray[np.float32]
+
+
+class PageImages:
+    """Images of derived pages. They are computed on a thread; the image before stays until the new one is ready.
+
+    deliver: has the owner make a call. on_error: called by the owner with the exception.
+    """
+
+    def __init__(
+        self, device: Device, deliver: Callable[[Callable[[], None]], None], on_error: Callable[[BaseException], None]
+    ) -> None:
+        self._device = device
+        self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
+        self._requested: tuple[str, Any] | None = None
+        self._task: LatestTask[Xyz] = LatestTask("derived image", deliver, on_error)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image is being computed."""
+        return self._task.is_busy
+
+    def picture(self, scene: Scene, view: ViewSettings) -> DeviceImage | None:
+        """The image of the page of the view settings; None until it is computed."""
+        if view.page == "phase":
+            self._request("phase", (scene.system, scene.drive, view.frame, view.modulator), _phase_xyz)
+        if view.page == "spectrum":
+            system = scene.system.with_(eye=None)  # the eyebox doesn't depend on where the pupil is
+            self._request("spectrum", (system, scene.drive, scene.system.eye is not None), eyebox_xyz)
+        entry = self._pictures.get(view.page)
+        return None if entry is None else entry[1]
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz]) -> None:
+        """Has the image of a page computed from `key`, unless it is there or was the last to be requested."""
+        known = (self._requested, (page, self._pictures[page][0]) if page in self._pictures else None)
+        if any(entry is not None and entry[0] == page and _is_same(entry[1], key) for entry in known):
+            return
+        self._requested = (page, key)
+        self._task.submit(partial(compute, *key), partial(self._put, page, key))
+
+    def _put(self, page: str, key: Any, xyz: Xyz) -> None:
+        four = np.zeros((*xyz.shape[:2], 4), np.float32)
+        four[..., :3] = xyz
+        self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
+
+
+def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
+    """The phase of a pattern in turns (y, x, 3), thrice, as the shader of images reads it."""
+    return np.repeat(phase_turns(system, drive, frame, modulator)[..., None], 3, axis=2)
+
+
+def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    """Whether (system, drive, …) are equal; patterns are compared by identity, which is what edits share."""
+    return one[1] is other[1] and one[0] == other[0] and one[2:] == other[2:]
+
+
+def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
+    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn."""
+    import torch  # slow start: a viewer begins with neither image
+
+    from holoview.optics.slm import optical_path
+
+    wavelength_m = float(np.sort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
+    path_m = optical_path(torch.from_numpy(drive[frame, modulator].copy()), system.modulators[modulator])
+    turns: NDArray[np.float32] = torch.remainder(path_m / wavelength_m, 1.0).numpy()
+    return turns
+
+
+def eyebox_xyz(
+    system: System, drive: Drive, by_place: bool = False, check: Callable[[], None] = lambda: None
+) -> NDArray[np.float32]:
+    """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator: the eyebox.
+
+    By spatial frequency, 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
+    ±λ/(2·pitch). By place behind an eyepiece, it is a square up to the edge of the longest wavelength; the others fill
+    less of it.
+    The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is scaled to a
+    mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. The eye of the system
+    doesn't count. `check` is called before each spectrum and may raise an exception to cancel.
+    """
+    from holoview.engine.torch_executor import TorchExecutor
+    from holoview.optics.frame_inputs import FrameInputs
+
+    plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
+    executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), first_order(plan.grid)
+    rows, columns = order.bins
+    shape = (max(len(rows), len(columns)),) * 2 if by_place else (len(rows), len(columns))
+    xyz = np.zeros((*shape, 3))
+    band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
+    power = np.zeros(plan.grid.padded)
+    for wavelength, λ in enumerate(plan.system.wavelengths_m):
+        for frame in plan.lit(wavelength):
+            for source in range(len(plan.slopes)):
+                check()
+                spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
+                passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
+                power[band] = passed.values.abs().square().numpy()
+                seen = power[np.ix_(rows, columns)]
+                if by_place:
+                    seen = _by_place(seen, float(λ / plan.system.wavelengths_m.max()))
+                share = float(plan.weights[frame, wavelength]) / len(plan.slopes)
+                xyz += share * seen[..., None] * plan.colour_weights[wavelength]
+    mean = xyz[..., 1].mean()
+    return (xyz / (4 * mean) if mean > 0 else xyz).astype(np.float32)
+
+
+def _by_place(power: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """A first order (y, x), by frequency, as a square picture of the eyebox whose sum is the same.
+
+    factor: side of this wavelength's eyebox over that of the picture, at most 1. Linear interpolation.
+    """
+    side, matrices = max(power.shape), []
+    for n in power.shape:
+        at = (np.arange(side) - side // 2) * (n / (side * factor)) + n // 2
+        below = np.floor(at).astype(int)
+        matrix = np.zeros((side, n))
+        for index, weight in ((below, 1 - (at - below)), (below + 1, at - below)):
+            inside = (index >= 0) & (index < n)
+            matrix[np.flatnonzero(inside), index[inside]] += weight[inside]
+        matrices.append(matrix * (n / (side * factor)))
+    placed: NDArray[np.float64] = matrices[0] @ power @ matrices[1].T
+    return placed

@@ -1,0 +1,86 @@
+"""Preview images of all focal planes of the system, computed when the displayed image is complete."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from holoview.engine.incremental import UpdateProgress
+from holoview.gpu.device import Device
+from holoview.gpu.recorder import CommandRecorder
+from holoview.model.system import System
+from holoview.render.progressive_renderer import TimedRenderer
+from holoview.render.quick_system import make_quick_system
+from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.util.errors import UserError
+
+_MAX_PLANES = 24
+
+
+def previewed_planes(system: System) -> list[float]:
+    """The planes of a system that have previews, by rising distance: at most 24 of them, evenly chosen."""
+    planes = np.unique(system.planes_m)
+    chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MAX_PLANES)).round().astype(int))
+    return [float(planes[i]) for i in chosen]
+
+
+class PlanePreviews:
+    """One picture of the simplified system for each plane; outdated pictures stay until they are replaced."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._renderer = TimedRenderer(device)
+        self._requested: tuple[System, Drive] | None = None
+        self._stale: list[float] = []
+        self._steps: Iterator[UpdateProgress] | None = None
+        self.pictures: dict[float, DeviceImage] = {}
+        self._version = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a picture is outdated."""
+        return bool(self._stale)
+
+    def request(self, scene: Scene) -> None:
+        """Requests pictures of all planes of a scene, starting with planes near the displayed one."""
+        system, drive = self._requested or (None, None)
+        if scene.drive is not drive or scene.system != system:
+            self._requested, self._steps = (scene.system, scene.drive), None
+            self._stale = sorted(previewed_planes(scene.system), key=lambda z: abs(z - scene.plane_m))
+            self.pictures = {z: picture for z, picture in self.pictures.items() if z in self._stale}
+
+    def compute_slice(self) -> bool:
+        """Computes a slice and returns whether a picture has changed."""
+        if not self._stale or self._requested is None:
+            return False
+        plane_m = self._stale[0]
+        try:
+            if self._steps is None:
+                system, drive = self._requested
+                self._steps = self._renderer.start(Scene(make_quick_system(system), drive, plane_m))
+            if next(self._steps, None) is not None:
+                return False
+        except UserError:  # the system can't be simplified: there are no previews
+            self._stale, self._steps = [], None
+            return False
+        self._store_picture(plane_m)
+        self._stale, self._steps = self._stale[1:], None
+        return True
+
+    def _store_picture(self, plane_m: float) -> None:
+        """Copies the renderer's image to a buffer of its own."""
+        renderer = self._renderer.renderer
+        assert renderer is not None
+        previous = self.pictures.get(plane_m)
+        fits = previous is not None and previous.shape == renderer.compositor.shape
+        buffer = (
+            previous.buffer
+            if previous is not None and fits
+            else renderer.compositor.xyz_buffer(f"plane {plane_m * 1e3:.4g} mm")
+        )
+        recorder = CommandRecorder(self._device, "plane")
+        recorder.copy(renderer.xyz_buffer, buffer)
+        recorder.submit()
+        self._version += 1
+        self.pictures[plane_m] = DeviceImage(buffer, renderer.compositor.shape, is_quick=True, version=self._version)

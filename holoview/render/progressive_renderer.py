@@ -1,0 +1,312 @@
+"""Keeps the image of a scene up to date on the device, in short slices between frames of the window.
+
+    edit ─▶ quick frame (of the simplified system) ─▶ pause in editing ─▶ full frame
+
+A new edit drops the full frame of the scene before. A quick frame that was begun is shown first, then that of the
+newest scene: else edits that come faster than quick frames, as in a drag, would show nothing. Where a full frame is
+fast enough, quick frame and pause are skipped. The first picture can be computed on a thread while the window is built.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, wait
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
+from holoview.gpu.device import Device
+from holoview.render.quick_system import make_quick_system
+from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.util.errors import UserError
+
+QUICK_FRAME_ABOVE_S = 0.1
+"""A full frame that takes longer than this is preceded by a quick one."""
+QUICK_FRAME_BUDGET_S = 0.04
+"""The time that a quick frame may take; it leaves out lasers to stay below."""
+IDLE_BEFORE_FULL_S = 0.12
+"""The time without an edit after which the full frame begins."""
+SLICE_S = 0.012
+"""The approximate duration of a slice, during which the device can't draw the window."""
+_MIN_LASERS = 3
+_FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
+
+
+class TimedRenderer:
+    """An `IncrementalRenderer` that is created when it is first needed, with the durations of its steps.
+
+    step_s: running mean of the time for one step; None before the first. update_s: duration of the last full update.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.renderer: IncrementalRenderer | None = None
+        self.step_s: float | None = None
+        self.update_s = 0.0
+        self._drive: Drive | None = None
+        self._started_at = 0.0
+
+    def start(self, scene: Scene) -> Iterator[UpdateProgress]:
+        """Starts rendering a scene; iterating computes it slice by slice. Raises UserError for an impossible scene."""
+        if self.renderer is None:
+            self.renderer = IncrementalRenderer(scene.system, scene.drive, self._device, plane_m=scene.plane_m)
+        else:
+            drive = None if scene.drive is self._drive else scene.drive
+            self.renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
+        self._drive, self._started_at = scene.drive, time.perf_counter()
+        return self._timed(self.renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S))
+
+    def expected_s(self) -> float | None:
+        """The time that the remaining steps will take; None before any was measured."""
+        if self.renderer is None or self.step_s is None:
+            return None
+        return self.renderer.pending_count(with_srgb=False) * self.step_s
+
+    def _timed(self, steps: Iterator[UpdateProgress]) -> Iterator[UpdateProgress]:
+        before, spent, done = time.perf_counter(), 0.0, 0
+        for step in steps:
+            spent += time.perf_counter() - before
+            if step.done > done:
+                self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
+                done, spent = step.done, 0.0
+            yield step
+            before = time.perf_counter()
+        self.update_s = time.perf_counter() - self._started_at
+
+
+class ProgressiveRenderer:
+    """One image that follows a scene: call `request` after each change, and `compute_slice` while `is_busy`.
+
+    picture: the newest image on the device, quick or full; None before the first. progress: of the full frame, 0…1.
+    full_scene: the scene of the last full frame. quick_gain: the factor by which quick frames are darker.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._full, self._quick = TimedRenderer(device), TimedRenderer(device)
+        self._requested: Scene | None = None
+        self._stage, self._follows_quick_frame = "done", False
+        self._steps: Iterator[UpdateProgress] | None = None
+        self._requested_at, self._version = 0.0, 0
+        self._first: Future[None] | None = None  # while a thread computes the first picture
+        self._next: Scene | None = None  # what was requested meanwhile, or during a quick frame
+        self.picture: DeviceImage | None = None
+        self.progress = 1.0
+        self.full_scene: Scene | None = None
+        self.quick_gain = 1.0
+        self._quick_scene: Scene | None = None
+        self._gain_key: object = None
+        self._xyz_cache: tuple[int, NDArray[np.float32]] | None = None
+        self._intensities_cache: tuple[int, NDArray[np.float32]] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the full frame of the requested scene isn't there yet."""
+        return self._stage != "done"
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the picture is the full frame of the requested scene."""
+        return self._stage == "done" and self.picture is not None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the picture shows the last request, be it by its quick frame."""
+        is_quick_shown = self._stage == "full" and self._follows_quick_frame
+        return self._next is None and (self.is_fresh or is_quick_shown)
+
+    @property
+    def _is_in_quick_frame(self) -> bool:
+        return self._stage == "quick" and self._steps is not None
+
+    @property
+    def full_renderer(self) -> IncrementalRenderer | None:
+        """The renderer of full frames; None before the first one."""
+        return self._full.renderer
+
+    @property
+    def update_s(self) -> float:
+        """The duration of the last full frame, from its first slice to its last."""
+        return self._full.update_s
+
+    @property
+    def quick_s(self) -> float:
+        """The duration of the last quick frame."""
+        return self._quick.update_s
+
+    @property
+    def wait_s(self) -> float:
+        """The time until `compute_slice` can do something: after a quick frame, it waits for a pause in editing."""
+        if self._first is not None:
+            return 0.0 if self._first.done() else _FIRST_POLL_S
+        return self._pause_s
+
+    @property
+    def _pause_s(self) -> float:
+        """The rest of the pause after a quick frame."""
+        if self._stage != "full" or self._steps is not None or not self._follows_quick_frame:
+            return 0.0
+        return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
+
+    def request(self, scene: Scene) -> None:
+        """Requests the image of a scene; unfinished work on another scene is dropped, except for a quick frame."""
+        if scene.is_same(self._requested if self._next is None else self._next):
+            return
+        if self._first is not None or self._is_in_quick_frame:
+            self._next = scene
+            return
+        is_in_drag = self.is_busy and (self._stage == "quick" or self._follows_quick_frame)
+        self._requested, self._requested_at = scene, time.perf_counter()
+        self._steps, self.progress = None, 0.0
+        self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
+
+    def start(self, scene: Scene | None, executor: Executor) -> None:
+        """Has the first picture of a scene computed by an executor; `compute_slice` goes on from there."""
+        if scene is None:
+            return
+        self.request(scene)
+        self._first = executor.submit(self._compute_first)
+
+    def compute_slice(self) -> bool:
+        """Computes a slice and returns whether the picture has changed. Raises UserError for an impossible scene."""
+        if self._first is not None:
+            return self._take_first()
+        try:
+            return self._compute_slice()
+        finally:
+            if not self._is_in_quick_frame:
+                self._take_next()
+
+    def _compute_first(self) -> None:
+        while self.picture is None and self._stage != "done":
+            self._compute_slice()
+
+    def _take_first(self) -> bool:
+        """Goes on from what the thread has computed, once it has; raises what it raised."""
+        assert self._first is not None
+        if not self._first.done():
+            return False
+        first, self._first = self._first, None
+        self._take_next()
+        first.result()
+        return True
+
+    def _take_next(self) -> None:
+        """Goes on with the scene that was requested meanwhile."""
+        scene, self._next = self._next, None
+        if scene is not None:
+            self.request(scene)
+
+    def _compute_slice(self) -> bool:
+        if self._stage == "done" or self._pause_s > 0:
+            return False
+        assert self._requested is not None
+        try:
+            if self._steps is None:
+                self._steps = self._begin(self._requested)
+            step = next(self._steps, None)
+        except Exception:  # reported once and not tried again before the next edit
+            self._stage, self._steps = "done", None
+            raise
+        if step is not None:
+            self.progress = step.done / step.total if self._stage == "full" else 0.0
+            if step.done < step.total:
+                return False
+            next(self._steps, None)  # resumes the generator after its last step, where it stores the duration
+        self._finish()
+        return True
+
+    def xyz(self) -> NDArray[np.float32] | None:
+        """The full image XYZ (y, x, 3) on the host; None until it is computed."""
+        if not self.is_fresh or self._full.renderer is None or self.full_scene is None:
+            return None
+        if self._xyz_cache is None or self._xyz_cache[0] != self._version:
+            self._xyz_cache = (self._version, self._full.renderer.xyz())
+        return self._xyz_cache[1]
+
+    def poll_strategy(self) -> None:
+        """Switches to a faster strategy of the transforms, if the search in the background has found one."""
+        if self._full.renderer is not None:
+            self._full.renderer.poll_strategy()
+
+    def close(self) -> None:
+        """Ends the renderers and their search for a faster strategy."""
+        if self._first is not None:
+            wait([self._first])
+        for timed in (self._full, self._quick):
+            if timed.renderer is not None:
+                timed.renderer.close()
+
+    def intensities(self) -> NDArray[np.float32] | None:
+        """Intensities (wavelength, y, x) of the full image on the host; None until it is computed."""
+        if not self.is_fresh or self._full.renderer is None:
+            return None
+        if self._intensities_cache is None or self._intensities_cache[0] != self._version:
+            count = len(self._full.renderer.system.wavelengths_m)
+            stack = np.stack([self._full.renderer.intensity(i) for i in range(count)])
+            self._intensities_cache = (self._version, stack)
+        return self._intensities_cache[1]
+
+    # --- stages -----------------------------------------------------------------------------------------------------
+
+    def _is_slow(self, scene: Scene) -> bool:
+        """Whether the full frame takes longer than QUICK_FRAME_ABOVE_S; before any measurement, on a CPU only.
+
+        Asking prepares the full frame, which during a drag would take longer than what it decides.
+        """
+        if self._full.renderer is None or self._full.step_s is None:
+            return self._device.info.is_cpu
+        try:
+            self._full.start(scene)
+        except UserError:
+            return False
+        return (self._full.expected_s() or 0.0) > QUICK_FRAME_ABOVE_S
+
+    def _begin(self, scene: Scene) -> Iterator[UpdateProgress]:
+        if self._stage == "full":
+            return self._full.start(scene)
+        try:
+            quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
+            return self._quick.start(replace(scene, system=quick_system))
+        except UserError:  # the system can't be simplified
+            self._stage = "full"
+            return self._full.start(scene)
+
+    def _quick_laser_count(self, scene: Scene) -> int | None:
+        """How many lasers fit into the time for a quick frame; None before any was measured."""
+        if self._quick.step_s is None:
+            return None
+        sources = len(scene.system.source.directions_rad)
+        return max(int(QUICK_FRAME_BUDGET_S / (self._quick.step_s * sources)), _MIN_LASERS)
+
+    def _finish(self) -> None:
+        timed = self._quick if self._stage == "quick" else self._full
+        assert timed.renderer is not None and self._requested is not None
+        self._version += 1
+        is_quick, shape = self._stage == "quick", timed.renderer.compositor.shape
+        gain = self.quick_gain if is_quick else 1.0
+        self.picture = DeviceImage(timed.renderer.xyz_buffer, shape, is_quick, self._version, gain)
+        self._steps = None
+        if is_quick:
+            self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
+            return
+        self._stage, self.progress, self.full_scene = "done", 1.0, self._requested
+        self._compare_brightness()
+
+    def _compare_brightness(self) -> None:
+        """Measures the ratio of the brightnesses of full and quick frame, once for each kind of system.
+
+        Quick frames are brighter, since their light can't leave the image into higher diffraction orders.
+        """
+        assert self._requested is not None
+        system = self._requested.system
+        key = (system.modulators, system.sampling, system.gap_m is None)
+        if key == self._gain_key or self._quick_scene is not self._requested or self._quick.renderer is None:
+            return
+        full, quick = self.xyz(), self._quick.renderer.xyz()
+        if full is not None and quick[..., 1].any():
+            self._gain_key = key
+            self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())

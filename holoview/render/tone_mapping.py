@@ -1,0 +1,115 @@
+"""Tone mapping: from XYZ to 8-bit sRGB as the view settings say; the viewport's shader computes the same.
+
+    value = (channel · 2^exposure − low) / (high − low), clipped to 0…1
+    code  = sRGB transfer function of the value, to the power 1/gamma
+
+A single channel is shown in grey or through a colour map of 256 colours.
+
+grey: linear in the sRGB code. cubehelix: perceived brightness rises monotonically while the hue rotates (Green, Bull.
+Astr. Soc. India 39, 289, 2011). hue: cyclic, for phases. signed: diverging, white in the middle, blue below, red above.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.colour import LMS_TO_XYZ, XYZ_TO_SRGB, srgb_encode
+from holoview.render.view_settings import ViewSettings
+
+_LMS = np.linalg.inv(LMS_TO_XYZ)
+_ROWS = {
+    "luminance": np.array([0.0, 1.0, 0.0]),
+    **{name: np.eye(3)[i] for i, name in enumerate("XYZ")},
+    **{name: XYZ_TO_SRGB[i] for i, name in enumerate("RGB")},
+    **{name: _LMS[i] / _LMS[i].sum() for i, name in enumerate("LMS")},
+}
+
+
+def channel_matrix(channel: str) -> NDArray[np.float64]:
+    """The matrix from XYZ to linear sRGB (3, 3), or to a channel (1, 3); L, M, S of equal-energy white are 1."""
+    return XYZ_TO_SRGB if channel == "colour" else _ROWS[channel][None]
+
+
+def tone_map(xyz: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    """8-bit sRGB (y, x, 3) of XYZ (y, x, 3)."""
+    matrix = channel_matrix(view.channel) * 2.0**view.exposure_stops
+    values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - view.low) / (view.high - view.low)
+    levels = _levels(values, view)
+    if view.channel == "colour":
+        return levels
+    return colour_map(view.false_colour or "grey")[levels[..., 0]]
+
+
+def compose_comparison(
+    a: NDArray[np.floating], b: NDArray[np.floating] | None, view: ViewSettings
+) -> NDArray[np.uint8]:
+    """8-bit sRGB of two images XYZ (y, x, 3) as the view settings compare them.
+
+    Shows `a` alone without a comparison, without `b`, and for different shapes. A wipe shows `a` left of its line. A
+    difference shows |a − b| in colour; for a single channel a − b from blue to red.
+    """
+    if view.compare == "off" or b is None or a.shape != b.shape:
+        return tone_map(a, view)
+    if view.compare == "difference":
+        return _difference(a, b, view)
+    left, right = tone_map(a, view), tone_map(b, view)
+    if view.compare == "side-by-side":
+        return np.concatenate([left, right], axis=1)
+    if view.compare == "wipe":
+        edge = round(view.wipe * a.shape[1])
+        return np.concatenate([left[:, :edge], right[:, edge:]], axis=1)
+    return left
+
+
+def _difference(a: NDArray[np.floating], b: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    """The difference of both images; `low` cancels, so that only the span from `low` to `high` matters."""
+    matrix = channel_matrix(view.channel) * 2.0**view.exposure_stops / (view.high - view.low)
+    difference = (np.asarray(a, dtype=np.float64) - b) @ matrix.T
+    if view.channel == "colour":
+        return _levels(np.abs(difference), view)
+    return colour_map("signed")[np.rint(255 * np.clip(0.5 + 0.5 * difference[..., 0], 0, 1)).astype(np.uint8)]
+
+
+def _levels(values: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / view.gamma)
+    return np.rint(255 * codes).astype(np.uint8)
+
+
+NAMES = ("grey", "cubehelix", "hue", "signed")
+_COUNT = 256
+_START, _ROTATIONS = 0.5, -1.5  # Green's default: starts with blue, one and a half rotations
+_HELIX = np.array([[-0.14861, 1.78277], [-0.29227, -0.90649], [1.97294, 0.0]])  # Green 2011, equation 2
+
+
+@cache
+def colour_map(name: str) -> NDArray[np.uint8]:
+    """The colour map (256, 3) in 8-bit sRGB, read-only. Raises KeyError for a name that isn't in NAMES."""
+    tables = {"grey": _grey, "cubehelix": _cubehelix, "hue": _hue, "signed": _diverging}
+    table = np.rint(255 * np.clip(tables[name](np.linspace(0.0, 1.0, _COUNT)), 0, 1)).astype(np.uint8)
+    table.setflags(write=False)
+    return table
+
+
+def _grey(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.repeat(share[:, None], 3, axis=1)
+
+
+def _cubehelix(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    angle = 2 * np.pi * (_START / 3 + 1 + _ROTATIONS * share)
+    turn = np.stack([np.cos(angle), np.sin(angle)])
+    helix: NDArray[np.float64] = share[:, None] + (share * (1 - share) / 2)[:, None] * (_HELIX @ turn).T
+    return helix
+
+
+def _hue(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Three cosines with phases a third of a turn apart: cyclic, with a constant sum."""
+    return 0.5 + 0.5 * np.cos(2 * np.pi * (share[:, None] - np.array([0.0, 1 / 3, 2 / 3])))
+
+
+def _diverging(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    below, above = np.clip(2 * share, 0, 1)[:, None], np.clip(2 - 2 * share, 0, 1)[:, None]
+    blue, red = np.array([0.13, 0.30, 0.70]), np.array([0.72, 0.12, 0.16])
+    return np.where(share[:, None] < 0.5, blue + (1 - blue) * below, red + (1 - red) * above)

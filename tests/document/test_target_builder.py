@@ -1,0 +1,31 @@
+"""Targets that are built on a thread."""
+
+from __future__ import annotations
+
+from queue import SimpleQueue
+
+import numpy as np
+
+from holoview.document.editing_session import EditingSession
+from holoview.document.file_reader import target_from_pixels
+from holoview.document.target_builder import TargetBuilder
+from holoview.model import preset
+
+
+def test_every_plane_of_a_long_stack_gets_its_target() -> None:
+    """Also of one that is longer than what is kept of earlier requests."""
+    planes = [f"{8 + 0.1 * i:.1f} mm" for i in range(40)]
+    lasers = {"wavelengths": ["532 nm"], "amplitudes": [1.0]}
+    session = EditingSession(preset.load("holochrome-8").edit({"shape": [12, 16], **lasers, "planes": planes}))
+    session.edit("Target", target_spec=target_from_pixels(np.full((12, 16, 3), 128, np.uint8)))
+    calls: SimpleQueue = SimpleQueue()
+    builder, planes_m = TargetBuilder(calls.put, lambda: None, lambda error, where: None), session.system.planes_m
+    try:
+        assert builder.get(session.document, float(planes_m[0])) is None
+        calls.get(timeout=60)()
+        targets = [builder.get(session.document, float(z)) for z in planes_m]
+    finally:
+        builder.close()
+        session.close()
+    assert len(targets) == 40
+    assert all(target is not None for target in targets)

@@ -1,0 +1,114 @@
+"""An optimisation that runs when the viewer is killed goes on after its next start, with the iterations left."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.document.archive import SESSION_FILE
+from holoview.document.optimisation_job import running_optimisation
+from holoview.document.session_store import SessionStore
+from holoview.document.unfinished_optimisation import RestOfOptimisation, read_rest
+from holoview.optimise.eyes import OptimisedEyes
+from holoview.util.errors import UserError
+from tests.child_process import child_process
+
+ITERATIONS = 400
+_PROGRAM = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from holoview.optimise.settings import Settings
+from holoview.document.editing_session import EditingSession
+from holoview.document.file_reader import target_from_pixels
+from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
+from holoview.document.session_store import SessionStore
+from tests.document.conftest import small_system
+session = EditingSession(small_system(), seed=7)
+autosave = SessionStore(Path(sys.argv[1])).start_autosave(session)
+session.edit("Target", target_spec=target_from_pixels(np.full((4, 4, 3), 90, np.uint8)))
+job = start_optimisation(session, OptimisationRequest(Settings(iterations=400, seed=3, loss="xyz"), preview_every=1))
+while session.preview_document is None or session.preview_document.origin.startswith("optimised, 0 "):
+    time.sleep(0.01)
+    session.poll()
+assert autosave.flush()
+print("saved", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+    """The folder of the sessions of a program that was killed, and its process id."""
+    folder = tmp_path_factory.mktemp("state")
+    words = [sys.executable, "-c", _PROGRAM, str(folder)]
+    with child_process(words, stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None and program.stdout.readline() == "saved\n"
+        os.kill(program.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
+    return folder, program.pid
+
+
+def test_it_goes_on_from_the_best_patterns(killed: tuple[Path, int]) -> None:
+    folder, pid = killed
+    session = SessionStore(folder).take_over(pid)
+    assert session is not None and running_optimisation(session) is None
+    best = session.snapshots["Unfinished optimisation"]
+    session.poll()
+    job = running_optimisation(session)
+    assert job is not None and job.request.start_patterns == "now"
+    settings = job.request.settings
+    assert 0 < settings.iterations < ITERATIONS and (settings.seed, settings.loss) == (3, "xyz")
+    assert settings.step_rad == pytest.approx(0.5 * (settings.iterations / ITERATIONS) ** 0.5)
+    while not job.progress and job.is_active:
+        assert session.wait_until_idle(0.05) or True
+    first = job.progress[0]
+    assert np.isfinite(first.loss) and best.origin.startswith("optimised")
+    job.stop_and_keep()
+    assert session.wait_until_idle(60.0)
+    assert session.history[-1].label.startswith("Optimise")
+    assert session.drive.shape == best.drive.shape and first.best_psnr_db > _psnr(best.origin) - 0.1
+    session.close()
+
+
+def _psnr(origin: str) -> float:
+    """Of "optimised, 3 iterations, PSNR 12.3 dB"."""
+    return float(origin.split("PSNR ")[1].split()[0])
+
+
+def test_a_damaged_rest_leaves_the_result(killed: tuple[Path, int]) -> None:
+    folder, _ = killed
+    (file,) = folder.rglob(SESSION_FILE)
+    table = json.loads(file.read_text(encoding="utf-8"))
+    assert read_rest(table["unfinished"]["rest"]) is not None
+    for rest in (
+        {},
+        {"settings": 3},
+        {"settings": "[]"},
+        {"settings": '{"iterations": 0}'},
+        {"settings": "{}", "x": 1},
+    ):
+        with pytest.raises(UserError):
+            read_rest(rest)
+    table["unfinished"]["rest"] = {"settings": '{"iterations": -1}'}
+    file.write_text(json.dumps(table), encoding="utf-8")
+    (saved,) = SessionStore(folder).saved_sessions()
+    session, unfinished = saved.restore_with_unfinished()
+    assert unfinished is not None and unfinished.rest is None and "Unfinished optimisation" in session.snapshots
+    assert any("unfinished optimisation" in message.text for message in session.messages.all)
+    session.close()
+
+
+@pytest.mark.parametrize("pupils", ["", "3x3:0.6 mm", "random:4:0.8 mm"])
+def test_it_goes_on_for_the_same_eyes(pupils: str) -> None:
+    rest = RestOfOptimisation("{}", pupils=pupils, chromatic="ignore")
+    eyes = rest.request().eyes
+    assert eyes == OptimisedEyes.from_text(pupils or None, "ignore")
+    again = RestOfOptimisation("{}", pupils="" if eyes.pupils is None else str(eyes.pupils), chromatic=eyes.chromatic)
+    assert again.request().eyes == eyes
