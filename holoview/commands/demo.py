@@ -22,7 +22,7 @@ from holoview.commands.arguments import add_backend, check_adapter_applies, whol
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.optimise import optimise_hologram
 from holoview.commands.output_files import add_output_folder, check_files
-from holoview.document.target_spec import example_target
+from holoview.document.target import example_target
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_png
