@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
-from holoview.util.memory import VARIABLE
+from holoview.util.memory_limit import VARIABLE
 from tests.fuzz import corpus, corpus_binary
 from tests.fuzz.mutations import random_cases
 from tests.fuzz.run import run_cases, table

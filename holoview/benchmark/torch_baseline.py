@@ -18,8 +18,8 @@ import torch
 from holoview.model.plan import Plan
 from holoview.numerics.resample import upsample_nearest
 from holoview.numerics.sampling import frequency_indices
+from holoview.optics.bench import relay_response
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.propagate import relay_transfer_function, transfer_function_at
 from holoview.optics.slm import pixel_spectrum
 
 
@@ -88,12 +88,10 @@ def check_simple_bench(plan: Plan) -> None:
 
 def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:
     """Transfer function × pupil of a relay, (wavelength, y, x) complex64."""
-    cpu = torch.device("cpu")
+    ky, kx = (torch.from_numpy(frequency_indices(n)) for n in plan.grid.padded)
     return torch.stack(
         [
-            relay_transfer_function(
-                plan.transfer(relay, w, distance_m), plan.grid, inputs.pupils[relay][w], torch.complex64, cpu
-            )
+            relay_response(plan.transfer(relay, w, distance_m), ky, kx, inputs.pupils[relay][w], torch.complex64)
             for w in range(len(plan.system.wavelengths_m))
         ]
     )
@@ -230,9 +228,8 @@ class PrunedTorchBaseline:
         kx: torch.Tensor,
     ) -> torch.Tensor:
         """Transfer function × pupil, (P_y/u, P_x/u) complex128."""
-        h = transfer_function_at(self._plan.transfer(relay, wavelength, distance_m), ky, kx, torch.complex128)
-        pupil = inputs.pupils[relay][wavelength]
-        return h if pupil is None else h * pupil[ky][:, kx]
+        transfer = self._plan.transfer(relay, wavelength, distance_m)
+        return relay_response(transfer, ky, kx, inputs.pupils[relay][wavelength], torch.complex128)
 
     def _one_pixel(self, ky: torch.Tensor, kx: torch.Tensor) -> torch.Tensor:
         y, x = (pixel_spectrum(n, self._upsample, 0.0) for n in self._plan.grid.padded)

@@ -21,7 +21,8 @@ import numpy as np
 from holoview.captures.dataset import Camera, SlmSpec
 from holoview.model.bench_parts import Relay
 from holoview.model.fields import FieldType, Number, fields_by_key, to_mapping
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
+from holoview.util.tables import check_keys, read_table
 
 _NAMES = {"iris_na": "iris{}_na", "square": "square{}", "centre_na": "centre{}_na"}
 
@@ -132,15 +133,14 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
 
     Raises UserError where a table or key is unknown, missing or wrong.
     """
+    check_keys(tables, KEYS, f"{where}: ", noun="table")
     bench: dict[str, dict[str, Any]] = {}
-    for name, table in tables.items():
-        if name not in KEYS or not isinstance(table, Mapping):
-            raise UserError(f"{where}: {name}", "unknown table", remedy=suggest_matches(name, KEYS))
-        bench[name] = {key: _value(KEYS[name], key, value, f"{where}: {name}") for key, value in table.items()}
-    for name in ("slm1", "camera", *(["slm2"] if "slm2" in bench else [])):
-        for key in KEYS[name]:
-            if key not in bench.get(name, {}):
-                raise UserError(f"{where}: {name}.{key}", "is missing")
+    for name in dict.fromkeys(("slm1", "camera", *tables)):
+        table = tables.get(name, {})
+        if not isinstance(table, Mapping):
+            raise UserError(f"{where}: {name}", f"{table!r}", expected=f"a table [{name}]")
+        required = () if name == "geometry" else KEYS[name]
+        bench[name] = read_table(table, KEYS[name], f"{where}: {name}.", required=required)
     geometry, place = bench.get("geometry", {}), f"{where}: geometry."
     return BenchTables(
         slms=tuple(slm_from_attributes(bench[name]) for name in ("slm1", "slm2") if name in bench),
@@ -150,12 +150,6 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
         relay2=stops_from_attributes(geometry, 2, place),
         focal_length_m=geometry.get("focal_length"),
     )
-
-
-def _value(known: Mapping[str, FieldType], key: str, value: Any, where: str) -> Any:
-    if key not in known:
-        raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, known))
-    return known[key].parse(value, f"{where}.{key}")
 
 
 def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:

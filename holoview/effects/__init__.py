@@ -2,8 +2,8 @@
 
 A file is named as the id of its effect. Where one cause acts at two places, its file holds an effect for each place.
 
-Each effect states its cause and its parameters, and overrides the hooks of what it changes; the framework is
-`holoview.model.effects`, whose registry finds every file of this package by itself.
+Each effect states its cause and its parameters, and overrides the hooks of the quantities that it changes; the
+framework is `holoview.model.effects`, whose registry finds every file of this package by itself.
 
 distances and source
 gap               the gap between the modulators

@@ -33,7 +33,7 @@ def alignment_parameters(
 
 
 class Alignment(Effect):
-    """What should be at r is at (1 + magnification)·R(rotation)·r + shift."""
+    """A point that should be at r is at (1 + magnification)·R(rotation)·r + shift."""
 
     @staticmethod
     def moved(pose: Pose, v: Values) -> Pose:
@@ -71,7 +71,7 @@ class SlmAlignment(Alignment):
 
 
 class CameraAlignment(Alignment):
-    """What should be at r in the picture is at (1 + magnification)·R(rotation)·r + shift."""
+    """A point that should be at r in the picture is at (1 + magnification)·R(rotation)·r + shift."""
 
     id = "camera_alignment"
     cause = "The camera's picture is shifted, turned or magnified."

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # torch takes seconds to import
 class Crosstalk(Effect):
     """opd → opd convolved with a Gaussian of standard deviation `sigma` modulator pixels.
 
-    That is the field that reaches beyond a pixel's edges, so that the path changes smoothly from one to the next.
+    The electric field reaches beyond a pixel's edges, so that the path changes smoothly from one pixel to the next.
     Before it, `coupling` blurs the pixels' values as wholes, by weights coupling^(n²) of the neighbours n pixels away:
     what leaks between the circuits of pixels, each of which stays uniform and keeps sharp edges.
     """

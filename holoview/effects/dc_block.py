@@ -12,7 +12,7 @@ from holoview.model.system import System
 class DcBlock(Effect):
     """A round stop at the zero order in the Fourier plane of relay 2; `radius` is the direction sine at its edge.
 
-    It covers at most 99 % of the way to the farthest point of the relay's iris or square stop.
+    The stop covers at most 99 % of the way to the farthest point of the relay's iris or square stop.
     """
 
     id = "dc_block"

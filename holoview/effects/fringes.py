@@ -1,4 +1,4 @@
-"""Light that a cover glass reflects twice interferes with what passes: fringes lie over a modulator or the picture.
+"""Light that a cover glass reflects twice interferes with passing light: fringes lie over a modulator or the picture.
 
 The glass is a weak etalon (Born & Wolf, Principles of Optics, 7.6). Its round trip 2·n·thickness varies over the area
 by `path`, as the glass is a wedge; the number of fringes is path/λ, so that one wedge describes all wavelengths.
@@ -56,7 +56,7 @@ def fringe_depths(effect: str, laser: int, v: Values) -> tuple[float, float]:
 
 
 def _wedge(of: str, least_y: float = -2e-3) -> tuple[Parameter, ...]:
-    """The parameters path_y and path_x. of: what the fringes lie over. least_y: lower bound of path_y, m."""
+    """The parameters path_y and path_x. of: the part over which the fringes lie. least_y: lower bound of path_y, m."""
     return tuple(
         Parameter(
             f"path_{axis}",

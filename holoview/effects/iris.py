@@ -73,7 +73,7 @@ class Iris(Effect):
 
 
 def _measure(square: SquareStop | None) -> str:
-    """What `na` is of a stop, in words."""
+    """The quantity of a stop that `na` states, in words."""
     if square is None:
         return "an aperture"
     is_ideal = square.half_side_na is None and square.wavelength_m is None

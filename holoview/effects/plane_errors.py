@@ -48,7 +48,7 @@ class PlaneErrors(Effect):
     acts_on = ("camera",)
     needs = Needs(planes=2)
     degenerate_with: ClassVar = ("distance",)
-    order = -2  # where the stage stops, before what the rail makes of it
+    order = -2  # the stage's own error comes before that of its rail
 
     def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
         return self.degenerate_with if self.needs.planes <= properties.planes else ()

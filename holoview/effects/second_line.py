@@ -17,7 +17,7 @@ _SEARCHED_OFFSETS_M = (-10e-9, -8e-9, -6e-9, -4e-9, -2e-9, -1e-9, 1e-9, 2e-9, 4e
 
 
 class SecondLine(Effect):
-    """Of each laser's power, 1 − share stays at λ and `share` is at λ + offset.
+    """A share of each laser's power is at λ + offset, and the rest, 1 − share, at λ.
 
     Longitudinal modes beside the strongest one, or a sideband (Saleh & Teich, Fundamentals of Photonics). Lines
     whose beat is much faster than an exposure, above a kilohertz for a camera, add in intensity. All lasers have the

@@ -1,4 +1,4 @@
-"""Columns, rows or pixels of a modulator are stuck: they show something else than what is sent."""
+"""Columns, rows or pixels of a modulator are stuck: they show other levels than those that are sent."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ Place = tuple[int, int, int, int]
 
 
 def _dead_places(v: Values) -> list[tuple[Place, float]]:
-    """What keeps to a level, with that level, in the order in which the last one is seen."""
+    """Each place that keeps to a level, with that level; where places overlap, the last one is seen."""
     rows = [((y, y, 0, _TO_THE_EDGE), level) for y, level in _with_levels(v["rows"], v["row_levels"])]
     columns = [((0, _TO_THE_EDGE, x, x), level) for x, level in _with_levels(v["columns"], v["column_levels"])]
     pixels = [((y, y, x, x), level) for (y, x), level in _with_levels(_pixels(v), v["pixel_levels"])]

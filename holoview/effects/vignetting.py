@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # torch takes seconds to import
 
 
 _NEARLY_GAUSSIAN = 0.01
-"""Of |bend − 1|, up to which the fall-off is taken from a series: the next term is 1e-6·q⁴/4."""
+"""The |bend − 1| up to which the fall-off is computed from a series, whose next term is 1e-6·q⁴/4."""
 
 
 class Vignetting(Effect):

@@ -60,7 +60,7 @@ class FusedKernels:
         self._layouts: dict[Strategy, FrameLayout] = {}
 
     def layout(self, strategy: Strategy) -> FrameLayout:
-        """What is stored between the kernels with a strategy. Raises UserError for a size that it can't transform."""
+        """The layout between the kernels with a strategy. Raises UserError for a size that it can't transform."""
         if strategy not in self._layouts:
             self._layouts[strategy] = FrameLayout(self.device, self.shape, strategy)
         return self._layouts[strategy]

@@ -1,4 +1,4 @@
-"""What the shaders read from the inputs of a frame, as a protocol that `holoview.optics.frame_inputs` fulfils."""
+"""The inputs of a frame as shaders read them: a protocol that `holoview.optics.frame_inputs` fulfils."""
 
 from __future__ import annotations
 

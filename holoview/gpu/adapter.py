@@ -222,7 +222,7 @@ def load_declarations(header: str, folder: Path | None = None) -> Any:
     path = (cache_dir() if folder is None else folder) / f"declarations-{digest}.py"
     try:
         return _execute(path.read_text(encoding="utf-8"))
-    except Exception:  # it is missing, or isn't what was written
+    except Exception:  # the file is missing or damaged
         text = _parse(header)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

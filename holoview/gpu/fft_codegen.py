@@ -87,7 +87,7 @@ class PassShape:
 
 
 PassSteps = tuple[tuple[PassShape, Direction], ...]
-"""What one pass does: one step, or the end of a transform and the beginning of the next."""
+"""The steps of one pass: one step, or the end of a transform and the beginning of the next."""
 
 
 def pass_shapes(length: int, factors: tuple[int, ...], step: Step) -> list[PassShape]:

@@ -179,7 +179,7 @@ Spectrum = Iterator[tuple[int, Names]]
 """The groups of a spectrum: their number and their values."""
 
 MAX_LINES, MAX_INVOCATIONS = 4, 128
-"""Of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
+"""Most lines of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
 MAX_REGISTERS = 256
 """Complex registers of a lane: more would be spilled to memory on any adapter."""
 

@@ -142,9 +142,6 @@ def _function(head: str, lines: list[str]) -> str:
     return "\n".join([f"{head} {{", *(f"    {line}" for line in lines), "}", ""])
 
 
-# What a transform of a line is to do: its direction, the points and frequencies that aren't needed, and its length.
-
-
 Direction = Literal["forward", "inverse"]
 
 

@@ -65,8 +65,8 @@ class FftTuner:
     store: where measured times are cached. remeasure: ignore cached times. budget_s: limit of the helper's CPU time,
     and a fifth of the limit of its wall time; a strategy that isn't compiled within it is refused, in later runs too.
 
-    `tuning` is what is known so far. Call all methods in the thread that uses the device. The helper ends with `close`
-    or with the program. Raises UserError for a size that can't be transformed.
+    `tuning` holds the times that are known so far. Call all methods in the thread that uses the device. The helper
+    ends with `close` or with the program. Raises UserError for a size that can't be transformed.
     """
 
     def __init__(
@@ -364,7 +364,7 @@ WORKER_ARGUMENTS = ("-m", "holoview.gpu.tune_worker")
 """Arguments of the Python interpreter that start the helper."""
 _JOIN_TIMEOUT_S = 2.0
 Message = dict[str, Any]
-"""One line of JSON: see `tune_worker` for the protocol."""
+"""A line of JSON; `tune_worker` states the protocol."""
 
 
 class TuningProcess:

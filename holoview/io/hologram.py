@@ -27,7 +27,7 @@ _MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
 
 
 def drive_schema(name: str, *types: str) -> ArraySchema:
-    """What patterns in a file may be: fractions of the stroke (frame, modulator, y, x)."""
+    """The schema of patterns in a file: fractions of the stroke (frame, modulator, y, x)."""
     return ArraySchema(name, types, ("frame", "modulator", "y", "x"), low=0.0, high=1.0)
 
 

@@ -45,7 +45,7 @@ PERCEPTUAL_SCORES = {
 """The scores by the names that options, tables and files have for them."""
 
 OPTIONAL_SCORES = tuple(name for name, score in PERCEPTUAL_SCORES.items() if score.module)
-"""Those that need a library of the extra `perceptual`."""
+"""The scores that need a library of the extra `perceptual`."""
 
 
 def samples_per_degree(pitch_m: float, eye: Eye | None) -> float:

@@ -49,7 +49,7 @@ def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
 
 
 def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
-    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped to what a screen shows.
+    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped to the range of a screen.
 
     Raises UserError when the shapes differ or aren't those of images.
     """

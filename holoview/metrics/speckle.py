@@ -150,7 +150,7 @@ class SpeckleHistogram:
 def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
     """Probability density of s = I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional.
 
-    It is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
+    The density is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
     """
     count, s = pattern_count, np.asarray(relative_intensity, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -250,7 +250,7 @@ def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[Syst
 
 
 def default_pupils(system: System) -> tuple[float, ...]:
-    """Those of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
+    """The diameters of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
     eye = system.eye
     if eye is None:
         return PUPILS_M
@@ -264,7 +264,7 @@ def retinal_contrast(
     region: Region | None = None,
     target: NDArray[np.floating] | None = None,
 ) -> RetinalContrast:
-    """Contrast of a region of what the eye of a system sees.
+    """Contrast of a region of the picture that the eye of a system sees.
 
     luminance: (y, x) of the whole image. target: (y, x), whose structure is divided out.
     Raises UserError without an eye, and as `speckle_contrast` does.

@@ -104,7 +104,7 @@ class PupilField:
 
 @dataclass(frozen=True, eq=False)
 class Prescription(Description):
-    """What is wrong with an eye that wears no glasses: sphere, cylinder and axis of its glasses, and Zernike terms.
+    """The errors of an eye that wears no glasses: sphere, cylinder and axis of its glasses, and Zernike terms.
 
     sphere_dpt, cylinder_dpt: of the glasses that the eye would need, dioptres. In a meridian at an angle θ to the axis
     they have the power sphere + cylinder·sin²θ, and the eye is focused so much further away (Thibos, Wheeler & Horner,
@@ -161,7 +161,7 @@ class Eye(Description):
     accommodation_dpt: (accommodation,) dioptres at which the eye is focused at the wavelength `reference`; None: at
     each of the bench's focal planes.
     chromatic: whether the eye has longitudinal chromatic aberration.
-    chromatic_axis: what the chromatic aberration is centred on. "eyepiece": the eye stays on the axis of the eyepiece,
+    chromatic_axis: the centre of the chromatic aberration. "eyepiece": the eye stays on the axis of the eyepiece,
     and `pupil_y` and `pupil_x` are the place of its pupil alone (an artificial pupil, or one that is decentred in the
     eye); colours then separate at the retina by the pupil's displacement times the difference of focus in dioptres
     (Thibos, Bradley, Still, Zhang & Howarth, Vision Res. 30, 33 (1990)). "pupil": the eye moves as a whole, and colours

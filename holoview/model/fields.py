@@ -21,7 +21,7 @@ from holoview.util.tables import ValueType, check_keys, is_required
 
 
 class FieldType(ValueType, Protocol):
-    """What every type of a field offers."""
+    """The methods of every type of a field."""
 
     def parse(self, value: Any, where: str) -> Any:
         """The checked SI value of text, numbers or an SI value. Raises UserError, with the place `where`, if wrong."""

@@ -21,7 +21,7 @@ MAX_POINTS = 20_000
 """Most points of a path: five minutes at 60 a second."""
 _KINDS = {"y_m": PUPIL_PLACE, "x_m": PUPIL_PLACE, "pupil_m": PUPIL, "accommodation_dpt": VERGENCE}
 COLUMNS = {"y_m": "y", "x_m": "x", "pupil_m": "pupil", "accommodation_dpt": "accommodation"}
-"""Names of what a path tells at each of its times, by field, for people."""
+"""Names for people of the quantities that a path states at each of its times, by field."""
 
 
 @dataclass(frozen=True)

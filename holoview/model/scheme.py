@@ -59,7 +59,7 @@ def _parse(part: str, scheme: str) -> tuple[str, dict[str, int]]:
 
 
 def _changes(system: System, name: str, numbers: dict[str, int]) -> dict[str, Any]:
-    """What a part of a scheme changes, as keys of `System.edit`."""
+    """The changes of a part of a scheme, as keys of `System.edit`."""
     if name == "1slm":
         return {"modulators": system.modulators[:1], "gap": None}
     if name == "multisource":

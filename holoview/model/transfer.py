@@ -84,7 +84,7 @@ def frequencies_left(padded: RowsColumns, pitch_m: float, wavelength_m: float, d
 
 
 def nothing_left(padded: RowsColumns, pitch_m: float, distance_m: float) -> str:
-    """That a grid holds nothing of the light at a distance, in words that follow what lies there."""
+    """The words which say that a grid holds nothing of the light at a distance."""
     return (
         f"at {units.format_rounded(distance_m, 'mm')}, of which the grid of {padded[1]} x {padded[0]} samples of "
         f"{units.format_rounded(pitch_m, 'um')} holds nothing but light that goes straight on"

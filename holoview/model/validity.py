@@ -27,9 +27,9 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a plan.
+    """The figure of a plan.
 
-    value: in the unit of the limit. found: what it means beyond the threshold, a sentence without a full stop.
+    value: in the unit of the limit. found: the consequence beyond the threshold, a sentence without a full stop.
     where: the key of the bench that it depends on most. remedy: what to change.
     """
 
@@ -43,8 +43,8 @@ class Measured:
 class Limit:
     """A limit of the model.
 
-    name: a few words. quantity: what is measured, with its unit. reason: where the threshold comes from.
-    measure: what is measured of a plan; None where the limit doesn't apply.
+    name: a few words. quantity: the measured quantity with its unit. reason: where the threshold comes from.
+    measure: its figure for a plan; None where the limit doesn't apply.
     at_least, at_most: the threshold; one of them is given.
     refuses: whether nothing is left to see beyond the threshold, so that the plan isn't rendered.
     """
@@ -72,7 +72,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a limit says of a plan."""
+    """The verdict of a limit on a plan."""
 
     limit: Limit
     measured: Measured
@@ -84,11 +84,11 @@ class Reading:
 
     @property
     def text(self) -> str:
-        """The limit's name and what was found, in a sentence."""
+        """The limit's name and its verdict, in a sentence."""
         return f"{self.limit.name}: {self.measured.found}; {self.measured.remedy}"
 
 
-# What the grid of a plan can't hold: the band limit, wrap-around, orders beyond the samples, stops, oblique light.
+# Limits of the grid of a plan.
 #
 # Symbols: p pixel pitch, u samples along each side of a pixel, dx = p/u, P padded samples, s = λf direction sine.
 
@@ -312,7 +312,7 @@ OBLIQUE_LIGHT = Limit(
 
 
 def remainder_turns(waves: float, squared_sine: float) -> float:
-    """What the paraxial phase leaves of the phase of propagation, turns: (z/λ)·[A/(1 + √(1 − A)) − A/2]."""
+    """The phase of propagation minus the paraxial phase, turns: (z/λ)·[A/(1 + √(1 − A)) − A/2]."""
     a = min(squared_sine, 1.0)
     return waves * (a / (1 + math.sqrt(1 - a)) - a / 2)
 
@@ -629,7 +629,7 @@ LIMITS: tuple[Limit, ...] = (
 
 
 def read_limits(plan: Plan) -> tuple[Reading, ...]:
-    """What each limit that applies to a plan says of it, in the order of `LIMITS`."""
+    """The verdict of each limit that applies to a plan, in the order of `LIMITS`."""
     measured = ((limit, limit.measure(plan)) for limit in LIMITS)
     return tuple(Reading(limit, found) for limit, found in measured if found is not None)
 

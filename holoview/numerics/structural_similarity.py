@@ -29,7 +29,7 @@ from torch.nn import functional
 Tensor = torch.Tensor
 
 WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-"""Of the scales, from the finest to the coarsest (Wang et al. 2003, from a psychophysical experiment)."""
+"""Weights of the scales, from the finest to the coarsest (Wang et al. 2003, from a psychophysical experiment)."""
 
 WINDOW = 11
 """Samples of the window along y and x, and of the smallest image."""

@@ -86,15 +86,6 @@ def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor
     return torch.where(a < 1, (-2 * math.pi / wavelength_m**2) * a / (root * (1 + root)), 0)
 
 
-def relay_transfer_function(
-    transfer: Transfer, grid: Grid, pupil: torch.Tensor | None, dtype: torch.dtype, device: torch.device
-) -> torch.Tensor:
-    """H · pupil, (P_y, P_x) complex: the factor of a spectrum that propagates through a relay. pupil: None means 1."""
-    if pupil is None:
-        return transfer_function(transfer, grid, dtype, device)
-    return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
-
-
 def support_mask(transfer: Transfer, kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
     """Which frequencies pass, (A, B) bool, from the rows (smallest |k_x|, lowest k_x, highest k_x) of the support.
 

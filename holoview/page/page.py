@@ -89,26 +89,18 @@ def export_html(
         raise UserError("holograms", "none", expected="at least one")
     first = next(iter(holograms.values()))
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
-    shapes = [view.xyz.shape[1:3] for view in views]
-    _check(shapes, target, region)
-    middle = float(np.sort(views[0].focus_m)[len(views[0].focus_m) // 2])
-    plane_m = middle if plane_m is None else plane_m
+    _check([view.xyz.shape[1:3] for view in views], target, region)
+    plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
     low, high = plane_range(first.system)
     if not low <= plane_m <= high:
         raise UserError("plane", f"{plane_m * 1e3:g} mm", expected=f"{low * 1e3:g} to {high * 1e3:g} mm")
     documents = [page_document(hologram, name, high) for name, hologram in holograms.items()]
-    page = {
-        "format": FORMAT,
-        "version": VERSION,
-        "holoview": __version__,
-        "shape": list(shapes[0]),
+    page = _colours() | {
+        "shape": list(views[0].xyz.shape[1:3]),
         "plane_m": plane_m,
         "plane_range_m": [low, high],
         "gap_range_m": gap_range(first.system),
-        "region": None if region is None else dict(zip(("x", "y", "width", "height"), region, strict=True)),
-        "xyz_to_srgb": XYZ_TO_SRGB.tolist(),
-        "xyz_to_p3": COLOUR_SPACES["p3"].from_xyz.tolist(),
-        "cones": observer_table("eye"),
+        "region": None if region is None else _box(region),
         "target": None if target is None else _target(target),
         "stored": _stored(views[0]),
         "claims": _claims(first, views[0], target, plane_m, region, backend),
@@ -118,6 +110,26 @@ def export_html(
     data = [_packed(binary) for _, _, binary in documents]
     write_file(path, _html(page, frames, data, title or " and ".join(holograms), note))
     return Path(path)
+
+
+def _colours() -> dict[str, Any]:
+    """What a page has whatever it shows: its format, and the colours of screens and eyes."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "holoview": __version__,
+        "xyz_to_srgb": XYZ_TO_SRGB.tolist(),
+        "xyz_to_p3": COLOUR_SPACES["p3"].from_xyz.tolist(),
+        "cones": observer_table("eye"),
+    }
+
+
+def _middle(planes_m: NDArray[np.floating]) -> float:
+    return float(np.sort(planes_m)[len(planes_m) // 2])
+
+
+def _box(region: Region) -> dict[str, int]:
+    return dict(zip(("x", "y", "width", "height"), region, strict=True))
 
 
 def _check(shapes: Sequence[tuple[int, ...]], target: Target | None, region: Region | None) -> None:
@@ -175,8 +187,7 @@ def _claims(
     claims: list[dict[str, Any]] = []
     if region is not None:
         contrast = speckle_contrast(xyz[..., 1], region).contrast
-        box = dict(zip(("x", "y", "width", "height"), region, strict=True))
-        claims.append(_claim("contrast", "Speckle contrast in the marked region", f"{contrast:.3f}", box))
+        claims.append(_claim("contrast", "Speckle contrast in the marked region", f"{contrast:.3f}", _box(region)))
     if target is not None:
         nearest = int(np.argmin(np.abs(np.array(target.planes_m) - plane_m)))
         score = psnr_linear_srgb(rgb, target.stack[nearest]).mean_db

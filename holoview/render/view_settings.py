@@ -10,6 +10,7 @@ from typing import Any
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.model.pupil_path import PupilPath
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.tables import check_keys
 
 Region = tuple[int, int, int, int]
 """x, y, width, height in samples of the simulated image."""
@@ -132,10 +133,7 @@ class ViewSettings:
 
     def with_(self, **changes: Any) -> ViewSettings:
         """A copy with some fields changed. Raises UserError for an unknown field or an invalid value."""
-        known = {field.name for field in dataclasses.fields(self)}
-        for key in changes:
-            if key not in known:
-                raise UserError(key, "unknown field of the look", remedy=suggest_matches(key, known))
+        check_keys(changes, {field.name for field in dataclasses.fields(self)}, noun="field of the look")
         return dataclasses.replace(self, **changes)
 
     def shows_laser(self, index: int) -> bool:

@@ -1,4 +1,4 @@
-"""Images for people.
+"""Images for people: contact sheets and figures.
 
 images  contact sheets, and matplotlib figures without a window
 """

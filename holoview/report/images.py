@@ -78,7 +78,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 # --- figures ----------------------------------------------------------------------------------------------------------
 
-# Matplotlib comes with the extra "plots": a command calls `require_matplotlib` before it spends time on what it draws.
+# Matplotlib comes with the extra "plots": a command calls `require_matplotlib` before it computes what a figure shows.
 
 
 def require_matplotlib(purpose: str) -> None:

@@ -12,7 +12,7 @@ Where a nearer layer occludes a farther one, the farther one is inpainted beneat
 blurred edge is translucent. The division by the coverage compensates for light that is still missing.
 
 Limits: the masks of different layers count as statistically independent, surfaces as matt (a reflection is blurred by
-the mirror's distance, not by that of what it shows), and occluded parts of the scene are guessed.
+the mirror's distance, not by that of the mirrored things), and occluded parts of the scene are guessed.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from PIL import Image, ImageOps
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
@@ -46,7 +46,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
 )
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
 Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, before anything is decoded
-logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs becomes an error here, in one line
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # its messages become an error here, in one line
 
 
 def file_format(path: Path) -> str:

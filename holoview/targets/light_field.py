@@ -1,4 +1,4 @@
-"""A light field: pictures of a scene from a grid of viewpoints in the eyebox, and what a pupil there sees of it.
+"""A light field: pictures of a scene from a grid of viewpoints in the eyebox, and its picture through a pupil there.
 
 A viewpoint at p in the eyebox, behind an eyepiece of focal length f, sees the scene by the light of slope p/f, which is
 a `LightCone` without width. Each view shows things at the distance z₀ (zero disparity) in the same place; others at z
@@ -8,7 +8,7 @@ are moved by (z₀ − z)·p/f. An eye that is focused on the plane z′ sees th
 
 so that what stands at z′ falls together and the rest spreads over the pupil's disc (shift and add: Ng et al., Light
 field photography with a hand-held plenoptic camera, Stanford CSTR 2005-02). Each view stands for the square of the
-eyebox around it, and has the weight of the pupil's share in that square. What hides what is different in each view, so
+eyebox around it, and has the weight of the pupil's share in that square. Occlusion differs from view to view, so
 that the mean has the true occlusion of a finite pupil.
 
 Limits: out of focus by Δz, neighbouring views lie spacing·Δz/f apart. Beyond a sample or two, edges show this step.
@@ -42,7 +42,7 @@ from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.tables import parse_toml
 
-_LEAST_ACROSS = 2  # views across a pupil: with fewer, what is out of focus is doubled rather than blurred
+_LEAST_ACROSS = 2  # views across a pupil: with fewer, things out of focus are doubled rather than blurred
 _ROUNDING = 1e-6  # of a pupil's area, which may lie beyond the views
 
 
@@ -137,7 +137,7 @@ def refocus(
     pitch_m: float,
     cone: LightCone | Sequence[LightCone],
 ) -> NDArray[np.float32]:
-    """What is seen of a light field on planes at the distances focus_m (n,): (n, y, x, 3) float32.
+    """The pictures of a light field on planes at the distances focus_m (n,): (n, y, x, 3) float32.
 
     cone: of the pupil, one for all planes or one for each. Raises UserError as `see_light_field` does.
     """

@@ -12,8 +12,8 @@ wider than its path, so that whole samples are enough.
 
 With a focus for each wavelength, the parts of an eye's picture move together over the wavelengths if its lens moves
 with its pupil. They are then added first, M_λ·L for the light and M_λ·1 for the coverage (`colour_shares`): a group
-hides what is behind it as white light would be hidden. Where each wavelength moves on its own, each is composited on
-its own, which takes as many times longer.
+hides the groups behind it as it would hide white light. Where each wavelength moves on its own, each is composited on
+its own, which multiplies the time by their number.
 
 `eye_targets` makes the targets of a bench whose eye moves: from a light field, or from a picture with depth.
 """
@@ -138,7 +138,7 @@ class MovingPupilTarget:
     # --- what is kept -----------------------------------------------------------------------------------------------
 
     def _make_beams(self, farthest: ViewingPupil, laser_rgb: NDArray[np.float64]) -> list[_Beam]:
-        """One beam of all wavelengths if they move together, else one for each."""
+        """One beam of all wavelengths if they move together, else a beam for each."""
         count = self._focus_m.shape[1]
         if count == 1:
             unit = np.eye(3, dtype=np.float32)
@@ -197,7 +197,7 @@ class MovingPupilTarget:
     ) -> NDArray[np.float32]:
         """The light (pupil, channel, y, x) of a beam's groups on a plane, with the margin.
 
-        Strip by strip for all pupils, so that what they share is read from memory once.
+        Strip by strip for all pupils, so that their common data are read from memory once.
         """
         height, width = (n + 2 * self._margin for n in self._shape)
         seen = np.empty((len(pupils), beam.to_rgb.shape[1], height, width), dtype=np.float32)
@@ -252,7 +252,7 @@ def _union(windows: Sequence[Window]) -> Window:
 
 
 def _cut(side: slice, shift: int, part: slice) -> tuple[slice, slice]:
-    """What lies in a part of the frame of a side that is moved: counted from the part, and from the side."""
+    """The slices of a moved side within a part of the frame: counted from the part, and from the side."""
     start, stop = max(side.start + shift, part.start), min(side.stop + shift, part.stop)
     stop, origin = max(start, stop), side.start + shift
     return slice(start - part.start, stop - part.start), slice(start - origin, stop - origin)
@@ -274,7 +274,7 @@ def target_from_views(
     *,
     planes: Sequence[float] | NDArray[np.floating] | None = None,
 ) -> Target:
-    """The target of a light field: what the eye of a system sees of it, focused on each plane.
+    """The target of a light field: its picture in the eye of a system that is focused on each plane.
 
     field: views on the system's simulation grid. brightness: factor on linear light, positive. planes: distances (m) at
     which the stack is wanted, those on which the eye is focused when None.

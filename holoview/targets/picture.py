@@ -21,7 +21,7 @@ from PIL import Image
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
 from holoview.targets.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 __all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
@@ -215,7 +215,7 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 def to_linear_srgb(
     where: str, raster: Raster, light: NDArray[np.float64], space: str = "srgb"
 ) -> tuple[NDArray[np.float64], str]:
-    """Light (y, x, 1 or 3) of a raster as linear sRGB of the same shape, and a note on what was done, or "".
+    """Light (y, x, 1 or 3) of a raster as linear sRGB of the same shape, and a note on the conversion, or "".
 
     `space` "xyz" overrides the primaries that the file states. Raises UserError, located at `where`, for another space,
     for "xyz" without three float channels, and for primaries that can't make white.

@@ -28,7 +28,7 @@ from holoview.targets.picture import (
 from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 _STACK_BYTES = 36  # of a sample of a plane while a focal stack is made
 
@@ -92,7 +92,7 @@ def target_for(
     used, a distance outside the system's planes, a depth map of another size, and factors out of range; ValueError for
     a `Picture` with another `space`, and for planes that aren't a list of distances.
 
-    Limits: surfaces are matt and opaque, and what they hide is filled in from its surroundings.
+    Limits: surfaces are matt and opaque, and hidden parts are filled in from their surroundings.
 
     >>> import holoview as hv
     >>> from PIL import Image

@@ -1,4 +1,4 @@
-"""What the arrays and numbers of a file may be; readers check it, and tests make files from it.
+"""Types, sizes and bounds of the arrays and numbers of a file: readers check them, and tests make files from them.
 
 A reader compares the header of each array (type, sizes) before it allocates anything, and the values afterwards.
 """
@@ -43,7 +43,7 @@ class ArraySchema:
     def check_header(self, type_name: str, shape: Iterable[int], sizes: dict[str, int]) -> None:
         """Raises UserError, with the array's name, for another type or shape.
 
-        sizes: what is known of the sizes that `axes` names; those that this array tells are added.
+        sizes: the known sizes that `axes` names; the sizes of this array are added.
         """
         found = tuple(shape)
         if type_name not in self.types:

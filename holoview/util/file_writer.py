@@ -1,7 +1,7 @@
 """Writes files whole or not at all; every failure of a disk becomes one error.
 
-A library that writes a format makes the content in memory and never sees the disk: what it does when a disk is full
-(exceptions of its own, half files, crashes) can't happen then.
+A library that writes a format makes the content in memory and never sees the disk. Its ways to fail on a full disk
+(exceptions of its own, half files, crashes) can't occur then.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def _disk_errors(path: str | os.PathLike[str], size: int = 0, what: str = "written") -> Iterator[None]:
-    """Turns what a disk refuses into WriteError. size: of the content in bytes; 0: unknown."""
+    """Turns the errors of a disk into WriteError. size: of the content in bytes; 0: unknown."""
     try:
         yield
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
@@ -149,7 +149,7 @@ def _fsync(handle: int) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in _NOT_SUPPORTED:  # of some network file systems; what they lack is no failure
+        if error.errno not in _NOT_SUPPORTED:  # some network file systems lack this call, which is no failure
             raise
 
 

@@ -59,7 +59,7 @@ _NON_BLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 def require_file(path: str | os.PathLike[str], expected: str, missing: str = "") -> Path:
     """The path, if it leads to a regular file.
 
-    expected: what the file is to be. missing: what to do where there is none.
+    expected: a description of the right file. missing: the remedy where there is none.
     Raises UserError for a name without a file, and for folders, pipes, sockets and devices.
     """
     file = Path(path)

@@ -1,4 +1,4 @@
-"""Locks on the names of what is being written, so that two programs at a time don't write one file or folder.
+"""Locks on the names of files and folders that are being written, so that no two programs write one at a time.
 
 A lock is one of the operating system on a small file in the user's cache folder. It ends with the process that holds
 it, however that ends. Where the cache folder can't be written, or its disk has no locks, nothing is locked.

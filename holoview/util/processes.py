@@ -53,7 +53,7 @@ class Interruption:
 
     @property
     def exit_code(self) -> int:
-        """What the program returns when it has ended so: 128 + the signal, or 0."""
+        """The exit code of a program that ended so: 128 + the signal, or 0."""
         return 128 + self.signal if self.signal else 0
 
 
@@ -108,7 +108,7 @@ def signals_blocked() -> Iterator[None]:
 
 
 def leave_signals_to_parent() -> None:
-    """What a worker process does first: it ignores signals that its parent handles, and ends with its parent."""
+    """The first step of a worker process: it ignores signals that its parent handles, and ends with its parent."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     end_with_parent()

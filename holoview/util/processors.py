@@ -84,9 +84,6 @@ def read_lines(path: Path) -> list[str]:
         return []
 
 
-# Which share of the processor this thread has got of what it was ready for, on a machine that others use as well.
-
-
 _SCHEDSTAT = Path("/proc/thread-self/schedstat")
 
 
@@ -116,7 +113,7 @@ SPIN_COUNT = 1000
 def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> None:
     """Lets OpenMP's threads sleep early, and starts no more of them, and of Mesa's, than a container grants CPUs.
 
-    environment: where to set this; what it says already is kept.
+    environment: where to set this; variables that are set already stay as they are.
     """
     if "OMP_WAIT_POLICY" not in environment:
         environment.setdefault("GOMP_SPINCOUNT", str(SPIN_COUNT))

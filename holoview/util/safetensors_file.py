@@ -23,7 +23,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import write_file
 from holoview.util.files import require_file
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 _TYPES = {
     "U8": "uint8",
@@ -116,7 +116,7 @@ class TensorFile:
     def tensors(self, sizes: Mapping[str, int] = NO_SIZES) -> dict[str, NDArray[Any]]:
         """The tensors of the format, {name: array}; types, shapes and memory are checked before any is read.
 
-        sizes: what is known, from the metadata, of the sizes that the schema names.
+        sizes: the sizes that the schema names, as far as the metadata tell them.
         Raises UserError for a tensor that isn't what the schema says, and when all need too much memory.
         """
         try:

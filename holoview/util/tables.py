@@ -44,7 +44,7 @@ def parse_toml(text: str, where: str, expected: str) -> dict[str, Any]:
 def parse_toml_value(text: str, where: str) -> Any:
     """The value of a TOML expression such as [1, 2]; text that isn't TOML stands for itself.
 
-    Raises UserError as `parse_toml` does for what is too long, too deep or too large.
+    Raises UserError as `parse_toml` does for text that is too long, tables that are too deep and numbers too large.
     """
     try:
         return _load_toml(f"value = {text}", where, "a value in TOML")["value"]
@@ -53,7 +53,7 @@ def parse_toml_value(text: str, where: str) -> Any:
 
 
 def _load_toml(text: str, where: str, expected: str) -> dict[str, Any]:
-    """The table of a TOML text. Raises TOMLDecodeError for text that isn't TOML, UserError for what is too much."""
+    """The table of a TOML text. Raises TOMLDecodeError for text that isn't TOML, UserError beyond the limits."""
     if len(text) > TEXT_LIMIT:
         raise UserError(where, f"has {len(text)} characters", expected=f"{expected} of at most {TEXT_LIMIT}")
     if _DEEP_KEY.search(text):
@@ -91,7 +91,7 @@ def parse_json_table(text: str, where: str, expected: str, *, finite: bool = Fal
 
 
 def _check_values(value: Any, where: str, expected: str, *, finite: bool = False) -> None:
-    """Refuses what is too deep, and whole numbers that are too large; without recursion."""
+    """Refuses tables that are too deep and whole numbers that are too large; without recursion."""
     level, depth = [value], 0
     while level:
         below: list[Any] = []

@@ -21,6 +21,7 @@ from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.view import random_drive
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -138,6 +139,7 @@ def test_a_focal_plane_behind_a_stop_is_computed_from_the_stored_spectrum(device
     assert _cost(renderer, renderer.update) == XYZ | behind_gap
 
 
+@pytest.mark.explores
 def test_stops_of_the_first_order_halve_the_memory(device: Device) -> None:
     """Rows and columns of spectra are halved; intensities have all samples, because their band is twice as wide."""
     narrow, wide = (
@@ -149,7 +151,7 @@ def test_stops_of_the_first_order_halve_the_memory(device: Device) -> None:
     assert narrow.traffic_bytes <= 0.7 * wide.traffic_bytes
 
 
-@pytest.mark.parametrize("strategy", ["passes", "workgroup"])
+@pytest.mark.parametrize("strategy", explored(["passes", "workgroup"], ["passes"]))
 def test_a_stop_can_be_narrowed_widened_and_moved(device: Device, strategy: Strategy) -> None:
     system = SYSTEM.edit(STOPS)
     renderer = _open(device, system, strategy=strategy)
@@ -210,7 +212,7 @@ def _reference(system: System, planes_m: list[float]) -> np.ndarray:
     return compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, random_drive(system)), double=True))[1]
 
 
-@pytest.mark.parametrize("together", [1, 2, 3])
+@pytest.mark.parametrize("together", explored([1, 2, 3], [2]))
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_renderer_shows_what_torch_computes_in_double_precision(device: Device, name: str, together: int) -> None:
     system = SYSTEM.edit(SYSTEMS[name])
@@ -238,7 +240,7 @@ def test_planes_of_a_focal_stack_share_the_second_rows(device: Device) -> None:
     assert renderer.plane_m == 3e-3
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", explored(SYSTEMS, ["one modulator"]))
 def test_half_precision_between_kernels_costs_less_than_a_code_of_255(device: Device, name: str) -> None:
     system = SYSTEM.edit(SYSTEMS[name])
     full, half = _open(device, system), _open(device, system, half=True)
@@ -290,7 +292,7 @@ def test_the_first_edit_of_the_gap_begins_at_the_source_and_the_next_ones_at_the
         assert _cost(renderer, renderer.update) == cost
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", explored(SYSTEMS, ["periodic"]))
 def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> None:
     system = SYSTEM.edit({"shape": [32, 64], **SYSTEMS[name], "sampling.propagation": "periodic"})
     if "modulators" in SYSTEMS[name]:

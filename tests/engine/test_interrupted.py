@@ -12,6 +12,7 @@ from holoview.gpu.device import Device
 from holoview.model.bench_parts import Modulator
 from holoview.model.system import System
 from holoview.view import random_drive
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -42,7 +43,7 @@ def _fresh(device: Device, system: System, drive: np.ndarray, plane_m: float) ->
     return renderer.xyz()
 
 
-@pytest.mark.parametrize("budget", [2**30, 0], ids=["everything stored", "nothing stored"])
+@pytest.mark.parametrize("budget", explored([2**30, 0], [0]))
 def test_whatever_is_dropped_half_done_the_next_update_is_right(device: Device, budget: int) -> None:
     rng, drive = np.random.default_rng(5), random_drive(SYSTEM, 1)
     renderer = IncrementalRenderer(SYSTEM, drive, device, budget_bytes=budget)

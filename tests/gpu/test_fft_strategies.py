@@ -7,8 +7,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from holoview.gpu.device import INT64, SUBGROUP, Device
@@ -18,6 +16,7 @@ from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supporte
 from holoview.gpu.line_fft_codegen import MAX_TILE_INVOCATIONS, fit_tile
 from holoview.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
+from tests.explored import explored
 
 TOLERANCE = 4e-7
 """Relative L2 error against float64 of one direction or both; 2.9e-7 is the worst seen, and the bar is 6e-7."""
@@ -67,12 +66,10 @@ def _difference(found: Complex, expected: Complex) -> float:
 
 
 @pytest.mark.gpu
-@settings(max_examples=15, derandomize=True, deadline=None)
-@given(shape=st.sampled_from(SHAPES), batch=st.integers(1, 3), seed=st.integers(0, 2**32 - 1))
-def test_strategies_agree_with_torch_and_with_each_other(
-    device: Device, shape: tuple[int, int], batch: int, seed: int
-) -> None:
-    fields = _fields(shape, batch, seed)
+@pytest.mark.parametrize("shape", explored(SHAPES, [(40, 72)]))
+@pytest.mark.parametrize("batch", [1, 3])
+def test_strategies_agree_with_torch_and_with_each_other(device: Device, shape: tuple[int, int], batch: int) -> None:
+    fields = _fields(shape, batch, seed=batch)
     expected = torch.fft.fft2(torch.from_numpy(fields).to(torch.complex128)).numpy()
     spectra = {}
     for strategy in supported_strategies(device, shape):

@@ -14,6 +14,7 @@ from holoview.gpu.line_fft_codegen import MAX_REGISTERS, generate_subgroup_shade
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 from holoview.gpu.spectrum_order import Direction, Step
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -79,7 +80,7 @@ def _expected(axis: Axis, steps: tuple[Direction, ...], given: Complex) -> Compl
     return values
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", explored(SHAPES, [(1, 30)]))
 def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) -> None:
     given = _given(shape)
     for axis, steps in product(AXES, STEPS):

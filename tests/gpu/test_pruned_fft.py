@@ -23,6 +23,7 @@ from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 from holoview.gpu.spectrum_order import Range
 from holoview.numerics.sampling import frequency_indices
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -118,7 +119,7 @@ def _wanted(n: int, step: Step) -> NDArray[np.bool_]:
     return _is_within(n, np.arange(n) if is_point else frequency_indices(n), step.points if is_point else step.band)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", explored(CASES, ["points and a band between", "repeated"]))
 def test_what_is_needed_of_a_transform_is_that_of_numpy(device: Device, name: str) -> None:
     steps, n = CASES[name], _length(name)
     given = _given(n, steps[0])

@@ -17,7 +17,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.sampling import frequency_indices
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.propagate import nominal_pupil, relay_transfer_function
+from holoview.optics.propagate import nominal_pupil, transfer_function
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import EvaluationRequest, Problem
@@ -67,7 +67,8 @@ def _penalty(plain: Any, plan: Plan, opd_m: torch.Tensor, amplitudes: torch.Tens
     total, lit = torch.zeros(()), 0
     for λ in range(len(plan.system.wavelengths_m)):
         glass = nominal_pupil(plan, 1, λ, torch.complex128, CPU)
-        stop = relay_transfer_function(plan.transfer(1, λ, 0.0), plan.grid, glass, torch.complex128, CPU).abs().square()
+        stop = transfer_function(plan.transfer(1, λ, 0.0), plan.grid, torch.complex128, CPU).abs().square()
+        stop = stop if glass is None else stop * glass.abs().square()
         light = torch.zeros(plan.grid.padded)
         for frame in range(plan.system.frames):
             for source in range(len(plan.slopes)):

@@ -65,8 +65,11 @@ def write_rig(path: Path, changes: Mapping[str, Any] | None = None) -> Path:
     return path
 
 
+MakeRig = Callable[..., RigDescription]
+
+
 @pytest.fixture
-def make_rig(tmp_path: Path) -> Callable[..., RigDescription]:
+def make_rig(tmp_path: Path) -> MakeRig:
     """`make_rig({"slm2": None})` reads a small rig with changes."""
 
     def make(changes: Mapping[str, Any] | None = None) -> RigDescription:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from holoview.rig import RigDescription, open_rig, read_rig
+from holoview.rig import open_rig, read_rig
 from holoview.util.errors import UserError
-from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, TABLES, write_rig
-
-MakeRig = Callable[..., RigDescription]
+from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, TABLES, MakeRig, write_rig
 
 
 def test_a_rig_is_read_in_si_units(make_rig: MakeRig) -> None:

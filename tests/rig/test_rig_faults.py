@@ -14,6 +14,7 @@ from benchmarks.rig_faults import WAYS
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.explores
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks the program")
 def test_interrupted_sessions_are_those_that_nothing_interrupted() -> None:
     """One for each way in which a session is interrupted first."""

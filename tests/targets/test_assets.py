@@ -79,6 +79,7 @@ def test_the_chart_holds_the_primaries_white_and_black() -> None:
     assert chart.min() == 0 and chart.max() == 1
 
 
+@pytest.mark.explores
 def test_the_model_agrees_with_the_lens(model_stack: NDArray[np.float32], lens_stack: NDArray[np.float32]) -> None:
     found = psnr(model_stack, lens_stack)
     assert (found > BOUNDS_DB).all(), found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,18 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import srgb_decode
-from holoview.targets.picture import read_picture, resize_to_cover
+import holoview as hv
+from holoview.colour import (
+    D65_WHITE,
+    SRGB_TO_XYZ,
+    XYZ_TO_SRGB,
+    import_colour_science,
+    observer_weights,
+    rgb_to_xyz,
+    srgb_decode,
+)
+from holoview.targets.picture import read_picture, resize_to_cover, scale_saturation, srgb_from_primaries
+from holoview.util.errors import UserError
 
 CODES = np.array([[[0, 10, 188], [255, 128, 64]], [[1, 2, 3], [90, 200, 250]], [[17, 17, 17], [254, 1, 99]]], np.uint8)
 FLOAT32_EPSILON = 1e-7  # light is kept in float32, whose spacing below 1 is 6e-8
@@ -259,3 +270,315 @@ def test_fit_keeps_light_and_depth_aligned() -> None:
 def test_fit_refuses_shapes_without_pixels() -> None:
     with pytest.raises(ValueError, match="size ≥ 1"):
         resize_to_cover(np.zeros((3, 3), dtype=np.float32), (0, 4))
+
+
+D65 = (0.3127, 0.3290)
+SRGB = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), D65)
+REC2020 = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), D65)
+DCI_P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), (0.314, 0.351))
+ACES = ((0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770), (0.32168, 0.33767))
+XYZ = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), (1 / 3, 1 / 3))
+FLOAT32 = 1e-6  # chromaticities and light are stored as float32
+
+
+def float_exr(path: Path, channels: dict[str, NDArray[Any]], primaries: Any = None) -> Path:
+    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if primaries is not None:
+        header["chromaticities"] = tuple(number for pair in primaries for number in pair)
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+    return path
+
+
+def light(seed: int = 0) -> NDArray[np.float32]:
+    return np.random.default_rng(seed).random((4, 5, 3), dtype=np.float32)
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.tif"])
+def test_xyz_becomes_unbounded_linear_srgb(tmp_path: Path, name: str) -> None:
+    rgb = light() * 3 - 1  # in and out of the gamut, dark and HDR
+    xyz = (rgb @ SRGB_TO_XYZ.T).astype(np.float32)
+    path = tmp_path / name
+    float_exr(path, {"RGB": xyz}) if name.endswith("exr") else tifffile.imwrite(path, xyz, photometric="rgb")
+    picture = read_picture(path, space="xyz")
+    assert picture.rgb == pytest.approx(rgb, abs=10 * FLOAT32)
+    assert picture.notes[0] == "CIE XYZ converted to linear sRGB"
+    assert "colours outside sRGB" in picture.notes[-1]
+
+
+def test_the_white_of_xyz_is_d65_at_y_of_one(tmp_path: Path) -> None:
+    float_exr(tmp_path / "white.exr", {"RGB": np.tile(D65_WHITE.astype(np.float32), (2, 2, 1))})
+    assert read_picture(tmp_path / "white.exr", space="xyz").rgb == pytest.approx(np.ones((2, 2, 3)), abs=FLOAT32)
+
+
+def test_integers_and_grey_are_no_xyz(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    tifffile.imwrite(tmp_path / "b.tif", np.zeros((2, 2, 3), np.uint16), photometric="rgb")
+    float_exr(tmp_path / "c.exr", {"Y": np.zeros((2, 2), np.float32)})
+    for name, found in (("a.png", "holds integers"), ("b.tif", "holds integers"), ("c.exr", "has one channel")):
+        with pytest.raises(UserError, match=f"{name}: {found}.*; expected three float channels of CIE XYZ; save it as"):
+            read_picture(tmp_path / name, space="xyz")
+
+
+def test_another_space_is_refused(tmp_path: Path) -> None:
+    float_exr(tmp_path / "a.exr", {"RGB": light()})
+    with pytest.raises(UserError, match='space: "lab"; expected srgb or xyz'):
+        read_picture(tmp_path / "a.exr", space="lab")
+
+
+@pytest.mark.parametrize(
+    ("name", "primaries"),
+    [("ITU-R BT.2020", REC2020), ("DCI-P3", DCI_P3), ("ACES2065-1", ACES)],
+)
+def test_stated_primaries_are_converted_as_colour_science_does(tmp_path: Path, name: str, primaries: Any) -> None:
+    science = import_colour_science()
+    picture = read_picture(float_exr(tmp_path / "a.exr", {"RGB": light()}, primaries))
+    spaces = science.RGB_COLOURSPACES[name], science.RGB_COLOURSPACES["sRGB"]
+    matrix = science.matrix_RGB_to_RGB(*spaces, chromatic_adaptation_transform="Bradford")
+    expected = light() @ matrix.T
+    assert np.abs(picture.rgb - expected).max() < 5e-4  # its sRGB and BT.2020 matrices are the standards' rounded ones
+    assert picture.notes[0] == "converted from the file's own primaries"
+
+
+@pytest.mark.parametrize("primaries", [SRGB, REC2020, DCI_P3, ACES])
+def test_the_white_of_any_primaries_is_the_display_white(primaries: Any) -> None:
+    assert srgb_from_primaries("file", primaries) @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
+
+
+def test_the_rec_2020_primaries_have_their_own_chromaticities() -> None:
+    columns = (SRGB_TO_XYZ @ srgb_from_primaries("file", REC2020)).T
+    assert columns[:, :2] / columns.sum(axis=1, keepdims=True) == pytest.approx(np.array(REC2020[:3]), abs=1e-12)
+
+
+def test_srgb_primaries_change_nothing(tmp_path: Path) -> None:
+    picture = read_picture(float_exr(tmp_path / "a.exr", {"RGB": light()}, SRGB))
+    assert picture.rgb == pytest.approx(light(), abs=FLOAT32)
+
+
+def test_a_header_may_say_that_the_file_holds_xyz(tmp_path: Path) -> None:
+    picture = read_picture(float_exr(tmp_path / "a.exr", {"RGB": light()}, XYZ))
+    assert picture.rgb == pytest.approx(light() @ XYZ_TO_SRGB.T, abs=FLOAT32)
+    assert picture.notes[0] == "CIE XYZ, as its header says, converted to linear sRGB"
+
+
+def test_the_asked_space_wins_over_the_header_and_says_so(tmp_path: Path) -> None:
+    picture = read_picture(float_exr(tmp_path / "a.exr", {"RGB": light()}, REC2020), space="xyz")
+    assert picture.rgb == pytest.approx(light() @ XYZ_TO_SRGB.T, abs=FLOAT32)
+    assert picture.notes[0].endswith("the chromaticities in its header are ignored")
+
+
+def test_grey_has_no_primaries(tmp_path: Path) -> None:
+    grey = np.full((2, 3), 0.5, np.float32)
+    assert (read_picture(float_exr(tmp_path / "a.exr", {"Y": grey}, REC2020)).rgb == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    "primaries",
+    [
+        ((0.3, 0.3), (0.4, 0.4), (0.5, 0.5), D65),
+        ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3, 0.0)),
+        ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3, float("nan"))),
+    ],
+)
+def test_primaries_that_span_nothing_are_refused(tmp_path: Path, primaries: Any) -> None:
+    float_exr(tmp_path / "a.exr", {"RGB": light()}, primaries)
+    with pytest.raises(
+        UserError, match=r"a\.exr: its header states the chromaticities \(.*; expected red, green, blue"
+    ):
+        read_picture(tmp_path / "a.exr")
+
+
+SINGLE_PRECISION = (
+    2e-6  # of the largest channel: a few roundings to float32, 6e-8 each, through matrices of gain up to 3.2 · 10
+)
+FACTORS = (0.0, 0.3, 0.9, 1.0, 1.1, 1.5, 3.0, 1000.0)
+
+
+def colours(count: int = 4000) -> NDArray[np.float32]:
+    """Random colours inside sRGB, dark and HDR ones among them."""
+    random = np.random.default_rng(0)
+    return (random.random((count, 3)) * 10 ** random.uniform(-4, 1, (count, 1))).astype(np.float32)
+
+
+def luv(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
+    white = import_colour_science().XYZ_to_xy(D65_WHITE)
+    return np.asarray(import_colour_science().XYZ_to_Luv(rgb.astype(np.float64) @ SRGB_TO_XYZ.T, white))
+
+
+def chromaticity(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(…, 2): u′, v′."""
+    xyz = rgb.astype(np.float64) @ SRGB_TO_XYZ.T
+    return xyz[..., :2] * (4, 9) / (xyz @ (1, 15, 3))[..., None]
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.25, 0.8, 1.0, 1.2])
+def test_it_agrees_with_colour_science(factor: float) -> None:
+    science = import_colour_science()
+    white = science.XYZ_to_xy(D65_WHITE)
+    picture = (0.2 + 0.8 * colours() / colours().max(axis=1, keepdims=True)).astype(
+        np.float32
+    )  # inside the locus × 1.2
+    lch = science.Luv_to_LCHuv(luv(picture)) * (1, factor, 1)
+    expected = science.Luv_to_XYZ(science.LCHuv_to_Luv(lch), white) @ XYZ_TO_SRGB.T
+    found = scale_saturation(picture, factor)
+    assert found.dtype == np.float32 and found.shape == picture.shape
+    assert np.abs(found - expected).max() < 1e-5  # colour-science's L* ↔ Y has constants rounded to 1e-6
+
+
+def test_a_factor_of_one_is_the_identity() -> None:
+    wide = np.array([[-0.5, 0.2, 3.0], [0, 0, 0], [1, -2, 0]], dtype=np.float32)
+    assert (scale_saturation(wide, 1.0) == wide).all()
+
+
+def test_a_factor_near_one_is_nearly_the_identity() -> None:
+    before = colours()
+    change = np.abs(scale_saturation(before, 1 + 1e-6) - before).max(axis=1)
+    assert (change / before.max(axis=1)).max() < 3e-5
+
+
+def test_a_factor_of_zero_is_the_grey_of_the_same_luminance() -> None:
+    before = colours()
+    grey = scale_saturation(before, 0.0)
+    luminance = before @ SRGB_TO_XYZ[1]
+    assert (np.abs(grey - luminance[:, None]) / luminance[:, None]).max() < SINGLE_PRECISION
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_luminance_is_kept(factor: float) -> None:
+    before = np.concatenate([colours(), -colours(50), [[-0.5, 0.2, 3.0], [0.0, -1.0, 0.1], [1e-20, 0, 0]]])
+    after = scale_saturation(before, factor)
+    change = np.abs(after.astype(np.float64) @ SRGB_TO_XYZ[1] - before @ SRGB_TO_XYZ[1])
+    assert (change / np.maximum(np.abs(after).max(axis=1), 1e-30)).max() < SINGLE_PRECISION
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.1, 1.5, 1000.0])
+def test_hue_is_kept_even_where_chroma_stops(factor: float) -> None:
+    before = colours()
+    after = scale_saturation(before, factor)
+    hue = [np.arctan2(*np.moveaxis(luv(rgb)[:, [2, 1]], -1, 0)) for rgb in (before, after)]
+    chroma = np.hypot(*np.moveaxis(luv(before)[:, 1:], -1, 0))
+    turn = np.abs(np.angle(np.exp(1j * (hue[1] - hue[0]))))
+    assert (turn * chroma).max() < 1e-2  # in units of u*, v*, of which 1 is just visible
+
+
+def test_half_the_chroma_twice_is_a_quarter() -> None:
+    before = colours()
+    twice = scale_saturation(scale_saturation(before, 0.5), 0.5)
+    assert (np.abs(twice - scale_saturation(before, 0.25)) / before.max(axis=1, keepdims=True)).max() < SINGLE_PRECISION
+
+
+def test_chroma_stops_at_the_purest_light_of_its_hue() -> None:
+    after = scale_saturation(colours(), 1000.0)
+    assert np.isfinite(after).all()
+    xyz = after.astype(np.float64) @ SRGB_TO_XYZ.T
+    assert (xyz.min(axis=1) / xyz.max(axis=1)).min() > -1e-6, "no impossible light"
+    locus = chromaticity(observer_weights("cie1931", np.arange(390, 701) * 1e-9) @ XYZ_TO_SRGB.T)
+    assert to_polygon(chromaticity(after), locus).max() < 3e-4  # r·Δθ²/8, Δθ ≤ 0.1 rad between the locus' 1 nm steps
+
+
+def to_polygon(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of each point (n, 2) from the closed polygon's edges."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    offsets = points[:, None] - corners
+    along = np.clip((offsets * sides).sum(axis=-1) / (sides**2).sum(axis=-1), 0, 1)
+    return np.asarray(np.linalg.norm(offsets - along[..., None] * sides, axis=-1).min(axis=1))
+
+
+def test_the_blue_primary_stays_finite_where_luv_alone_would_not() -> None:
+    blue = np.array([0, 0, 1], dtype=np.float32)
+    factors = np.linspace(1.0, 3.0, 41)
+    largest = [float(scale_saturation(blue, factor).max()) for factor in factors]
+    assert (np.diff(largest) >= 0).all() and largest[-1] == largest[20] < 100
+
+
+def test_what_is_purer_than_any_light_is_left_as_it_is() -> None:
+    imaginary = (np.array([[0.0, 1.0, 0.0], [1.0, 0.3, -0.2], [0.2, 0.001, 1.0]]) @ XYZ_TO_SRGB.T).astype(np.float32)
+    assert scale_saturation(imaginary, 5.0) == pytest.approx(imaginary, rel=1e-5, abs=1e-5)
+
+
+def test_black_negative_and_imaginary_light_makes_no_nan() -> None:
+    xyz = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, -1, 1], [-15, 1, 0], [0, 1, -5], [-1, -1, -1], [-1, 0, 1]])
+    before = (xyz @ XYZ_TO_SRGB.T).astype(np.float32)
+    for factor in FACTORS:
+        after = scale_saturation(before, factor)
+        assert np.isfinite(after).all() and (after[0] == 0).all()
+        assert np.abs(after).max() <= np.abs(before).max() * 1.01
+    assert scale_saturation(before, 0.0) == pytest.approx(
+        np.repeat(before @ SRGB_TO_XYZ[1], 3).reshape(-1, 3), abs=1e-5
+    )
+
+
+def test_negative_light_scales_as_its_positive() -> None:
+    before = colours(100)
+    for factor in (0.4, 1.3):
+        assert (scale_saturation(-before, factor) == -scale_saturation(before, factor)).all()
+
+
+def test_neutrals_stay_neutral() -> None:
+    grey = np.repeat(np.linspace(0, 4, 50, dtype=np.float32), 3).reshape(-1, 3)
+    for factor in FACTORS:
+        assert scale_saturation(grey, factor) == pytest.approx(grey, abs=1e-5)
+
+
+@pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf, -math.inf])
+def test_factors_that_make_no_sense_are_refused(factor: float) -> None:
+    with pytest.raises(
+        UserError, match=r"saturation: .*; expected a factor of 0 or more; 0 is grey, 1 changes nothing"
+    ):
+        scale_saturation(colours(1), factor)
+
+
+REC2020_PRIMARIES = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), (0.3127, 0.3290))
+
+
+def test_xyz_comes_back_as_the_colour_that_it_was(tmp_path: Path) -> None:
+    xyz = np.random.default_rng(0).random((4, 5, 3)).astype(np.float32)
+    tifffile.imwrite(tmp_path / "xyz.tif", xyz, photometric="rgb")
+    picture = read_picture(tmp_path / "xyz.tif", space="xyz")
+    np.testing.assert_allclose(picture.rgb @ SRGB_TO_XYZ.T, xyz, atol=1e-6)
+    assert picture.rgb.min() < 0, "random XYZ leaves sRGB"
+    assert any("XYZ" in note for note in picture.notes)
+
+
+def test_display_white_is_white(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "w.tif", np.full((2, 2, 3), D65_WHITE, dtype=np.float32), photometric="rgb")
+    np.testing.assert_allclose(read_picture(tmp_path / "w.tif", space="xyz").rgb, 1, atol=1e-6)
+
+
+def test_a_display_signal_is_no_xyz(tmp_path: Path) -> None:
+    Image.new("RGB", (4, 4)).save(tmp_path / "p.png")
+    with pytest.raises(UserError, match=r"p\.png: holds integers.*expected three float channels of CIE XYZ"):
+        read_picture(tmp_path / "p.png", space="xyz")
+    tifffile.imwrite(tmp_path / "g.tif", np.ones((3, 3), dtype=np.float32))
+    with pytest.raises(UserError, match="has one channel"):
+        read_picture(tmp_path / "g.tif", space="xyz")
+    with pytest.raises(UserError, match='space: "lab"; expected srgb or xyz'):
+        read_picture(tmp_path / "g.tif", space="lab")
+
+
+def test_primaries_that_a_file_states_are_obeyed(tmp_path: Path) -> None:
+    rgb = np.random.default_rng(1).random((4, 5, 3)).astype(np.float32)
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": tuple(np.ravel(REC2020_PRIMARIES))}
+    channels = {c: np.ascontiguousarray(rgb[..., j]) for j, c in enumerate("RGB")}
+    OpenEXR.File(header, channels).write(str(tmp_path / "wide.exr"))
+    picture = read_picture(tmp_path / "wide.exr")
+    np.testing.assert_allclose(picture.rgb @ SRGB_TO_XYZ.T, rgb @ rgb_to_xyz(REC2020_PRIMARIES).T, atol=1e-5)
+    assert "converted from the file's own primaries" in picture.notes
+
+
+def test_colours_outside_srgb_reach_the_target(tmp_path: Path) -> None:
+    green = np.broadcast_to(np.array([-0.2, 0.9, -0.05], dtype=np.float32), (24, 32, 3))
+    tifffile.imwrite(tmp_path / "green.tif", green, photometric="rgb")
+    near = {"shape": [12, 16], "planes": ["0.1 mm"]}
+    target = hv.target_for(hv.load("holochrome-8").edit(near), tmp_path / "green.tif")
+    np.testing.assert_allclose(target.stack[0], green, atol=1e-5)
+
+
+def test_planes_between_are_made_like_the_others(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    tifffile.imwrite(tmp_path / "p.tif", rng.random((24, 32, 3)).astype(np.float32), photometric="rgb")
+    system = hv.load("holochrome-8").edit({"shape": [12, 16], "planes": ["1 mm", "1.2 mm"]})
+    alone = hv.target_for(system, tmp_path / "p.tif")
+    more = hv.target_for(system, tmp_path / "p.tif", planes=np.array([1e-3, 1.1e-3, 1.2e-3]))
+    np.testing.assert_array_equal(more.stack[[0, 2]], alone.stack)
+    assert more.planes_m == (1e-3, 1.1e-3, 1.2e-3)

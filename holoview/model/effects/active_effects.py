@@ -95,7 +95,7 @@ class ActiveEffects:
         return self.applied("laser_power", power)
 
     def exposure_samples(self) -> list[ExposureSample]:
-        """What an exposure averages over: pairs (weight, factor of the optical paths)."""
+        """The samples that an exposure averages: pairs (weight, factor of the optical paths)."""
         samples: list[ExposureSample] = [(1.0, 1.0)]
         for effect, v in self.with_hooks("exposure_samples"):
             samples = [(w0 * w, f0 * f) for w0, f0 in samples for w, f in call_hook(effect, "exposure_samples", v)]

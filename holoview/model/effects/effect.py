@@ -8,7 +8,7 @@ order in which light meets them:
     laser_power         relative laser power that was set → that is emitted
     exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
     stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
-    settled_share       the same, where it depends on what was shown before
+    settled_share       the same, where it depends on the pattern before
     optical_path        optical path (m) of a modulator at a wavelength
     transmission        complex transmission of a modulator at a wavelength; also the light onto the first one
     slm2_pose           position of the second modulator: shift, rotation, magnification
@@ -68,7 +68,7 @@ class StartKind(StrEnum):
 
 @dataclass(frozen=True)
 class DataProperties:
-    """What captures contain, on which it depends which effects can be seen in them.
+    """The content of captures that decides which effects can be seen in them.
 
     wavelengths, planes, powers, modulators: how many different ones.
     irises: whether relay 1 and relay 2 have an iris or a square stop.
@@ -85,7 +85,7 @@ class DataProperties:
 
 @dataclass(frozen=True)
 class Needs:
-    """What captures must contain for an effect to be seen in them.
+    """The content that captures must have for an effect to be seen in them.
 
     wavelengths, planes, powers, modulators: at least so many different ones.
     irises: numbers (1, 2) of the relays that must have an iris or a square stop.
@@ -115,8 +115,9 @@ class Effect:
     """One physical cause. Subclasses set the class variables and override hooks.
 
     id: its name in presets, results and file names.
-    cause: a sentence that says what is wrong.
-    finding: what a diagnosis says of it, with {parameter} for values with units and the fields of `finding_fields`.
+    cause: a sentence that names the fault.
+    finding: the sentence of a diagnosis that names it, with {parameter} for values with units and the fields of
+    `finding_fields`.
     parameters: what may vary, and by how much.
     acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
     degenerate_with: ids of effects that no data can tell from this one.
@@ -126,8 +127,8 @@ class Effect:
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
     start_kinds: which starting values, beside `starting_points`, a diagnosis reads off the pictures for it.
-    has_rival_parameters: whether one parameter nearly does what another does, so that a fit from the identity may
-    divide between them what is one's alone; a diagnosis searches the range of each then.
+    has_rival_parameters: whether two parameters change images nearly alike, so that a fit from the identity may divide
+    the value of one between both; a diagnosis then searches the range of each.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
 
     Hooks get the values of the parameters, in SI units, as `v`.
@@ -168,8 +169,8 @@ class Effect:
     def settled_share(self, share: Tensor, before: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """The fraction of the stroke that pixels (rows, columns) show if they would settle at `share`, from `before`.
 
-        Called only where it is known what was shown before: the frame before, of several that repeat, or the patterns
-        of the capture before.
+        Called only where the pattern before is known: that of the frame before, of several that repeat, or of the
+        capture before.
         """
         return share
 

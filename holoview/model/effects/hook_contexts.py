@@ -1,4 +1,4 @@
-"""What a hook is told about its modulator, relay or camera: wavelength, pitch, coordinates; and tools for its maps."""
+"""The modulator, relay or camera on which a hook acts: wavelength, pitch, coordinates, and tools for its maps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Tensor = torch.Tensor
 class Pose:
     """The position of a modulator or of the camera relative to its nominal one.
 
-    What should be at r is at magnification · R(rotation)·r + shift.
+    A point that should be at r is at magnification · R(rotation)·r + shift.
 
     shift_m: (y, x), m.
     rotation_rad: about the centre; positive from +x towards +y.
@@ -45,7 +45,7 @@ class Pose:
         return self == Pose()
 
     def inverse_affine(self, pitch_m: float) -> AffineRows:
-        """Rows (y, x, 1) of the affine map from a position to the nominal position of what is there, in samples."""
+        """Rows (y, x, 1) of the affine map from a point's position to its nominal position, in samples."""
         c, s = (f(self.rotation_rad) / self.magnification for f in (math.cos, math.sin))
         dy, dx = (shift / pitch_m for shift in self.shift_m)
         return (c, -s, -(c * dy - s * dx)), (s, c, -(s * dy + c * dx))

@@ -1,4 +1,4 @@
-"""Maps of a display that a calibration learned from captures, and what they do to light; all differentiable.
+"""Maps of a display that a calibration learned from captures, and their action on light; all differentiable.
 
 The hyperspectral model of HoloChrome, with the fringing of its modulators, at a wavelength λ with a reference λ₀:
 
@@ -10,7 +10,7 @@ The hyperspectral model of HoloChrome, with the fringing of its modulators, at a
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
     relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu from
                    the centre of its stops.
-                   What is fixed in the optics shrinks in frequency as λ₀/λ.
+                   A feature fixed in the optics shrinks in frequency as λ₀/λ.
 
 All tensors are zero for the nominal display. Their file is one of safetensors, in SI units, with the metadata format,
 version, layout (JSON) and summary (JSON: the captures they were learned from, and how well they predict others).
@@ -61,7 +61,7 @@ TENSORS = (
 
 @dataclass(frozen=True)
 class MapLayout:
-    """Which maps there are, and their sizes. An empty tuple or (0, 0) means that there is no such map.
+    """The maps of a calibration and their sizes. An empty tuple or (0, 0) means that there is no such map.
 
     modulators: number of modulators.
     reference_m: the wavelength λ₀.
@@ -122,7 +122,7 @@ class MapCache:
 
 
 class LearnedMaps:
-    """The tensors of a layout by their names, and what they do to light.
+    """The tensors of a layout by their names, and their action on light.
 
     cache: where intermediate results are kept; None computes everything anew.
     """
@@ -235,7 +235,7 @@ class LearnedMaps:
         return interpolate_at(nodes, y, x).exp()
 
     def pupil(self, pupil: Tensor, context: RelayContext) -> Tensor:
-        """The complex pupil times what was learned about the relay."""
+        """The complex pupil times the learned pupil of the relay."""
 
         def make() -> Tensor:
             shape = (len(context.sine_y), context.sine_x.shape[1])
@@ -305,7 +305,7 @@ MAP_SCHEMAS = (
     ArraySchema("pupil1_log_amplitude", _F32, ("pupil 1 rows", "pupil 1 columns"), *_LOG_AMPLITUDE),
     ArraySchema("pupil2_log_amplitude", _F32, ("pupil 2 rows", "pupil 2 columns"), *_LOG_AMPLITUDE),
 )
-"""Of each tensor of `TENSORS`, in that order."""
+"""The schemas of the tensors in `TENSORS`, in that order."""
 
 _EXPECTED = "the layout of a calibration"
 _MOST = {"knots": 4096, "degree": 8, "anchors_m": 256, "noll1": 231, "noll2": 231}
@@ -333,7 +333,7 @@ def map_sizes(layout: MapLayout) -> dict[str, int]:
 
 
 def _faults(layout: MapLayout) -> Iterator[tuple[str, str]]:
-    """Each field of a layout that is out of range, with what is expected."""
+    """Each field of a layout that is out of range, with the range."""
     if layout.modulators not in (1, 2):
         yield "modulators", "1 or 2"
     low, high = _WAVELENGTHS_M

@@ -88,11 +88,11 @@ class Parameter:
         return min(max(self.identity + priors * self.prior, self.low), self.high)
 
     def added(self, known: Any, found: Any) -> Any:
-        """What a bench has of which `known` was known and `found` was found on top of it, within the bounds."""
+        """The whole deviation of a bench: a `known` part and the part `found` in addition, within the bounds."""
         return min(max(known + found - self.identity, self.low), self.high)
 
     def free_entries(self, value: Any) -> tuple[Parameter, ...]:
-        """What a fit varies where the parameter has this value: itself, or the entries of a list."""
+        """The parameters that a fit varies where this one has this value: itself, or the entries of a list."""
         return (self,)
 
     def read(self, values: Mapping[str, Any]) -> Any:

@@ -68,7 +68,7 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
 
 @contextmanager
 def without_user_effects() -> Iterator[None]:
-    """Context manager in which no user's effect is registered at first; what was registered before is restored."""
+    """Context manager without users' effects at first; afterwards the former ones are registered again."""
     before = dict(_user_effects)
     _user_effects.clear()
     try:

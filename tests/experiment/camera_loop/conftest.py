@@ -47,8 +47,11 @@ def rig_text(
     )
 
 
+MakeRig = Callable[..., RigDescription]
+
+
 @pytest.fixture
-def make_rig(tmp_path: Path) -> Callable[..., RigDescription]:
+def make_rig(tmp_path: Path) -> MakeRig:
     """`make_rig(pitch_um=8.0, …)` writes rig.toml and reads it."""
 
     def make(**values: object) -> RigDescription:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from holoview.experiment.camera_loop.bench_camera import BenchCamera, Shot
-from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts
-from tests.experiment.camera_loop.conftest import SHAPE, BenchHere
+from tests.experiment.camera_loop.conftest import SHAPE, BenchHere, MakeRig
 
-MakeRig = Callable[..., RigDescription]
 Λ = 520e-9
 BLACK = np.zeros((1, 2, *SHAPE), np.uint16)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,17 +9,22 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.experiment.camera_loop.bench_camera import Picture
-from holoview.experiment.camera_loop.camera_problem import CameraCalibration, CameraProblem
-from holoview.experiment.rig_bench import levels_of_drive
+from holoview.experiment.camera_loop.bench_camera import Picture, Shot
+from holoview.experiment.camera_loop.camera_problem import (
+    CameraCalibration,
+    CameraProblem,
+    CameraSampling,
+    calibrate_camera,
+    probe_levels,
+)
+from holoview.experiment.rig_bench import lasers_of, levels_of_drive
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.variables import PatternVariables, initial_drive
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
-from tests.experiment.camera_loop.conftest import ModelCamera, system_on, target_on
+from tests.experiment.camera_loop.conftest import PLANE_M, MakeRig, ModelCamera, system_on, target_on
 
-MakeRig = Callable[..., RigDescription]
 THREE = '["450 nm", "520 nm", "638 nm"]'
 SCALE = 5e4
 
@@ -171,3 +175,137 @@ def test_what_a_camera_cant_serve_is_refused(make_rig: MakeRig, settings: Settin
     system = system_on(rig)
     with pytest.raises(UserError, match="with --rig"):
         CameraProblem(system, target_on(system), settings, rig)
+
+
+_CASES = {
+    "equal": ((12, 16), 4e-6, (0.0, 0.0)),
+    "moved": ((12, 16), 4e-6, (1.3e-6, -5.1e-6)),
+    "coarser": ((6, 7), 8e-6, (1e-6, -3e-6)),
+    "finer and larger": ((30, 41), 2.5e-6, (0.0, 2e-6)),
+}
+
+
+@pytest.mark.parametrize("case", _CASES)
+def test_the_transpose_is_that_of_the_picture(case: str) -> None:
+    pixels, pitch_m, shift_m = _CASES[case]
+    view = CameraSampling((12, 16), 4e-6, pixels, pitch_m, shift_m)
+    generator = torch.Generator().manual_seed(1)
+    samples = torch.randn(2, 12, 16, generator=generator, dtype=torch.float64)
+    slopes = torch.randn(2, *pixels, generator=generator, dtype=torch.float64)
+    left, right = (view.picture(samples) * slopes).sum(), (samples * view.transposed(slopes)).sum()
+    assert float(left) == pytest.approx(float(right), rel=1e-12)
+
+
+def test_a_camera_that_has_moved_by_whole_samples_sees_the_samples_that_are_there() -> None:
+    samples = torch.arange(12.0 * 16, dtype=torch.float64).reshape(12, 16).sin()
+    seen = CameraSampling((12, 16), 4e-6, (12, 16), 4e-6, (4e-6, -8e-6)).picture(samples)
+    torch.testing.assert_close(seen[1:, :-2], samples[:-1, 2:], rtol=0, atol=1e-12)
+
+
+def test_a_pixel_of_four_samples_is_their_mean() -> None:
+    samples = torch.randn(12, 16, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    seen = CameraSampling((12, 16), 4e-6, (6, 8), 8e-6).picture(samples)
+    torch.testing.assert_close(seen, samples.reshape(6, 2, 8, 2).mean(dim=(1, 3)), rtol=0, atol=1e-12)
+
+
+def test_between_samples_fine_detail_is_kept_to_two_per_cent() -> None:
+    """Half a sample is the worst shift; at 0.8 of the Nyquist frequency the error is 2.2 %."""
+    x = np.arange(64)
+    frequency = 0.75 * np.pi
+    samples = torch.from_numpy(np.tile(np.cos(frequency * x), (8, 1)))
+    seen = CameraSampling((8, 64), 4e-6, (8, 64), 4e-6, (0.0, 2e-6)).picture(samples).numpy()
+    np.testing.assert_allclose(seen[:, 8:-8], np.tile(np.cos(frequency * (x - 0.5)), (8, 1))[:, 8:-8], atol=0.02)
+
+
+def test_pixels_that_lie_partly_outside_arent_covered() -> None:
+    view = CameraSampling((12, 16), 4e-6, (12, 16), 4e-6, (4e-6, -8e-6))
+    expected = np.zeros((12, 16), bool)
+    expected[1:, :-2] = True
+    np.testing.assert_array_equal(view.covers(None), expected)
+    assert view.covers((2, 3, 5, 4)).sum() == 20
+    assert CameraSampling((12, 16), 4e-6, (6, 8), 8e-6).covers((1, 1, 4, 4)).sum() == 1
+
+
+SEEN_SCALE = 3e4
+TWO = '["450 nm", "638 nm"]'
+
+
+def _probes(rig: RigDescription, **options: object) -> tuple[torch.Tensor, list[list[Picture]]]:
+    """The nominal prediction (wavelength, probe, y, x), and pictures of a bench; `bench`: its effects."""
+    nominal = system_on(rig)
+    bench = nominal.edit(options.pop("bench", {}))  # type: ignore[arg-type]
+    camera = ModelCamera(bench, rig, scale=SEEN_SCALE, **options)  # type: ignore[arg-type]
+    levels = probe_levels(rig, 0)
+    shots = [Shot(p, λ, PLANE_M) for λ in lasers_of(nominal, rig) for p in range(len(levels))]
+    pictures = camera.record(levels, shots)
+    problem = CameraProblem(nominal, target_on(nominal), Settings(), rig)
+    strokes = torch.tensor([m.stroke_m for m in nominal.modulators])[:, None, None]
+    paths = [torch.tensor(own / 255.0, dtype=torch.float32) * strokes for own in levels]
+    predicted = torch.stack([problem.predict(path[None].float())[0] for path in paths], dim=1)
+    return predicted, [pictures[i : i + len(levels)] for i in range(0, len(pictures), len(levels))]
+
+
+def _calibrate(rig: RigDescription, **options: object) -> CameraCalibration:
+    predicted, pictures = _probes(rig, **options)
+    return calibrate_camera(rig, predicted[None], 4e-6, [pictures])
+
+
+def test_of_a_bench_as_modelled_the_scale_is_exact_and_the_camera_stays(make_rig: MakeRig) -> None:
+    found = _calibrate(make_rig(lasers=TWO))
+    np.testing.assert_allclose(found.scale, SEEN_SCALE, rtol=1e-5)
+    assert not found.shift_m.any() and found.correlation == pytest.approx(1.0)
+    assert found.notes(np.array([PLANE_M])) == []
+
+
+@pytest.mark.parametrize("shift_um", [(6.0, -9.0), (-1.0, 0.5), (14.0, 3.0)])
+def test_a_displaced_camera_is_found_to_a_tenth_of_a_pixel(make_rig: MakeRig, shift_um: tuple[float, float]) -> None:
+    shift_m = (shift_um[0] * 1e-6, shift_um[1] * 1e-6)
+    found = _calibrate(make_rig(), shift_m=shift_m)
+    np.testing.assert_allclose(found.shift_m[0], shift_m, atol=0.4e-6)
+    np.testing.assert_allclose(found.scale, SEEN_SCALE, rtol=5e-3)
+
+
+def test_a_wrong_bench_hardly_changes_the_scale(make_rig: MakeRig) -> None:
+    """Modulators absorb nothing, so that a wrong gap only moves light: across edges and through the second iris."""
+    found = _calibrate(make_rig(lasers=TWO), bench={"effects.gap.gap_error": 3e-4}, shift_m=(6e-6, -9e-6))
+    np.testing.assert_allclose(found.scale, SEEN_SCALE, rtol=0.05)
+    np.testing.assert_allclose(found.shift_m[0], (6e-6, -9e-6), atol=2e-6)
+
+
+def test_one_bad_probe_doesnt_move_the_scale(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    predicted, pictures = _probes(rig)
+    brighter = [[replace(pictures[0][0], light=pictures[0][0].light * 30), *pictures[0][1:]]]
+    planes = [pictures, pictures, brighter]
+    found = calibrate_camera(rig, torch.stack([predicted] * 3), 4e-6, planes)
+    np.testing.assert_allclose(found.scale, SEEN_SCALE, rtol=1e-5)
+
+
+def test_saturated_pixels_dont_count(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    predicted, pictures = _probes(rig)
+    cut = []
+    for picture in pictures[0]:
+        saturated = picture.light > np.quantile(picture.light, 0.9)
+        light = np.minimum(picture.light, np.quantile(picture.light, 0.9))
+        cut.append(replace(picture, light=light, saturated=saturated))
+    found = calibrate_camera(rig, predicted[None], 4e-6, [[cut]])
+    np.testing.assert_allclose(found.scale, SEEN_SCALE, rtol=1e-5)
+
+
+def test_pictures_of_something_else_leave_the_camera_centred_and_say_so(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    predicted, pictures = _probes(rig)
+    rng = np.random.default_rng(5)
+    other = [[replace(p, light=rng.random(p.light.shape)) for p in of_laser] for of_laser in pictures]
+    found = calibrate_camera(rig, predicted[None], 4e-6, [other])
+    assert not found.shift_m.any()
+    assert "don't resemble" in found.notes(np.array([PLANE_M]))[0]
+
+
+def test_a_laser_without_light_is_named(make_rig: MakeRig) -> None:
+    rig = make_rig(lasers=TWO)
+    predicted, pictures = _probes(rig)
+    dark = [pictures[0], [replace(p, light=np.zeros_like(p.light)) for p in pictures[1]]]
+    with pytest.raises(UserError, match="no light"):
+        calibrate_camera(rig, predicted[None], 4e-6, [dark])

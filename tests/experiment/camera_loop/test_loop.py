@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,8 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
-from tests.experiment.camera_loop.conftest import ModelCamera, system_on, target_on
+from tests.experiment.camera_loop.conftest import MakeRig, ModelCamera, system_on, target_on
 
-MakeRig = Callable[..., RigDescription]
 WRONG = {"effects.gap.gap_error": 3e-4, "effects.stroke.stroke_error": -0.08}
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from holoview.rig import RigDescription
 from holoview.rig.measure.capture_plan import default_plan
 from holoview.rig.measure.settling import REMAINING, fit_settling, measure_settling
-from tests.rig.conftest import LASERS_M, direct_devices
+from tests.rig.conftest import LASERS_M, MakeRig, direct_devices
 
-MakeRig = Callable[..., RigDescription]
 DELAYS = np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.256])
 
 

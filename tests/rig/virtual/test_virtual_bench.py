@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,8 @@ from holoview.rig import RigDescription
 from holoview.rig.devices import Counts
 from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
 from holoview.util.errors import UserError
-from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE
+from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, MakeRig
 
-MakeRig = Callable[..., RigDescription]
 SETTLED_S = 1.0
 SCATTER = 5 * (2 / math.prod(CAMERA_SHAPE)) ** 0.5
 """Five standard deviations of χ²/n over the pixels of a picture."""
