@@ -48,7 +48,7 @@ from holoview.diagnose.judge import (
     rank_on_held_out,
     score_on_held_out,
 )
-from holoview.diagnose.screening import fit_over_range, is_slow, is_very_costly
+from holoview.diagnose.screening import COSTLY_FIELDS, fit_over_range, is_very_costly, prediction_cost
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 
@@ -216,7 +216,7 @@ def refine_leaders_along_axes(
 
 def _is_affordable(context: SearchContext, score: HeldOutScore) -> bool:
     """Whether a candidate is quite near the floor, or takes little time."""
-    return score.chi2_per_pixel < NEAR_CHI2 or not is_slow(context, score.fit)
+    return score.chi2_per_pixel < NEAR_CHI2 or prediction_cost(context, score.fit.values) < COSTLY_FIELDS
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
