@@ -45,7 +45,10 @@ from holoview.view import View, simulate
 FORMAT, VERSION = "holoview-page", "1"
 SCRIPTS = ("replay.js", "bench.js", "measure.js", "hologram.js", "page.js")
 _TARGET_BYTES = 1 << 20  # of the target's pictures: of these qualities the first that fits, or the last
-_TARGET_QUALITIES: tuple[dict[str, Any], ...] = ({"lossless": True}, *({"quality": q} for q in (98, 95, 90, 80, 70, 60)))
+_TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
+    {"lossless": True},
+    *({"quality": q} for q in (98, 95, 90, 80, 70, 60)),
+)
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
 _STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 512, 70
 _ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
