@@ -248,7 +248,7 @@ class IntervalConfig:
 
     model_accuracy: float = 1e-3
     """[1] Share of a value that the model's own accuracy adds to its standard deviation. Evidence: two programs for
-    the same physics hardly agree better on grids of this size; the value: none recorded; it was 5e-4 before."""
+    the same physics hardly agree better on grids of this size; the value: none recorded."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from holoview.captures.dataset import Captures
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import PLAIN, SearchConfig
-from holoview.diagnose.crop import middle_of, saving
+from holoview.diagnose.crop import middle_captures, pixel_ratio
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
@@ -254,8 +254,8 @@ def loop_context(
 
 def searched_part(captures: Captures, config: SearchConfig) -> Captures:
     """The captures, or their middle where that saves much."""
-    cut = middle_of(captures, config.region)
-    return captures if saving(captures, cut) < config.region.min_saving else cut
+    cut = middle_captures(captures, config.region)
+    return captures if pixel_ratio(captures, cut) < config.region.min_saving else cut
 
 
 class HypothesisFits:
