@@ -26,12 +26,12 @@ from holoview.commands.arguments import number, parse_duration, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.known_effects import read_known
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
@@ -276,17 +276,14 @@ def _write_report(
     args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis, folder: Path
 ) -> None:
     # here: the optimiser and matplotlib take a second to import
-    from holoview.diagnose.display_gain import display_gain
-    from holoview.diagnose.html_report import write_report
+    from holoview.diagnose.report.display_gain import display_gain
+    from holoview.diagnose.report.html_report import write_report
 
     make_folder(folder)
     gain = None
     if found.values and not fourier and not args.no_display:
-        iterations = SearchConfig().report.hologram_iterations
         with progress_bar("optimising holograms") as progress:
-            gain = display_gain(
-                bench.edit({"effects": {}}), known, found.values, iterations=iterations, progress=progress
-            )
+            gain = display_gain(bench.edit({"effects": {}}), known, found.values, progress=progress)
     with progress_bar("drawing") as progress:
         write_report(folder, Path(_source(args)).name, found, gain, progress)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holoview.commands.arguments import parse_effects
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.likelihood import Values
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.experiment.known_alignment import refinement_note, within_alignment
 from holoview.rig.registration import Registration, read_registration
 

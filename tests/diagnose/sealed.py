@@ -10,7 +10,7 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
 from tests.diagnose.effect_sampling import sample_effect

@@ -13,9 +13,9 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig
-from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Cause
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room, Shading

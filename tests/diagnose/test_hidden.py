@@ -9,9 +9,9 @@ from __future__ import annotations
 import pytest
 
 from holoview.captures.virtual_measurement import Nuisances
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.sealed import Sealed, Truth, explored

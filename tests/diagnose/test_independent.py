@@ -8,9 +8,9 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Stop, StopFault, write_session
 from tests.diagnose.sealed import explored

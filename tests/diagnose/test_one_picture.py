@@ -13,9 +13,9 @@ from holoview.captures import Captures, read_captures
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system

@@ -19,10 +19,10 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
 from holoview.diagnose.crop import MAX_TIME_SHARE, middle_of_context
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
     NeighbourVariances,
