@@ -16,7 +16,7 @@ import numpy as np
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview.app.app import App
-from holoview.app.input_driver import InputDriver
+from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import open_device
 from holoview.model import preset

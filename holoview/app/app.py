@@ -12,19 +12,15 @@ from imgui_bundle import imgui
 
 from holoview.app import theme
 from holoview.app.context import AppContext
-from holoview.app.draw_guard import DrawGuard
-from holoview.app.general_commands import add_general_commands
-from holoview.app.menus import draw_menus
-from holoview.app.panel import GuardedPanel, Panel
+from holoview.app.menus import add_general_commands, draw_menus, draw_status
+from holoview.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.app.panels import ALL
-from holoview.app.score_choice import add_score_commands
-from holoview.app.status import draw_status
+from holoview.app.readout import add_score_commands
 from holoview.app.toasts import Toasts
 from holoview.app.tour import Tour
 from holoview.app.window import Window
 from holoview.app.window_layout import LayoutCallbacks, runner_params
-from holoview.document.changes import Change
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import Change, EditingSession
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.render.progressive_renderer import ProgressiveRenderer

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from holoview.app.keys import Chord
+from holoview.app.user_input import Chord
 from holoview.util.errors import UserError, suggest_matches
 
 Action = Callable[[], None]

@@ -18,11 +18,9 @@ from holoview.app.command_registry import CommandRegistry
 from holoview.app.help_overlay import HelpOverlay
 from holoview.app.window import Window
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import FileLoader
-from holoview.document.limit_notes import LimitNotes
-from holoview.document.live_measurement import LiveMeasurement
-from holoview.document.live_score import LiveScore
-from holoview.document.pupil_motion import PupilMotion
+from holoview.document.files import FileLoader
+from holoview.document.focus import PupilMotion
+from holoview.document.measure import LimitNotes, LiveMeasurement, LiveScore
 from holoview.document.retinal_curve import RetinalCurves
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device

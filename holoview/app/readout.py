@@ -1,6 +1,8 @@
-"""The line below the image: the position of the pointer and the values of the sample there."""
+"""Texts of the image panel: values of the sample under the pointer, scores of the image, names of compared sides."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from imgui_bundle import imgui
@@ -8,11 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.score_choice import choose_next_score
-from holoview.document.live_score import ImageScore, image_psnr_db
-from holoview.document.measure import sample_pixel
-from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, samples_per_degree
-from holoview.render.view_settings import DERIVED_PAGES, NOW, ViewSettings, displayed_side
+from holoview.document.measure import ImageScore, image_psnr_db, sample_pixel
+from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
+from holoview.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
 from holoview.util.text import printable
 
 
@@ -103,3 +103,67 @@ def _scores_text(context: AppContext) -> str:
         value = context.live_score.get(xyz, target, ImageScore(name, density))
         text += "" if value is None else f"   {PERCEPTUAL_SCORES[name].format(value)}"
     return text
+
+
+# --- Texts in the image panel: names of the compared sides, and what is shown while there is no image ---
+
+
+def side_labels(view: ViewSettings, shows_b: bool, has_target: bool) -> list[tuple[str, float]]:
+    """Texts above the image and their positions as fractions of its width."""
+    if view.page != "image" or view.compare == "off":
+        return []
+    a, b = (
+        "no target yet: open a picture" if side == TARGET and not has_target else side.label
+        for side in (view.a, view.b)
+    )
+    if view.compare == "hold":
+        return [(b if shows_b else f"{a}   (hold B: {b})", 0.0)]
+    if view.compare == "difference":
+        return [(f"{a} − {b}", 0.0)]
+    return [(a, 0.0), (b, 0.5 if view.compare == "side-by-side" else view.wipe)]
+
+
+def draw_label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -> None:
+    """Draws a white text on a dark rectangle; position: its upper left corner on the screen."""
+    size = imgui.calc_text_size(text)
+    low = imgui.ImVec2(position.x - 4, position.y - 2)
+    high = imgui.ImVec2(position.x + size.x + 4, position.y + size.y + 2)
+    draw_list.add_rect_filled(low, high, imgui.IM_COL32(0, 0, 0, 170), 3)
+    draw_list.add_text(position, imgui.IM_COL32(255, 255, 255, 255), text)
+
+
+def waiting_text(context: AppContext, view: ViewSettings) -> str:
+    """What is shown in place of an image that isn't there."""
+    if view.page == "target" and context.session.target_spec is None:
+        return "no target yet: open a picture"
+    return "computing the first image" if context.is_busy else "nothing to show"
+
+
+def draw_centred_text(text: str, size: tuple[int, int]) -> None:
+    """Draws a text in the middle of the area of the image."""
+    imgui.dummy(imgui.ImVec2(*size))
+    corner = imgui.get_item_rect_min()
+    position = imgui.ImVec2(corner.x + size[0] / 2 - imgui.calc_text_size(text).x / 2, corner.y + size[1] / 2)
+    imgui.get_window_draw_list().add_text(position, imgui.get_color_u32(imgui.Col_.text_disabled), text)
+
+
+# --- Which score stands beside the PSNR below the image: a command for each, and the next one by a click ---
+
+
+def add_score_commands(context: AppContext) -> None:
+    """Adds a command for each score, and one for none, to the menu of the image."""
+    add, choose = context.commands.add, partial(_choose, context)
+    add("Score: PSNR alone", partial(choose, ""), "Image", help="No other score beside it.")
+    for name, score in PERCEPTUAL_SCORES.items():
+        add(f"Score: {score.title}", partial(choose, name), "Image", help=f"Beside the PSNR: {score.summary}.")
+
+
+def choose_next_score(context: AppContext) -> None:
+    """The next of the scores that are installed, and after the last one none."""
+    options = ("", *installed_scores())
+    present = context.session.view_settings.score
+    _choose(context, options[(options.index(present) + 1) % len(options)] if present in options else "")
+
+
+def _choose(context: AppContext, name: str) -> None:
+    context.edit_view("Score", score=name)

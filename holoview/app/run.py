@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import signal
+import socket
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 from rendercanvas.utils.asyncs import sleep
 
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
-from holoview.app.end_in_time import end_in_time
-from holoview.app.input_driver import InputDriver
 from holoview.app.panels.rig import open_rig
-from holoview.app.script import run_script, screenshot, wait_until_idle
-from holoview.app.serve import Address, ServeOptions, serve
+from holoview.app.script import InputDriver, run_script, screenshot, wait_until_idle
+from holoview.app.serve import serve
+from holoview.app.serve_guard import Address, ServeOptions
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import shows_example
-from holoview.document.preferences import state_folder
-from holoview.document.session_store import SessionStore
+from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost
 from holoview.io.hologram import Hologram
 from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.util.errors import UserError
 from holoview.util.file_writer import save_elsewhere
-from holoview.util.processes import Interrupted, Interruption, handled_signals
+from holoview.util.processes import ENDING, Interrupted, Interruption, handled_signals, is_left, leave
 from holoview.util.text import plain_name
 
 _IDLE_S = 0.05  # between checks for work while there is none
@@ -143,11 +143,11 @@ def run_in_browser(
 
     store: None where the viewer is served to look at only. rig: rig.toml of the devices to open.
     """
-    from holoview.app.served_canvas import ServedCanvas, loop
+    from holoview.app import served_canvas
 
-    canvas = ServedCanvas(size=size, title=_TITLE, max_fps=30)
+    canvas = served_canvas.ServedCanvas(size=size, title=_TITLE, max_fps=30)
     app = open_app(session, device, canvas, store, names, renderer, options.is_read_only, rig)
-    _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed, options=options))
+    _run_loop(app, store, served_canvas.loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
 def open_app(
@@ -276,3 +276,48 @@ async def _close_after_image(app: App, on_image: Callable[[], None]) -> None:
 def _no_screen(error: BaseException | None) -> UserError:
     found = f"can't be opened: {error}" if error else "can't be opened: no display was found"
     return UserError("window", found, remedy="use --serve for a browser, or --offscreen with --screenshot")
+
+
+# Ends a viewer that was asked to end while its window's thread is inside a graphics driver, which nothing interrupts.
+#
+# A driver that compiles a shader or draws a large picture in software can keep a thread for many seconds; Python takes
+# signals only after that.
+
+
+GRACE_S = 2.0
+"""Seconds from the signal that the window's thread has to close the window in good order."""
+
+
+@contextmanager
+def end_in_time(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[None]:
+    """While the block runs, a signal that asks the viewer to end does so after `grace_s`, if the block still runs then.
+
+    Only where this process may be left so (`util.threads.is_left`), and on its main thread. save: called on another
+    thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching lasers
+    off. Otherwise the block goes on.
+    """
+    if not is_left():
+        yield
+        return
+    over = Event()
+    reading, writing = socket.socketpair()
+    with reading, writing:
+        writing.setblocking(False)
+        watch = Thread(target=_watch, args=(reading, over, save, grace_s), name="end of viewer", daemon=True)
+        watch.start()
+        before = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
+        try:
+            yield
+        finally:
+            over.set()
+            signal.set_wakeup_fd(before)
+            writing.close()  # ends the watch, if it still reads
+            watch.join()
+
+
+def _watch(reading: socket.socket, over: Event, save: Callable[[], bool], grace_s: float) -> None:
+    """Waits for a signal, whose number the interpreter writes at once, and then for the end of the block."""
+    while (number := reading.recv(1)) and number[0] not in ENDING:
+        pass
+    if number and not over.wait(grace_s) and save():
+        leave(0 if number[0] == signal.SIGINT else 128 + number[0])

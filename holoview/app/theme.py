@@ -1,8 +1,13 @@
-"""Fonts, colours, kinds of windows; texts have a contrast of at least 4.5 : 1 to their background (WCAG 2.2, 1.4.3)."""
+"""Fonts and colours of the viewer, and display colours of laser wavelengths."""
 
 from __future__ import annotations
 
+from functools import cache
+
+import numpy as np
 from imgui_bundle import hello_imgui, imgui
+
+from holoview.colour import gamut_map, observer_weights, srgb_encode, xyz_to_linear_srgb
 
 THEMES = ("Dark", "Light")
 FONT_PIXELS = 15.0
@@ -50,3 +55,22 @@ def apply(name: str) -> None:
     ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))
     style.set_color_(imgui.Col_.text, imgui.ImVec4(*ink, 1.0))
     style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(*pale, 1.0))
+
+
+# --- Display colours of laser wavelengths, for drawing ---
+
+
+_MIN_COMPONENT = 0.25  # keeps deep red and violet visible
+EYE_RANGE_M = (390e-9, 830e-9)
+"""The wavelengths of the cone fundamentals."""
+
+
+@cache
+def laser_colour(wavelength_m: float, opacity: float = 1.0) -> imgui.ImVec4:
+    """A colour of about the hue of a wavelength, mapped into the sRGB gamut; grey outside the visible range."""
+    if not EYE_RANGE_M[0] <= wavelength_m <= EYE_RANGE_M[1]:
+        return imgui.ImVec4(0.6, 0.6, 0.6, opacity)
+    linear = xyz_to_linear_srgb(observer_weights("eye", [wavelength_m])[0])
+    bright = gamut_map(linear / max(float(np.max(linear)), 1e-9))
+    red, green, blue = (max(float(srgb_encode(x)), _MIN_COMPONENT) for x in bright)
+    return imgui.ImVec4(red, green, blue, opacity)

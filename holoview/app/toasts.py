@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.document.messages import Message, MessageLog
+from holoview.document.editing_session import Message, MessageLog
 
 DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
 _WIDTH, _GAP, _MOST = 380.0, 10.0, 4

@@ -13,8 +13,7 @@ from typing import Any
 from imgui_bundle import hello_imgui, imgui, immapp
 from wgpu.utils.imgui import ImguiWgpuBackend
 
-from holoview.app.imgui_input import ImguiInputQueue
-from holoview.app.input_steps import EVENT_TYPES
+from holoview.app.user_input import EVENT_TYPES, ImguiInputQueue
 from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4

@@ -63,7 +63,7 @@ def _viewer(device: Device, options: ReportOptions) -> Measurement:
     """The measurement of the viewer, which needs the libraries of its window."""
 
     def measure() -> dict[str, Any]:
-        from holoview.app.frame_rate import measure_frame_rate
+        from holoview.app.script import measure_frame_rate
 
         columns, rows = (n // options.system.sampling.upsample for n in options.middle_size)
         system = options.system.edit({"shape": [rows, columns]})

@@ -6,29 +6,28 @@ One thread owns a session. Worker threads deliver results with `call_on_owner`; 
 
 from __future__ import annotations
 
+import time
+import traceback
+from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
-from time import monotonic, sleep, time
+from dataclasses import dataclass, replace
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.document.call_queue import CallQueue
-from holoview.document.changes import CHANGE_KINDS, Change, Listeners, changed_kinds
-from holoview.document.document import Document, is_same_document, middle_plane
-from holoview.document.history import History, HistoryStep
+from holoview.document.document import Document, History, HistoryStep, is_same_document, middle_plane
 from holoview.document.jobs import JobManager
-from holoview.document.messages import MessageLog
 from holoview.document.optimisation_choices import OptimisationChoices
-from holoview.document.target_builder import TargetBuilder
-from holoview.document.target_spec import TargetSpec
+from holoview.document.target import TargetBuilder, TargetSpec
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.render.scene import Drive, Scene
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
+from holoview.util.text import printable
 from holoview.view import random_drive
 
 _KEPT_BY_UNDO = ("zoom", "centre")
@@ -58,7 +57,7 @@ class EditingSession:
         origin = origin or ("random patterns" if drive is None else "patterns given")
         view_settings = view_settings or ViewSettings(plane_m=middle_plane(system))
         document = Document(system, np.asarray(patterns, dtype=np.float32), view_settings, target_spec, origin)
-        self._set_up(History(HistoryStep("Start", document, time())), {}, wake)
+        self._set_up(History(HistoryStep("Start", document, time.time())), {}, wake)
 
     @classmethod
     def from_history(
@@ -288,7 +287,10 @@ class EditingSession:
 
     def target_at(self, plane_m: float | None = None) -> NDArray[np.float32] | None:
         """The target (y, x, 3) in linear sRGB at a plane, by default the displayed one; None until it is built."""
-        return self.target_builder.get(self.document, self.view_settings.plane_m if plane_m is None else plane_m)
+        if self.target_spec is None:
+            return None
+        plane_m = self.view_settings.plane_m if plane_m is None else plane_m
+        return self.target_builder.get(self.target_spec, self.system, plane_m)
 
     # --- threads and listeners --------------------------------------------------------------------------------------
 
@@ -306,13 +308,13 @@ class EditingSession:
 
     def wait_until_idle(self, timeout_s: float = 60.0) -> bool:
         """Polls until no job runs and no target is being built; returns False after the timeout."""
-        until = monotonic() + timeout_s
-        while monotonic() < until:
+        until = time.monotonic() + timeout_s
+        while time.monotonic() < until:
             self.poll()
             busy = [job for job in self.jobs.active if job.status == "running"]
             if not busy and not self.target_builder.is_building and self._inbox.is_empty:
                 return True
-            sleep(0.01)
+            time.sleep(0.01)
         return False
 
     @contextmanager
@@ -339,3 +341,125 @@ class EditingSession:
         if kinds:
             self.version += 1
         self._listeners.notify(*kinds)
+
+
+# --- Which parts of a session have changed, and the listeners that are notified ---
+
+
+CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history", "choices")
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a session; `kinds` are those of CHANGE_KINDS that may have changed."""
+
+    kinds: frozenset[str]
+
+
+class Listeners:
+    """Functions that are called after each change, on the thread that makes it."""
+
+    def __init__(self) -> None:
+        self._all: list[Callable[[Change], None]] = []
+
+    def add(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Calls `listener` after each change; the returned function removes it."""
+        self._all.append(listener)
+        return lambda: self._all.remove(listener)
+
+    def notify(self, *kinds: str) -> None:
+        """Calls all listeners with a change of these kinds."""
+        for listener in list(self._all):
+            listener(Change(frozenset(kinds)))
+
+
+def changed_kinds(before: Document, after: Document) -> list[str]:
+    """The kinds of CHANGE_KINDS in which two documents differ; a changed system also changes the target's geometry."""
+    kinds = []
+    if before.system != after.system:
+        kinds += ["system", "target"]
+    if before.drive is not after.drive or before.origin != after.origin or before.path != after.path:
+        kinds.append("drive")
+    if before.target_spec is not after.target_spec:
+        kinds.append("target")
+    if before.view_settings != after.view_settings:
+        kinds.append("look")
+    return kinds
+
+
+# --- A queue of calls from any thread to the thread that owns a session ---
+
+
+Call = Callable[[], None]
+
+
+class CallQueue:
+    """A thread-safe queue of calls without arguments, in the order of `put`."""
+
+    def __init__(self) -> None:
+        self._waiting: SimpleQueue[Call] = SimpleQueue()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no call waits."""
+        return self._waiting.empty()
+
+    def put(self, call: Call) -> None:
+        """Adds a call. May be called on any thread."""
+        self._waiting.put(call)
+
+    def drain(self) -> Iterator[Call]:
+        """Takes the waiting calls, and those that are added meanwhile, for the owner to make."""
+        while True:
+            try:
+                yield self._waiting.get_nowait()
+            except Empty:
+                return
+
+
+# --- A log of messages to the user, which a front end shows for a while ---
+
+
+MAX_MESSAGES = 200
+
+
+@dataclass(frozen=True)
+class Message:
+    """A line of text, its kind ("info", "warning", "error"), details such as a traceback, and when it was posted."""
+
+    text: str
+    kind: str = "info"
+    details: str = ""
+    when: float = 0.0
+
+
+class MessageLog:
+    """The last MAX_MESSAGES messages. on_change: called after each new message."""
+
+    def __init__(self, on_change: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
+        self._messages: deque[Message] = deque(maxlen=MAX_MESSAGES)
+        self._on_change, self._clock = on_change, clock
+
+    @property
+    def all(self) -> tuple[Message, ...]:
+        """All messages that are stored, oldest first."""
+        return tuple(self._messages)
+
+    def recent(self, seconds: float) -> tuple[Message, ...]:
+        """Messages of the last seconds, oldest first."""
+        since = self._clock() - seconds
+        return tuple(message for message in self._messages if message.when >= since)
+
+    def post(self, text: str, kind: str = "info", details: str = "") -> None:
+        """Adds a message; its text may quote a file."""
+        self._messages.append(Message(printable(text), kind, details, self._clock()))
+        self._on_change()
+
+    def post_error(self, error: BaseException, where: str = "") -> None:
+        """Adds an error: a UserError by its text, any other exception with its traceback as details."""
+        prefix = f"{where}: " if where else ""
+        if isinstance(error, UserError):
+            self.post(f"{prefix}{error}", "error")
+            return
+        details = "".join(traceback.format_exception(error))
+        self.post(f"{prefix}{type(error).__name__}: {error}", "error", details)

@@ -9,7 +9,7 @@ from typing import Any
 
 from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
-from holoview.document.target_spec import TargetSpec, example_target
+from holoview.document.target import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.system import System

@@ -1,24 +1,38 @@
-"""Measurements of an image: speckle contrast and fidelity of a region, line profiles, pixel values.
+"""Measurements of an image, and those of the displayed image kept up to date on a worker thread.
 
-Contrasts are compared with those of statistically independent speckle patterns, one for each laser; the patterns of
-one hologram need not be independent (the law is in `holoview.metrics.speckle`).
+In order: a region's speckle contrast, PSNR and colour error; contrast by the number of wavelengths; lines and pixels;
+`LiveMeasurement` and `LiveScore` on their threads; `LimitNotes`, where the model isn't true.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
+from holoview.document.document import Document
+from holoview.document.editing_session import EditingSession
 from holoview.metrics.delta_e import delta_e_linear_srgb
-from holoview.metrics.psnr import psnr
-from holoview.metrics.speckle import laser_luminances, speckle_contrast
+from holoview.metrics.psnr import psnr, psnr_linear_srgb
+from holoview.metrics.speckle import (
+    RetinalContrast,
+    SpeckleHistogram,
+    independent_pattern_count,
+    laser_luminances,
+    retinal_contrast,
+    speckle_contrast,
+    speckle_histogram,
+)
+from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.model.validity import exceeded_limits
 from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError
+from holoview.util.latest_task import LatestTask
 
 Floats = NDArray[np.float64]
 
@@ -180,3 +194,212 @@ def sample_pixel(
     values = np.asarray(xyz[y, x], dtype=np.float64)
     lasers = None if intensity is None else np.asarray(intensity[:, y, x], dtype=np.float64)
     return PixelValues(x, y, values, xyz_to_linear_srgb(values), lasers)
+
+
+# --- Measurements of the displayed image, kept up to date on a worker thread while the image changes ---
+
+
+Image = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageMeasurements:
+    """Measurements of an image; each is None where it wasn't requested or isn't possible.
+
+    document: what the image shows. region, histogram: of the measured region. profile: luminance along the line of the
+    view settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why those of
+    the region are missing, e.g. because it is dark. retinal: the region as cones see it, with an eye.
+    """
+
+    document: Document
+    region: RegionMetrics | None
+    histogram: SpeckleHistogram | None
+    profile: LineProfile | None
+    curve: ContrastCurve | None
+    problem: str = ""
+    retinal: RetinalContrast | None = None
+
+
+class LiveMeasurement:
+    """Measures the newest image in the background.
+
+    measurements: the last results. on_change: called on the owner's thread when there are new ones.
+    """
+
+    def __init__(self, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
+        self.measurements: ImageMeasurements | None = None
+        self._on_change = on_change
+        self._task: LatestTask[ImageMeasurements] = LatestTask(
+            "figures", session.call_on_owner, session.messages.post_error
+        )
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether newer measurements are being computed."""
+        return self._task.is_busy
+
+    def request(
+        self, document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+    ) -> None:
+        """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
+        self._task.submit(lambda: measure_image(document, xyz, target, intensity), self._on_result)
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _on_result(self, measurements: ImageMeasurements) -> None:
+        self.measurements = measurements
+        self._on_change()
+
+
+def measure_image(
+    document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+) -> ImageMeasurements:
+    """Measures the image XYZ (y, x, 3) of a document.
+
+    target (y, x, 3), linear sRGB: enables PSNR and colour error. intensity (wavelength, y, x): enables the curve. An
+    error that the user can correct, such as a dark region, is stored as `problem`.
+    """
+    region, histogram, curve, problem, retinal = None, None, None, "", None
+    try:
+        region = measure_region(xyz, document.measured_region, target)
+        histogram = speckle_histogram(xyz[..., 1], document.measured_region, independent_pattern_count(document.system))
+        if document.system.eye is not None:
+            known = None if target is None else luminance_of(target, document.measured_region)
+            retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
+        if intensity is not None:
+            curve = contrast_by_wavelength(intensity.__getitem__, document.system, document.measured_region)
+    except UserError as error:
+        problem = str(error)
+    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)
+
+
+def _profile(document: Document, xyz: Image) -> LineProfile | None:
+    """Luminance along the line of the view settings; None where there is none or it leaves the image."""
+    if document.view_settings.profile is None:
+        return None
+    try:
+        return line_profile(xyz[..., 1], document.view_settings.profile, document.sample_pitch_m)
+    except UserError:
+        return None
+
+
+# --- A score of the displayed image beside its target, kept up to date on a worker thread while the image changes ---
+
+
+Measure = Callable[[Image, Image], float]
+"""An image in XYZ (y, x, 3) and its target in linear sRGB to a score."""
+
+
+_Request = tuple[Image, Image, Measure]
+
+
+class LiveScore:
+    """Measures the newest image in the background.
+
+    name: of the thread. on_change: called on the owner's thread when there is a new result, or none can be had.
+    """
+
+    def __init__(self, name: str, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
+        self._on_change, self._post_error = on_change, session.messages.post_error
+        self._requested: _Request | None = None
+        self._result: float | None = None
+        self._failed: Measure | None = None
+        self._task: LatestTask[float] = LatestTask(name, session.call_on_owner, self._on_error)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the newest image has no result yet."""
+        return self._requested is not None and self._result is None and self._failed is None
+
+    def get(self, xyz: Image, target: Image, measure: Measure) -> float | None:
+        """The score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB; None until it is measured.
+
+        The arrays must not be changed afterwards. An error is posted once: the same measure isn't called again before
+        another one was. Images of another shape than the target have no score.
+        """
+        if xyz.shape != target.shape or measure == self._failed:
+            return None
+        if self._requested is None or not _is_same(self._requested, (xyz, target, measure)):
+            self._requested, self._result, self._failed = (xyz, target, measure), None, None
+            self._task.submit(partial(measure, xyz, target), partial(self._on_result, self._requested))
+        return self._result
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _on_result(self, request: _Request, score: float) -> None:
+        if request is self._requested:
+            self._result, self._failed = score, None
+            self._on_change()
+
+    def _on_error(self, error: BaseException) -> None:
+        self._failed = None if self._requested is None else self._requested[2]
+        self._post_error(error)
+        self._on_change()
+
+
+def _is_same(one: _Request, other: _Request) -> bool:
+    """Whether two requests are of the same arrays and of equal measures."""
+    return one[0] is other[0] and one[1] is other[1] and one[2] == other[2]
+
+
+def image_psnr_db(xyz: Image, target: Image) -> float:
+    """PSNR (dB) of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB, both clipped to what a screen shows.
+
+    Raises UserError when the shapes differ.
+    """
+    return psnr_linear_srgb(xyz_to_linear_srgb(xyz), target).mean_db
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """A perceptual score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB.
+
+    name: of the score. samples_per_degree: of visual angle. Called, it raises UserError when the score isn't installed.
+    """
+
+    name: str
+    samples_per_degree: float
+
+    def __call__(self, xyz: Image, target: Image) -> float:
+        from holoview.metrics.perceptual import measure_score  # loads torch
+
+        return measure_score(self.name, xyz_to_linear_srgb(xyz), target, self.samples_per_degree).mean
+
+
+# --- Where the model isn't true of what a session displays, found out once for each bench and focal plane ---
+
+
+class LimitNotes:
+    """The limits of the model that the displayed bench exceeds at its planes and at the one that is shown."""
+
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
+        self._known: tuple[System, float] | None = None
+        self._notes: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The notes that were found last, which may be of the bench before it was dragged."""
+        return self._notes
+
+    def notes(self) -> tuple[str, ...]:
+        """Each limit as a sentence; for a bench that can't be computed or displayed at all, that alone."""
+        try:
+            document = self._session.displayed_document
+        except UserError as error:  # such as of lasers all of which are muted
+            return (str(error),)
+        key = (document.system, document.view_settings.plane_m)
+        if self._known is None or key != self._known:
+            self._known, self._notes = key, _notes(*key)
+        return self._notes
+
+
+def _notes(system: System, plane_m: float) -> tuple[str, ...]:
+    try:
+        return exceeded_limits(make_plan(system, [*system.planes_m, plane_m]))
+    except UserError as error:
+        return (str(error),)

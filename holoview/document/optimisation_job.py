@@ -1,12 +1,16 @@
-"""Optimises patterns as a background job with a preview; the result is one edit that can be undone."""
+"""Optimises the patterns of a session as a job with a preview, and goes on with it after a crash of the viewer."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Event
 from time import monotonic
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +21,13 @@ from holoview.document.optimisation_choices import START_PATTERNS, OptimisationC
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
-from holoview.optimise.eyes import OptimisedEyes, target_at_places
+from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, target_at_places
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.render.scene import Drive
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.tables import read_record
 
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
@@ -252,3 +257,87 @@ def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Dr
     fine = drive.repeat(factor, axis=-2).repeat(factor, axis=-1)
     top, left = (fine.shape[-2] - shape[0]) // 2, (fine.shape[-1] - shape[1]) // 2
     return np.ascontiguousarray(fine[..., top : top + shape[0], left : left + shape[1]])
+
+
+# --- A running optimisation as a session saves it, and how it goes on after a crash of the viewer ---
+
+
+_WHAT = "the rest of an optimisation"
+
+
+@dataclass(frozen=True)
+class RestOfOptimisation:
+    """What was still to be done.
+
+    settings: with the iterations that are left, as JSON. pupils, chromatic: of its eyes, as text; no pupils for the
+    own place alone. Other fields as of its request.
+
+    Raises UserError for settings that can't be.
+    """
+
+    settings: str
+    only_plane_m: float | None = None
+    device: str = "auto"
+    pupils: str = ""
+    chromatic: str = CHROMATIC[0]
+
+    def __post_init__(self) -> None:
+        self.request()
+
+    def request(self) -> OptimisationRequest:
+        """The request that goes on from the present patterns."""
+        settings = read_record(Settings, self.settings, "settings", _WHAT)
+        eyes = OptimisedEyes.from_text(self.pupils or None, self.chromatic)
+        return OptimisationRequest(
+            settings, start_patterns="now", eyes=eyes, only_plane_m=self.only_plane_m, device=self.device
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class UnfinishedOptimisation:
+    """The best result so far, and what is left to do; None where it can't go on from that result."""
+
+    best: Document
+    rest: RestOfOptimisation | None = None
+
+    def rest_table(self) -> dict[str, Any] | None:
+        """What is left, as a table."""
+        return None if self.rest is None else dataclasses.asdict(self.rest)
+
+
+def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
+    """What was left, from its table. Raises UserError for another table."""
+    return None if table is None else read_record(RestOfOptimisation, json.dumps(table), "unfinished", _WHAT)
+
+
+def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation | None:
+    """The optimisation that runs now, once there is a result of it.
+
+    One with larger pixels takes seconds, and its result isn't what it could go on from.
+    """
+    best, job = session.preview_document, running_optimisation(session)
+    if best is None:
+        return None
+    if job is None or job.latest is None or job.request.superpixel > 1:
+        return UnfinishedOptimisation(best)
+    settings, done = job.request.settings, job.latest.iteration
+    left = settings.iterations - done
+    if left < 1:
+        return UnfinishedOptimisation(best)
+    step_rad = settings.step_rad * math.sqrt(left / settings.iterations)
+    rest = json.dumps(dataclasses.asdict(dataclasses.replace(settings, iterations=left, step_rad=step_rad)))
+    eyes, request = job.request.eyes, job.request
+    pupils = "" if eyes.pupils is None else str(eyes.pupils)
+    return UnfinishedOptimisation(
+        best, RestOfOptimisation(rest, request.only_plane_m, request.device, pupils, eyes.chromatic)
+    )
+
+
+def continue_optimisation(session: EditingSession, unfinished: UnfinishedOptimisation) -> None:
+    """Goes on from the best result with the iterations that were left, where that is possible."""
+    if unfinished.rest is None or session.target_spec is None or running_optimisation(session) is not None:
+        return
+    best = unfinished.best
+    job = OptimisationJob(session, unfinished.rest.request(), session.document, best.system, start_drive=best.drive)
+    session.messages.post("The optimisation goes on from the best patterns so far.")
+    run_optimisation(session, job)

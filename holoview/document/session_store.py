@@ -1,7 +1,6 @@
-"""The folder of saved sessions: finds the last session and those that a crash left, and restores them.
+"""Finds, saves and restores sessions, and keeps the user's preferences.
 
-sessions/<time>-<pid>-<n>/lock.json      names the process that writes; deleted when the session is closed normally
-sessions/<time>-<pid>-<n>/session.json   and objects/: see `holoview.document.archive`
+In order: the store; autosave on a worker thread; files that can't be read, kept aside; preferences and recent files.
 """
 
 from __future__ import annotations
@@ -15,19 +14,25 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from threading import Condition, Lock, Thread
+from typing import Any, TypeVar
 
+import platformdirs
 import psutil
 
-from holoview.document.archive import SESSION_FILE, SessionData, is_of_other_version, read_metadata, read_session
-from holoview.document.autosave import Autosave
-from holoview.document.damaged_state import is_aside, set_aside
-from holoview.document.document import Document
-from holoview.document.editing_session import EditingSession
-from holoview.document.history import History
-from holoview.document.preferences import Preferences, state_folder
-from holoview.document.unfinished_optimisation import UnfinishedOptimisation, continue_optimisation
-from holoview.document.view_settings_table import finite, text
+from holoview.document.archive import (
+    SESSION_FILE,
+    SessionArchive,
+    SessionData,
+    finite,
+    is_of_other_version,
+    read_metadata,
+    read_session,
+    text,
+)
+from holoview.document.document import Document, History
+from holoview.document.editing_session import Change, EditingSession
+from holoview.document.optimisation_job import UnfinishedOptimisation, continue_optimisation, unfinished_optimisation
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
 from holoview.util.processes import process_start
@@ -225,4 +230,245 @@ def _is_owner_alive(folder: Path) -> bool:
         owner = _owner(folder)
         return bool(process_start(int(owner["pid"])) == owner["since"])
     except (*_UNREADABLE, psutil.Error):
+        return False
+
+
+# --- Saves a session on a worker thread whenever it changes, so that a crash loses nothing ---
+
+
+SAVE_DELAY_S = 0.4
+"""From an edit until it is saved, so that a drag isn't written at each of its steps."""
+RETRY_S = 2.0
+"""From a save that failed until it is tried again."""
+_CLOSE_TIMEOUT_S = 30.0
+_SAVED_KINDS = frozenset({"system", "drive", "look", "target", "snapshots", "history", "choices"})
+
+
+class Autosave:
+    """Saves a session into a folder shortly after each change.
+
+    A save that fails is told to the user, in a message and as the session's `save_problem`, and tried again until it
+    succeeds; then all edits made meanwhile are saved too. open_folder: makes the folder, before each save; it raises
+    WriteError. on_closed: called when the session was closed normally, with whether it has edits to keep.
+    """
+
+    def __init__(
+        self,
+        session: EditingSession,
+        folder: Path,
+        open_folder: Callable[[], None],
+        on_closed: Callable[[bool], None],
+    ) -> None:
+        self.folder = folder
+        self._session, self._open_folder, self._on_closed = session, open_folder, on_closed
+        self._archive = SessionArchive(folder)
+        self._condition, self._closing = Condition(), Lock()
+        self._is_closed = False
+        self._unsaved: Exception | None = None
+        self._pending: SessionData | None = None
+        self._failure: Exception | None = None
+        self._attempts = 0
+        self._is_urgent = self._is_saving = self._is_closing = False
+        self._remove_listener = session.add_listener(self._queue_save)
+        self._thread = Thread(target=self._run, name="holoview: autosave", daemon=True)
+        self._thread.start()
+        self._queue_save(Change(_SAVED_KINDS))
+
+    def flush(self, timeout_s: float = 30.0) -> bool:
+        """Saves now and waits for it; returns whether all is saved."""
+        with self._condition:
+            self._is_urgent = True
+            self._condition.notify_all()
+            enough = self._attempts + (2 if self._is_saving else 1)  # the present one may be of what was there before
+            self._condition.wait_for(lambda: self._pending is None or self._attempts >= enough, timeout_s)
+            return self._pending is None
+
+    def close(self) -> Exception | None:
+        """Saves for the last time; returns why that failed, None if all is saved.
+
+        The folder of a session without edits is deleted. What was saved before a failure is kept as after a crash. May
+        be called on any thread, and again, which says the same.
+        """
+        with self._closing:
+            if not self._is_closed:
+                self._unsaved, self._is_closed = self._close(), True
+            return self._unsaved
+
+    def _close(self) -> Exception | None:
+        self._remove_listener()
+        with self._condition:
+            self._is_closing = True
+            self._condition.notify_all()
+        self._thread.join(_CLOSE_TIMEOUT_S)
+        has_edits = len(self._session.history) > 1
+        if has_edits and self._pending is not None:
+            return self._failure or TimeoutError(f"the disk took more than {_CLOSE_TIMEOUT_S:g} s")
+        self._on_closed(has_edits)
+        return None
+
+    def _queue_save(self, change: Change) -> None:
+        """Called on the owner's thread: takes references to the data to save, all of which are immutable."""
+        if not change.kinds & _SAVED_KINDS:
+            return
+        session = self._session
+        data = SessionData(
+            session.history,
+            session.history_position,
+            session.snapshots,
+            unfinished_optimisation(session),
+            session.optimisation_choices,
+        )
+        with self._condition:
+            self._pending = data
+            self._condition.notify_all()
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: self._pending is not None or self._is_closing)
+                if self._pending is None:
+                    return
+                delay_s = SAVE_DELAY_S if self._failure is None else RETRY_S
+                self._condition.wait_for(lambda: self._is_closing or self._is_urgent, delay_s)
+                data, is_last = self._pending, self._is_closing
+                self._is_urgent, self._is_saving = False, True
+            failure = self._try_to_save(data)
+            with self._condition:
+                self._tell(failure)
+                self._failure, self._is_saving = failure, False
+                self._attempts += 1
+                if failure is None and self._pending is data:
+                    self._pending = None
+                self._condition.notify_all()
+                if is_last and failure is not None:
+                    return
+
+    def _try_to_save(self, data: SessionData) -> Exception | None:
+        """Saves; returns the exception of a save that failed, whatever it is, since the next one may succeed."""
+        try:
+            self._open_folder()
+            self._archive.write(data, _metadata(data))
+        except Exception as error:
+            return error
+        return None
+
+    def _tell(self, failure: Exception | None) -> None:
+        """Has the owner tell the user about the first failure of several, and about its end."""
+        if (failure is None) != (self._failure is None):
+            self._session.call_on_owner(partial(_tell_user, self._session, failure))
+
+
+def _tell_user(session: EditingSession, failure: Exception | None) -> None:
+    session.save_problem = "" if failure is None else str(failure)
+    if failure is None:
+        session.messages.post("autosave: your work is saved again")
+    elif isinstance(failure, UserError):
+        session.messages.post(f"autosave: your work isn't saved, which is tried again and again: {failure}", "error")
+    else:
+        session.messages.post_error(failure, "autosave: your work isn't saved")
+
+
+def _metadata(data: SessionData) -> dict[str, Any]:
+    document = data.present
+    return {"title": f"{document.system.name or 'bench'}: {document.origin}", "when": time.time(), "pid": os.getpid()}
+
+
+# Keeps stored state that can't be read: under another name, so that the program can begin anew and nothing is lost.
+
+
+_MARK = ".damaged"
+_MOST = 100
+
+
+def set_aside(path: Path) -> str:
+    """Renames a damaged file or folder; returns what was done with it, in words. A disk may refuse; it stays then."""
+    for number in range(1, _MOST):
+        aside = path.with_name(f"{path.name}{_MARK}{'' if number == 1 else f'-{number}'}")
+        if not aside.exists():
+            try:
+                path.rename(aside)
+            except OSError as error:
+                return f"{path} is damaged, and can't be renamed: {error.strerror}"
+            return f"{path} is damaged, and kept as {aside.name}"
+    return f"{path} is damaged"
+
+
+def is_aside(path: Path) -> bool:
+    """Whether a file or folder has been renamed so."""
+    return _MARK in path.name
+
+
+# --- The user's preferences and recent files, stored between starts of the viewer ---
+
+
+MAX_RECENT_FILES = 20
+_REMEDY = "preferences are kept until the viewer is closed"
+
+T = TypeVar("T")
+
+
+def state_folder() -> Path:
+    """The platform's folder for the state of applications; it need not exist."""
+    return Path(platformdirs.user_state_path("holoview", appauthor=False))
+
+
+class Preferences:
+    """JSON values by name in one file, such as the theme and the recent files.
+
+    A file that can't be read counts as empty; a damaged one is kept aside. problem: a line about that, or "".
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._values: dict[str, Any] = {}
+        self.problem = ""
+        try:
+            self._values = dict(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            self.problem = f"preferences: {path} can't be read: {error.strerror}; the usual ones are used"
+        except (ValueError, TypeError, RecursionError):
+            self.problem = f"preferences: {set_aside(path)}; the usual ones are used"
+
+    def get(self, key: str, default: T) -> T:
+        """The value of a name; the default for a name that isn't stored, or with a value of another type."""
+        value = self._values.get(key, default)
+        return value if isinstance(value, type(default)) else default
+
+    def set(self, key: str, value: Any) -> None:
+        """Stores a value that JSON can represent, immediately.
+
+        Raises WriteError when the file can't be written; the value is kept for this process then.
+        """
+        if self._values.get(key) == value and key in self._values:
+            return
+        text = json.dumps(self._values | {key: value}, indent=1)
+        self._values[key] = value
+        try:
+            make_folder(self._path.parent)
+            write_file(self._path, text, is_durable=False)
+        except WriteError as error:  # a home folder that is missing or read-only, a full disk
+            raise WriteError(error.where, error.found, expected=error.expected, remedy=_REMEDY) from error
+
+    @property
+    def recent_files(self) -> tuple[Path, ...]:
+        """The files that were opened last and still exist, newest first."""
+        return tuple(path for path in map(Path, self._recent_names()) if _exists(path))
+
+    def add_recent_file(self, path: Path) -> None:
+        """Puts a file first in the list of recent files."""
+        name = str(path.resolve())
+        others = [other for other in self._recent_names() if other != name]
+        self.set("recent", [name, *others][:MAX_RECENT_FILES])
+
+    def _recent_names(self) -> list[str]:
+        stored: list[Any] = self.get("recent", [])
+        return [name for name in stored if isinstance(name, str)]
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long, a folder that can't be looked into
         return False

@@ -52,7 +52,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
-    ("holoview.document.live_score", "holoview.metrics.perceptual"): SLOW,
+    ("holoview.document.measure", "holoview.metrics.perceptual"): SLOW,
     ("holoview.document.measure", "scipy"): SLOW,
     ("holoview.document.optimisation_job", "holoview.optimise.solve"): SLOW,
     ("holoview.document.optimisation_job", "holoview.optimise.parallel"): SLOW,
@@ -63,12 +63,12 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
-    ("holoview.commands.diagnose", "holoview.diagnose.display_gain"): SLOW,
-    ("holoview.commands.diagnose", "holoview.diagnose.html_report"): SLOW,
+    ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
+    ("holoview.commands.diagnose", "holoview.diagnose.report.html_report"): SLOW,
     ("holoview.benchmark.report_run", "holoview.benchmark.optimiser_iteration"): OPTIONAL,
-    ("holoview.commands.bench_report", "holoview.app.frame_rate"): OPTIONAL,
+    ("holoview.commands.bench_report", "holoview.app.script"): OPTIONAL,
     ("holoview.commands.view", "holoview.app.launch"): OPTIONAL,
-    ("holoview.app.frame_rate", "rendercanvas.offscreen"): CHOICE,
+    ("holoview.app.script", "rendercanvas.offscreen"): CHOICE,
     ("holoview.commands.view", "holoview.app.startup"): OPTIONAL,
     ("holoview.commands.view", "holoview.gpu.device"): OPTIONAL,
     ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
@@ -84,7 +84,6 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.app.run", "rendercanvas.offscreen"): CHOICE,
     ("holoview.app.notebook", "rendercanvas.anywidget"): CHOICE,
     ("holoview.app.serve", "rendercanvas.http"): CHOICE,
-    ("holoview.app.serve", "holoview.app.serve_connections"): OPTIONAL,
 }
 """Every import inside a function, with its reason; all others stand at the top of their files."""
 

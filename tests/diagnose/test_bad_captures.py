@@ -13,12 +13,12 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.bad_captures import BadCapture, bad_share, find_useless_captures
-from holoview.diagnose.capture_judgement import find_suspects
-from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.config import SamplingConfig
+from holoview.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
+from holoview.diagnose.correct.judged_captures import find_suspects
 from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import NeighbourVariances
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
@@ -121,7 +121,7 @@ def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
 
 def test_a_wrong_black_level_is_no_light(tmp_path: Path) -> None:
     captures = _session(tmp_path, Mishaps(dark=(4,)), Faults(black=30.0))
-    assert [(b.index, b.why) for b in find_useless_captures(captures, SearchConfig().judgement)] == [(4, "dark")]
+    assert [(b.index, b.why) for b in find_useless_captures(captures)] == [(4, "dark")]
 
 
 def test_copies_count_once() -> None:
@@ -147,7 +147,7 @@ def test_a_fifth_may_be_bad_and_no_more(verdict: Verdict, limited: Verdict) -> N
 def test_a_session_without_any_light_is_refused() -> None:
     captures = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=1, seed=5))
     dark = dataclasses.replace(captures, images=np.full_like(captures.images, 64))
-    assert len(find_useless_captures(dark, SearchConfig().judgement)) == 2
+    assert len(find_useless_captures(dark)) == 2
     with pytest.raises(UserError, match="every one is dark"):
         diagnose(dark, [listed_effects()["gap"]])
 
@@ -166,11 +166,10 @@ def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext, mo
     """With the same result: but for the pixels by which pictures are correlated, captures are judged one by one."""
     context = make_context({"gap": {"gap_error": 2e-4}})
     images = context.data.captures.images
-    judgement = dataclasses.replace(context.config.judgement, correlated_pixels=images[0].size // 4)
-    config = dataclasses.replace(context.config, judgement=judgement)
     whole = find_suspects(context, {}, (), is_final=True)
-    monkeypatch.setattr("holoview.diagnose.capture_judgement.MAX_SET_PIXELS", 3 * images[0].size)
-    few = find_suspects(dataclasses.replace(context, config=config), {}, (), is_final=True)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.MAX_SET_PIXELS", 3 * images[0].size)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.CORRELATED_PIXELS", images[0].size // 4)
+    few = find_suspects(context, {}, (), is_final=True)
     assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
     assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)
 

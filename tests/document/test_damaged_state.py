@@ -14,11 +14,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import tests.document.conftest as bench
+from holoview.document.archive import pupil_path_from_table, view_settings_from_table, view_settings_table
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_reader import target_from_pixels
-from holoview.document.preferences import Preferences
-from holoview.document.session_store import SessionStore
-from holoview.document.view_settings_table import pupil_path_from_table, view_settings_from_table, view_settings_table
+from holoview.document.files import target_from_pixels
+from holoview.document.session_store import Preferences, SessionStore
 from holoview.model.pupil_path import PupilPath
 from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.document.changes import Change
-from holoview.document.document import Document, fit_drive
-from holoview.document.editing_session import EditingSession
-from holoview.document.history import MAX_STEPS, MERGE_WITHIN_S, History, HistoryStep
-from holoview.document.target_spec import TargetSpec
+from holoview.document.document import MAX_STEPS, MERGE_WITHIN_S, Document, History, HistoryStep, fit_drive
+from holoview.document.editing_session import Change, EditingSession
+from holoview.document.target import TargetSpec
 from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from tests.document.conftest import small_system

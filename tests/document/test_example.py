@@ -10,8 +10,7 @@ import pytest
 
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import EXAMPLE_PRESET, new_session, show_example, shows_example
-from holoview.document.file_loader import FileLoader
-from holoview.document.file_reader import target_from_pixels
+from holoview.document.files import FileLoader, target_from_pixels
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.io.hologram import Hologram

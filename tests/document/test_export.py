@@ -12,16 +12,22 @@ from PIL import Image
 
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
 from holoview.document.editing_session import EditingSession
-from holoview.document.export.figure import save_figure, scale_bar_length
-from holoview.document.export.hologram_files import save_hologram, save_preset
-from holoview.document.export.png_images import png_bytes, save_planes, save_view
-from holoview.document.export.pupil_sheet import save_pupil_sheet
-from holoview.document.export.sweep import save_sweep
-from holoview.document.export.web_page import save_page
-from holoview.document.file_reader import target_from_image_bytes
+from holoview.document.exports import (
+    png_bytes,
+    save_figure,
+    save_hologram,
+    save_page,
+    save_planes,
+    save_preset,
+    save_pupil_sheet,
+    save_sweep,
+    save_view,
+    scale_bar_length,
+)
+from holoview.document.files import target_from_image_bytes
 from holoview.document.scheme_comparison import NAMES as SIDES
 from holoview.document.scheme_comparison import start_scheme_comparison
-from holoview.document.target_spec import TargetSpec
+from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.page.page import read_page

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from holoview.app.panels import gamut
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.document import chromaticity_diagram as gamut
 from holoview.document.measure import contrast_by_wavelength, line_profile, measure_region, sample_pixel
 from holoview.metrics.speckle import independent_pattern_count, laser_luminances
 from holoview.util.errors import UserError

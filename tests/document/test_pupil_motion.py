@@ -11,11 +11,9 @@ from PIL import Image
 
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
-from holoview.document.export.pupil_path import save_path, save_path_animation, save_path_pictures
-from holoview.document.eye_edits import move_pupil, plane_of, toggle_eye
-from holoview.document.file_loader import FileLoader
-from holoview.document.focal_plane import focus_at
-from holoview.document.pupil_motion import PupilMotion
+from holoview.document.exports import save_path, save_path_animation, save_path_pictures
+from holoview.document.files import FileLoader
+from holoview.document.focus import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
 from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
 from holoview.model.pupil_path import PupilPath, system_at
 from holoview.render.tone_mapping import tone_map

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.eye_edits import move_pupil, toggle_eye
-from holoview.document.live_measurement import measure_image
-from holoview.document.measure import luminance_of
+from holoview.document.focus import move_pupil, toggle_eye
+from holoview.document.measure import luminance_of, measure_image
 from holoview.document.retinal_curve import RetinalCurves
-from holoview.document.target_spec import TargetSpec
+from holoview.document.target import TargetSpec
 from holoview.metrics.speckle import retinal_contrast
 from holoview.util.errors import UserError
 from holoview.view import simulate

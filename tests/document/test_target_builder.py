@@ -7,8 +7,8 @@ from queue import SimpleQueue
 import numpy as np
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_reader import target_from_pixels
-from holoview.document.target_builder import TargetBuilder
+from holoview.document.files import target_from_pixels
+from holoview.document.target import TargetBuilder
 from holoview.model import preset
 
 
@@ -21,9 +21,9 @@ def test_every_plane_of_a_long_stack_gets_its_target() -> None:
     calls: SimpleQueue = SimpleQueue()
     builder, planes_m = TargetBuilder(calls.put, lambda: None, lambda error, where: None), session.system.planes_m
     try:
-        assert builder.get(session.document, float(planes_m[0])) is None
+        assert builder.get(session.target_spec, session.system, float(planes_m[0])) is None
         calls.get(timeout=60)()
-        targets = [builder.get(session.document, float(z)) for z in planes_m]
+        targets = [builder.get(session.target_spec, session.system, float(z)) for z in planes_m]
     finally:
         builder.close()
         session.close()

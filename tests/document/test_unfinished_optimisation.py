@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from holoview.document.archive import SESSION_FILE
-from holoview.document.optimisation_job import running_optimisation
+from holoview.document.optimisation_job import RestOfOptimisation, read_rest, running_optimisation
 from holoview.document.session_store import SessionStore
-from holoview.document.unfinished_optimisation import RestOfOptimisation, read_rest
 from holoview.optimise.eyes import OptimisedEyes
 from holoview.util.errors import UserError
 from tests.child_process import child_process
@@ -27,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from holoview.optimise.settings import Settings
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_reader import target_from_pixels
+from holoview.document.files import target_from_pixels
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
 from tests.document.conftest import small_system

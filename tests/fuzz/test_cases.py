@@ -11,8 +11,7 @@ import pytest
 
 _PROGRAM = """
 import sys
-from benchmarks.fuzz import sample
-from tests.fuzz.run import run_cases, table
+from benchmarks.fuzz import run_cases, sample, table
 from tests.fuzz.trial import Limits, preload
 preload()
 counts, bad = run_cases(sample(int(sys.argv[1]), int(sys.argv[2])), Limits())

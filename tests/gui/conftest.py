@@ -18,8 +18,8 @@ from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview.app.app import App
-from holoview.app.input_driver import InputDriver
 from holoview.app.run import SCRIPT_FRAME_S
+from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device

@@ -16,9 +16,9 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 from holoview.app import run
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
-from holoview.app.input_driver import InputDriver
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
+from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device

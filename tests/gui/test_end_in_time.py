@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from holoview.app.end_in_time import end_in_time
+from holoview.app.run import end_in_time
 from holoview.util.processes import handled_signals
 
 SECONDS = 60.0

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from holoview import load
-from holoview.app import clipboard
+from holoview.app import desktop
 from holoview.app.panels import files
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.history import HistoryPanel
@@ -176,9 +176,9 @@ def test_the_image_is_copied_and_a_picture_pasted(gui: Gui, monkeypatch: pytest.
 def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(clipboard.sys, "platform", "linux")
+    monkeypatch.setattr(desktop.sys, "platform", "linux")
     with pytest.raises(UserError, match="xclip"):
-        clipboard.copy_picture(np.zeros((2, 2, 3), np.uint8))
+        desktop.copy_picture(np.zeros((2, 2, 3), np.uint8))
 
 
 def test_the_list_of_edits_goes_anywhere(gui: Gui) -> None:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview.app.app import App
-from holoview.app.input_driver import InputDriver
-from holoview.app.keys import Chord
 from holoview.app.panels.files import FilesPanel
+from holoview.app.script import InputDriver
+from holoview.app.user_input import Chord
 from holoview.app.window import Window
 from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import Device

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.app.input_driver import Point
+from holoview.app.script import Point
 from holoview.gpu.device import Device
 from holoview.model import preset
 from tests.chromium import needs_chromium, started_browser, wait_until

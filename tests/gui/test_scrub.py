@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.app.frame_rate import measure_frame_rate
+from holoview.app.script import measure_frame_rate
 from holoview.gpu.device import Device
 from holoview.render import progressive_renderer
 from holoview.render.progressive_renderer import ProgressiveRenderer

@@ -18,10 +18,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.app.client_places import NOT_USED, TRY_AGAIN_LATER
-from holoview.app.serve import guarded
-from holoview.app.serve_connections import make_server
-from holoview.app.serve_options import Address, ServeOptions
+from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, guarded, make_server
+from holoview.app.serve_guard import Address, ServeOptions
 from holoview.util.errors import UserError
 
 SECONDS = 30.0

@@ -17,7 +17,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.example import EXAMPLE_PRESET, new_session
 from holoview.document.optimisation_job import running_optimisation
 from holoview.document.session_store import SessionStore
-from holoview.document.target_spec import example_target
+from holoview.document.target import example_target
 from holoview.gpu.device import Device
 from holoview.model import preset
 from holoview.render.view_settings import NOW

@@ -7,7 +7,7 @@ from threading import Event, Thread
 
 import pytest
 
-from holoview.document.call_queue import CallQueue
+from holoview.document.editing_session import CallQueue
 from holoview.rig.live_devices import DeviceWorker, LaserInterlock, LasersForbidden
 
 Calls = list[str]

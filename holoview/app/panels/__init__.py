@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from holoview.app.panel import Panel
-from holoview.app.panels.bench import BenchPanel
 from holoview.app.panels.camera import CameraPanel
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.eye import EyePanel
@@ -14,6 +13,7 @@ from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
+from holoview.app.panels.parameters import BenchPanel
 from holoview.app.panels.rig import RigPanel
 from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
 from holoview.app.panels.speckle import SpecklePanel

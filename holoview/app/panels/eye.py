@@ -5,22 +5,20 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.app.description_fields import draw_fields
-from holoview.app.focus_graph import draw_focus_graph
+from holoview.app.eye_widgets import add_path_commands, draw_focus_graph, draw_path_controls, draw_pupil_map
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
-from holoview.app.pupil_map import draw_pupil_map
-from holoview.app.pupil_path_widgets import add_path_commands, draw_path_controls
-from holoview.document.eye_edits import (
+from holoview.app.parameter_widgets import WidgetEdit, draw_fields, number_field, tooltip
+from holoview.document.focus import (
     PUPIL_RANGE_M,
     dioptres_of,
     eye_of,
+    focus_at,
+    focus_range_m,
     plane_of,
     pupil_diameter_m,
     toggle_chromatic,
     toggle_eye,
 )
-from holoview.document.focal_plane import focus_at, focus_range_m
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.model.fields import fields_by_key
 from holoview.render.view_settings import ACHROMATIC, NOW

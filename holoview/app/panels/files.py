@@ -11,19 +11,24 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
-from holoview.app.clipboard import copy_picture, paste_picture
 from holoview.app.context import AppContext
-from holoview.app.file_dialog import FileDialog, FileRequest
+from holoview.app.desktop import copy_picture, paste_picture
+from holoview.app.file_dialog import FileDialog, FileRequest, RecoveryDialog
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.recovery_dialog import RecoveryDialog
-from holoview.document.export.figure import save_figure
-from holoview.document.export.hologram_files import save_hologram, save_preset
-from holoview.document.export.png_images import save_planes, save_view
-from holoview.document.export.pupil_path import save_path, save_path_animation, save_path_pictures
-from holoview.document.export.pupil_sheet import save_pupil_sheet
-from holoview.document.export.sweep import save_sweep
-from holoview.document.export.web_page import save_page
+from holoview.document.exports import (
+    save_figure,
+    save_hologram,
+    save_page,
+    save_path,
+    save_path_animation,
+    save_path_pictures,
+    save_planes,
+    save_preset,
+    save_pupil_sheet,
+    save_sweep,
+    save_view,
+)
 from holoview.document.jobs import format_job
 from holoview.render.tone_mapping import compose_comparison
 from holoview.render.view_settings import DERIVED_PAGES, displayed_side

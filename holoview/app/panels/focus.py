@@ -9,9 +9,8 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.plane_strip import PlaneStrip
-from holoview.document.eye_edits import dioptres_text
-from holoview.document.focal_plane import focus_at, focus_at_next_plane, focus_range_m, step_focus
+from holoview.app.plane_tiles import PlaneStrip
+from holoview.document.focus import dioptres_text, focus_at, focus_at_next_plane, focus_range_m, step_focus
 
 _SWEEP_S = 3.0  # from the first plane to the last
 

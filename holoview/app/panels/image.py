@@ -7,14 +7,12 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.image_labels import draw_centred_text, draw_label, side_labels, waiting_text
+from holoview.app.eye_widgets import draw_path, draw_pupil, handle_pupil
 from holoview.app.panel import Panel
-from holoview.app.plane_sheet import PlaneSheet
-from holoview.app.pupil_map import draw_path, draw_pupil, handle_pupil
-from holoview.app.readout import draw_readout, readout_height
+from holoview.app.plane_tiles import PlaneSheet
+from holoview.app.readout import draw_centred_text, draw_label, draw_readout, readout_height, side_labels, waiting_text
 from holoview.app.viewport import Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
-from holoview.document.eye_edits import eyebox_half_m
-from holoview.document.focal_plane import focus_on, step_focus
+from holoview.document.focus import eyebox_half_m, focus_on, step_focus
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 

@@ -7,9 +7,9 @@ from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.laser_colours import EYE_RANGE_M, laser_colour
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import show_tooltip, tooltip
+from holoview.app.theme import EYE_RANGE_M, laser_colour
 from holoview.colour import cone_fundamentals
 from holoview.model import preset
 from holoview.model.system import System

@@ -9,9 +9,8 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.retinal_plot import draw_retinal_curve, draw_retinal_state
-from holoview.document.live_measurement import ImageMeasurements
-from holoview.document.measure import ContrastCurve, LineProfile
+from holoview.app.plots import draw_retinal_curve, draw_retinal_state
+from holoview.document.measure import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.document.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 from holoview.metrics.speckle import SpeckleHistogram
 

@@ -10,8 +10,8 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.image_labels import draw_centred_text, draw_label
 from holoview.app.parameter_widgets import tooltip
+from holoview.app.readout import draw_centred_text, draw_label
 from holoview.app.viewport import Viewport, VisibleArea, visible_area_of
 from holoview.experiment.live.live_view import LiveView
 from holoview.experiment.live.rig_session import MODELS

@@ -1,0 +1,400 @@
+"""Where an error lives that no effect of the library explains.
+
+- *Free maps.* Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that
+  express anything smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. Where to
+  look is the place whose maps predict the held-out captures best. `suggest_for` says which effect to write for a
+  place, and which captures would show more of the error.
+- *Pixel maps.* Smooth maps can't show a single column or row. `PixelMap` compares, at the modulator's full resolution,
+  what χ² would gain if a pixel showed one level whatever is sent (`replacement_gains`) with the same of all other
+  pixels, and of whole lines with other lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from holoview.captures.dataset import Captures
+from holoview.diagnose.fit import FittedValues
+from holoview.diagnose.likelihood import Comparison
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.stuck import LEVELS, LINE_SEGMENTS, MIN_LINE_SIGMAS
+from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
+from holoview.model.effects.parameter import Parameter, Values
+
+Tensor = torch.Tensor
+Floats = NDArray[np.float64]
+
+SURFACE_POINTS = (6, 8)
+"""[points] Rows and columns of control points over a modulator or the camera. Evidence: none recorded."""
+
+PUPIL_POINTS = (8, 8)
+"""[points] Rows and columns of control points over a pupil. Evidence: none recorded."""
+
+RESPONSE_POINTS = 9
+"""[points] Control points of a response curve. Evidence: none recorded."""
+
+ITERATIONS = 15
+"""[1] Iterations of L-BFGS. Evidence: none recorded."""
+
+PATH_SCALE_M = 50e-9
+"""[m] Optical path that a map's unit stands for, which scales the optimiser's steps. Evidence: none recorded."""
+
+RELATIVE_SCALE = 0.1
+"""[1] Relative amplitude or response that a map's unit stands for. Evidence: none recorded."""
+
+MIN_SHARE = 0.1
+"""[1] Places are told that explain at least this share of the excess … Evidence: none recorded."""
+
+NEAR_BEST_SHARE = 0.7
+"""[1] … and this share of what the best place explains. Evidence: none recorded."""
+
+_NEIGHBOURS = ("above", "below", "left", "right")
+
+
+@dataclass(frozen=True, eq=False)
+class ShownMap:
+    """A fitted map: (y, x) over a surface or a pupil, or a few numbers (response curve, neighbours, single values).
+
+    values: optical paths in m where `unit` is "m", relative changes where it is "1". extent: where a map lies, from its
+    left, right, lower and upper edge; None for a few numbers. axis: what `extent` is counted in, or what the numbers
+    lie over. labels: one for each number where the numbers aren't a curve.
+    """
+
+    name: str
+    values: NDArray[np.float64]
+    unit: str
+    extent: tuple[float, float, float, float] | None = None
+    axis: str = ""
+    labels: tuple[str, ...] = ()
+
+
+class FreeMaps(Effect):
+    """Maps at one place, as an effect that holds tensors. Maps of zeros change nothing."""
+
+    id = "free_maps"
+    cause = "Something smooth at one place that no effect describes."
+    finding = "Free maps are on."
+    parameters = (Parameter("on", "1: the maps are applied."),)
+    acts_on: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, shapes: dict[str, tuple[int, ...]]) -> None:
+        self.maps = {name: torch.zeros(shape, dtype=torch.float64) for name, shape in shapes.items()}
+
+    @property
+    def parameter_count(self) -> int:
+        """How many numbers are free."""
+        return sum(m.numel() for m in self.maps.values())
+
+    def set_from_vector(self, vector: NDArray[np.float64], *, grad: bool = False) -> list[Tensor]:
+        """Sets all maps from one vector; returns them as leaf tensors, with gradients if `grad`."""
+        at, leaves = 0, []
+        for name, old in self.maps.items():
+            part = torch.from_numpy(vector[at : at + old.numel()].copy()).reshape(old.shape).requires_grad_(grad)
+            self.maps[name] = part
+            leaves.append(part)
+            at += old.numel()
+        return leaves
+
+    def shown_maps(self) -> tuple[ShownMap, ...]:
+        """The maps with their units. Of a path the mean is subtracted: no picture shows it."""
+        shown = []
+        for name, tensor in self.maps.items():
+            values = tensor.detach().numpy().copy()
+            if name == "path":
+                shown.append(ShownMap(name, PATH_SCALE_M * (values - values.mean()), "m"))
+            else:
+                shown.append(ShownMap(name, RELATIVE_SCALE * values, "1"))
+        return tuple(shown)
+
+
+class FreeSource(FreeMaps):
+    """Amplitude and wavefront of the light on the first modulator."""
+
+    id = "free_source"
+    acts_on = ("source",)
+
+    def __init__(self) -> None:
+        super().__init__({"amplitude": SURFACE_POINTS, "path": SURFACE_POINTS})
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        if context.number != 0:
+            return transmission
+        shape, real = transmission.shape, transmission.real.dtype
+        radians = 2 * math.pi * PATH_SCALE_M / context.wavelength_m
+        amplitude = 1.0 + RELATIVE_SCALE * _upsample_map(self.maps["amplitude"], shape, real)
+        return transmission * torch.polar(amplitude, radians * _upsample_map(self.maps["path"], shape, real))
+
+
+class FreeModulator(FreeMaps):
+    """What a modulator shows: response curve, stroke over the surface, mixture with neighbouring pixels.
+
+    The second one also has a map of optical path; that of the first belongs to the source.
+    """
+
+    def __init__(self, modulator_index: int) -> None:
+        surface = SURFACE_POINTS
+        shapes = {"curve": (RESPONSE_POINTS,), "stroke": surface, "neighbours": (4,)}
+        super().__init__({**shapes, "path": surface} if modulator_index else shapes)
+        self.modulator_index, self.id = modulator_index, f"free_modulator_{modulator_index + 1}"  # type: ignore[misc]
+        self.acts_on = (f"modulator {modulator_index + 1}",)  # type: ignore[misc]
+
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        if context.number != self.modulator_index:
+            return share
+        scale = RELATIVE_SCALE
+        bent = share + scale * _interpolate_curve(self.maps["curve"].to(share.dtype), share)
+        bent = bent * (1.0 + scale * _upsample_map(self.maps["stroke"], share.shape, share.dtype))
+        weights = scale * self.maps["neighbours"].to(share.dtype)
+        up, down = torch.cat([bent[:1], bent[:-1]]), torch.cat([bent[1:], bent[-1:]])
+        left, right = torch.cat([bent[:, :1], bent[:, :-1]], 1), torch.cat([bent[:, 1:], bent[:, -1:]], 1)
+        mixed = sum(w * (other - bent) for w, other in zip(weights, (up, down, left, right), strict=True))
+        return bent + mixed
+
+    def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        if context.number != self.modulator_index or "path" not in self.maps:
+            return path_m
+        return path_m + PATH_SCALE_M * _upsample_map(self.maps["path"], path_m.shape, path_m.dtype)
+
+
+class FreeRelay(FreeMaps):
+    """Amplitude and optical path over a relay's pupil."""
+
+    def __init__(self, relay_index: int) -> None:
+        super().__init__({"amplitude": PUPIL_POINTS, "path": PUPIL_POINTS})
+        self.relay_index, self.id = relay_index, f"free_relay_{relay_index + 1}"  # type: ignore[misc]
+        self.acts_on = (f"relay {relay_index + 1}",)  # type: ignore[misc]
+
+    def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
+        if context.relay != self.relay_index:
+            return pupil
+        sine_y, sine_x = context.sines_from_centre
+        reach = context.pupil_radius if context.pupil_radius < 1 else float(sine_y.abs().max())
+        real = pupil.real.dtype
+        y, x = (s.to(real) / reach for s in (sine_y, sine_x))
+        positions = torch.stack([x.expand(len(y), -1), y.expand(-1, x.shape[1])], dim=-1)[None]
+        maps = torch.stack([self.maps["amplitude"], self.maps["path"]]).to(real)[None]
+        amplitude, path = torch.nn.functional.grid_sample(maps, positions, padding_mode="border", align_corners=True)[0]
+        radians = 2 * math.pi * PATH_SCALE_M / context.wavelength_m
+        return pupil * torch.polar(1.0 + RELATIVE_SCALE * amplitude, radians * path)
+
+
+class FreeCamera(FreeMaps):
+    """Sensitivity over the sensor, mixture with neighbouring pixels, a non-linear response and a pedestal."""
+
+    id = "free_camera"
+    acts_on = ("camera",)
+
+    def __init__(self) -> None:
+        super().__init__({"gain": SURFACE_POINTS, "neighbours": (4,), "bend": (1,), "pedestal": (1,)})
+
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
+        own, scale = {name: m.to(image.dtype) for name, m in self.maps.items()}, RELATIVE_SCALE
+        mean = image.mean().detach()
+        up, down = torch.roll(image, 1, 0), torch.roll(image, -1, 0)
+        left, right = torch.roll(image, 1, 1), torch.roll(image, -1, 1)
+        neighbours = zip(own["neighbours"], (up, down, left, right), strict=True)
+        mixed = sum(scale * weight * (other - image) for weight, other in neighbours)
+        image = image + mixed + scale * mean * own["pedestal"]
+        image = image * (1.0 + scale * _upsample_map(self.maps["gain"], image.shape, image.dtype))
+        return image + scale * own["bend"] * image * (image / (image + 2 * mean))
+
+
+@dataclass(frozen=True)
+class FreeMapFit:
+    """A place, the share of the excess on held-out captures that maps there explain, 0 … 1, and the maps."""
+
+    location: str
+    share: float
+    maps: tuple[ShownMap, ...] = ()
+
+
+def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Comparison) -> list[FreeMapFit]:
+    """Every place with its maps fitted on top of `base`, the largest share first. comparison: held-out captures."""
+    chi2 = comparison.chi2_per_pixel(base)
+    jobs = [partial(_fit_free_map, context, base, comparison, effect, chi2) for effect in _free_map_effects(context)]
+    return sorted(context.run_parallel(jobs), key=lambda fit: -fit.share)
+
+
+def likely_fits(fits: list[FreeMapFit]) -> tuple[FreeMapFit, ...]:
+    """The fits of places that explain a good part, and nearly as much as the best. fits: best first."""
+    best = fits[0].share if fits else 0.0
+    return tuple(f for f in fits if f.share >= max(MIN_SHARE, NEAR_BEST_SHARE * best))
+
+
+def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
+    """Maps at each place of the bench; one with a single modulator has only the second relay, a Fourier bench none."""
+    yield FreeSource()
+    yield FreeModulator(0)
+    if len(context.data.captures.slms) > 1:
+        yield FreeRelay(0)
+        yield FreeModulator(1)
+    if not context.data.captures.is_fourier:
+        yield FreeRelay(1)
+    yield FreeCamera()
+
+
+def _fit_free_map(
+    context: SearchContext, base: FittedValues, held_out: Comparison, effect: FreeMaps, base_chi2: float
+) -> FreeMapFit:
+    """Maps at one place, fitted to the fine captures. base_chi2: χ²/n of the held-out captures without them."""
+    predictor = context.predictor.create(extra_effects=[effect])
+    values: FittedValues = {**base, effect.id: {"on": 1.0}}
+    fitted = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
+    solution = minimize(
+        partial(_loss_and_gradient, effect, values, fitted.with_predictor(predictor)),
+        np.zeros(effect.parameter_count),
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": ITERATIONS},
+    )
+    effect.set_from_vector(solution.x)
+    chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
+    share = (base_chi2 - chi2) / max(base_chi2 - 1.0, 1e-9)
+    shown = tuple(placed_map(one, effect.acts_on[0], context.data.captures) for one in effect.shown_maps())
+    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), shown)
+
+
+def placed_map(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
+    """A map with the coordinates of the surface that it lies over."""
+    if shown.values.ndim == 1:
+        over_levels = shown.name == "curve"
+        labels = _NEIGHBOURS if shown.name == "neighbours" else () if over_levels else (shown.name,)
+        return replace(shown, axis="share of the stroke" if over_levels else "", labels=labels)
+    if location.startswith("relay"):
+        return replace(shown, extent=(-1.0, 1.0, 1.0, -1.0), axis="pupil radii")
+    if location == "camera":
+        rows, columns = captures.shape
+        whole = captures.frame or captures.shape
+        top, left = (whole[0] - rows) // 2, (whole[1] - columns) // 2
+    else:
+        (rows, columns), (top, left) = captures.levels.shape[2:], captures.first_pixel
+    extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
+    return replace(shown, extent=extent, axis="camera pixels" if location == "camera" else "modulator pixels")
+
+
+def _loss_and_gradient(
+    effect: FreeMaps, values: FittedValues, comparison: Comparison, vector: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
+    """χ²/n with the maps that a vector holds and the best gain of each capture, and its gradient."""
+    weight, light = torch.from_numpy(comparison.weight), torch.from_numpy(comparison.light)
+    leaves = effect.set_from_vector(vector, grad=True)
+    prediction = comparison.predictor(comparison.indices, values, grad=True)
+    model = weight * prediction.signal
+    dark = torch.from_numpy(prediction.counts_without_lasers(comparison.data.camera.black_level))
+    data = weight * (light - dark)
+    gain = (data * model).sum((1, 2), keepdim=True) / (model * model).sum((1, 2), keepdim=True).clamp_min(1e-30)
+    total = (data - gain.detach() * model).square().sum(dtype=torch.float64) / comparison.pixel_count
+    gradients = torch.autograd.grad(total, leaves, allow_unused=True)
+    flat = [
+        (torch.zeros_like(leaf) if g is None else g).double().ravel().numpy()
+        for leaf, g in zip(leaves, gradients, strict=True)
+    ]
+    return float(total.detach()), np.concatenate(flat)
+
+
+def _upsample_map(control: Tensor, shape: torch.Size, dtype: torch.dtype) -> Tensor:
+    """A map over a whole surface by bicubic interpolation of its control points."""
+    return torch.nn.functional.interpolate(
+        control.to(dtype)[None, None], size=tuple(shape), mode="bicubic", align_corners=True
+    )[0, 0]
+
+
+def _interpolate_curve(control: Tensor, share: Tensor) -> Tensor:
+    """A piecewise linear function of the share of the stroke, 0 … 1."""
+    position = share.clamp(0.0, 1.0) * (len(control) - 1)
+    low = position.detach().floor().clamp(max=len(control) - 2)
+    part = position - low
+    index = low.long()
+    return control[index] * (1 - part) + control[index + 1] * part
+
+
+_HOW = "docs/effects.md says how"
+_SUGGESTIONS = {
+    "source": (
+        "an effect that overrides `transmission` for modulator 1, amplitude and wavefront of the light on it",
+        "captures with flat patterns, which show the beam alone",
+    ),
+    "modulator 1": (
+        "an effect that overrides `stroke_response` or `optical_path` for modulator 1",
+        "captures with flat patterns at several levels, and one column or row at a time at another level",
+    ),
+    "modulator 2": (
+        "an effect that overrides `stroke_response` or `optical_path` for modulator 2",
+        "captures with modulator 1 flat and modulator 2 at several levels, then one column or row at another level",
+    ),
+    "relay 1": (
+        "an effect that overrides `pupil` for relay 1",
+        "captures with modulator 2 flat and white noise on modulator 1, which fills the pupil",
+    ),
+    "relay 2": (
+        "an effect that overrides `pupil` for relay 2",
+        "captures of white noise, which fills the pupil, at several distances",
+    ),
+    "camera": (
+        "an effect that overrides `image`, which changes the picture that the camera collects",
+        "a capture with all lasers off, and the same pattern at several exposures and positions of the camera",
+    ),
+}
+
+
+def suggest_for(place: str) -> str:
+    """A sentence on what to do about an error that lives at a place, one of the places of `free_maps`."""
+    effect, captures = _SUGGESTIONS[place]
+    return f"Write {effect} ({_HOW}). More of it would be seen in {captures}."
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """How far the parts of modulator `number` (0 for the first) stand out from others, in standard deviations.
+
+    pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the first one,
+    where these are the middle of a larger modulator.
+    """
+
+    number: int
+    pixels: Floats
+    columns: Floats
+    rows: Floats
+    first_pixel: tuple[int, int]
+
+    @property
+    def line_sigmas(self) -> float:
+        """How far the most conspicuous column or row stands out, in standard deviations."""
+        return float(max(self.columns.max(), self.rows.max()))
+
+    def describe_line(self) -> str:
+        """The column or the row that stands out most."""
+        lines = zip(("row", "column"), (self.rows, self.columns), self.first_pixel, strict=True)
+        name, sigmas, first = max(lines, key=lambda line: float(line[1].max()))
+        number = first + int(sigmas.argmax())
+        return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
+
+
+def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
+    """The maps of all modulators, of what the fine captures leave to explain on top of a base."""
+    captures = context.data.captures
+    comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
+    found = []
+    for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
+        columns, rows = (significance(line_gains(gains, axis, LINE_SEGMENTS)).max(axis=0) for axis in (1, 2))
+        found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
+    return tuple(found)
+
+
+def line_notes(maps: Sequence[PixelMap]) -> list[str]:
+    """A note on the most conspicuous line alone: its light spreads, so that others may stand out too."""
+    most = max(maps, key=lambda one: one.line_sigmas, default=None)
+    if most is None or most.line_sigmas < MIN_LINE_SIGMAS:
+        return []
+    return [f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours."]

@@ -1,0 +1,190 @@
+"""Targets of a session: which picture a hologram should show, where and how bright; built on a worker thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.document.jobs import CallOnOwner
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.targets.focal_stack import Target, target_from_stack
+from holoview.targets.light_field import is_light_field, read_light_field
+from holoview.targets.moving_pupil import StacksAt, moving_target, moving_target_from_views, target_from_views
+from holoview.targets.picture import Picture, read_picture
+from holoview.targets.target import Placement, scene_depth, target_for
+from holoview.util.errors import UserError
+from holoview.util.files import data_dir
+from holoview.util.latest_task import LatestTask
+
+
+@dataclass(frozen=True, eq=False)
+class TargetSpec:
+    """What a hologram should show, independent of the system that shows it.
+
+    source: a picture in linear light, or the path of a rendered focal stack or of a folder of views. brightness: a
+    factor on linear light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
+    is_example: whether it is `example_target()`, which nobody chose: a hologram that is opened removes it.
+    """
+
+    source: Picture | Path
+    title: str
+    placement: Placement = field(default_factory=Placement)
+    brightness: float = 1.0
+    saturation: float = 1.0
+    space: str = "srgb"
+    is_example: bool = False
+
+    @property
+    def is_stack(self) -> bool:
+        """Whether it is a rendered stack, which has pictures for the system's own planes only."""
+        return isinstance(self.source, Path) and not is_light_field(self.source)
+
+    def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
+        """The target at the planes of a system; at `planes_m` (n,) in metres instead, unless it is a rendered stack.
+
+        Raises UserError as `target_for`, `target_from_stack` and `target_from_views` do.
+        """
+        if isinstance(self.source, Path) and not self.is_stack:
+            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
+            return target_from_views(system, field, self.brightness, planes=planes_m)
+        if isinstance(self.source, Path):
+            return target_from_stack(
+                system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
+            )
+        return target_for(
+            system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
+        )
+
+    def stack_for(self, system: System) -> NDArray[np.float32]:
+        """The focal stack (plane, y, x, 3) at the planes of a system, or on which its eye is focused."""
+        return self.build(system).stack
+
+    def moving(self, radius_m: float, system: System) -> StacksAt:
+        """The focal stacks from any places of the pupil within a radius; not of a rendered stack.
+
+        Raises UserError as `moving_target` and `moving_target_from_views` do.
+        """
+        if isinstance(self.source, Path):
+            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
+            return moving_target_from_views(system, field, self.brightness)
+        return moving_target(system, self.source, self.placement, radius_m, self.brightness, saturation=self.saturation)
+
+    def depth_at(self, system: System, row: int, column: int) -> float:
+        """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.
+
+        Raises UserError for a focal stack and for views, whose pictures don't tell, and as `target_for` does.
+        """
+        if isinstance(self.source, Path):
+            raise UserError(
+                "target", "pictures without depth", expected="a picture with a depth map, which tells what is where"
+            )
+        depth_m = scene_depth(system, self.placement, self.source, make_plan(system).grid.shape)
+        return float(np.broadcast_to(depth_m, make_plan(system).grid.shape)[row, column])
+
+
+def example_target() -> TargetSpec:
+    """The shipped still life with its depth. Raises UserError when its files can't be read."""
+    folder = data_dir("assets")
+    placement = Placement(depth=folder / "still-life-depth.png")
+    return TargetSpec(read_picture(folder / "still-life.png"), "still life", placement, is_example=True)
+
+
+# --- Builds targets at a focal plane on a worker thread, and caches them ---
+
+
+Image = NDArray[np.float32]
+_MAX_CACHED_IMAGES = 24
+
+
+class TargetBuilder:
+    """Builds the target that was requested last; a request that still waits is dropped when another one comes.
+
+    deliver: has the session's owner make a call. on_ready: called by the owner when a target is available. on_error:
+    called by the owner with the exception and "target" when it can't be built.
+    """
+
+    def __init__(
+        self,
+        deliver: CallOnOwner,
+        on_ready: Callable[[], None],
+        on_error: Callable[[BaseException, str], None],
+    ) -> None:
+        self._on_ready, self._on_error = on_ready, on_error
+        self._cache: dict[Hashable, Image | None] = {}
+        self._requested_key: Hashable = None
+        self._task: LatestTask[_Built] = LatestTask("targets", deliver, lambda error: None)
+
+    def get(self, target_spec: TargetSpec, system: System, plane_m: float) -> Image | None:
+        """The target (y, x, 3) of a specification at a plane, in linear sRGB; None until it is built."""
+        request = _TargetRequest(target_spec, system, plane_m)
+        if request.key in self._cache:
+            return self._cache[request.key]
+        if self._requested_key != request.key:
+            self._requested_key = request.key
+            self._task.submit(request.build, partial(self._on_built, request))
+        return None
+
+    @property
+    def is_building(self) -> bool:
+        """Whether a target is being built or waits to be."""
+        return self._task.is_busy
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _on_built(self, request: _TargetRequest, built: _Built) -> None:
+        images, error = built
+        self._cache |= {replace(request, plane_m=z).key: image for z, image in images.items()}
+        self._cache.setdefault(request.key, None)
+        while len(self._cache) > max(_MAX_CACHED_IMAGES, len(images) + 1):  # this request's own images stay
+            self._cache.pop(next(iter(self._cache)))
+        if error is not None:
+            self._on_error(error, "target")
+        self._on_ready()
+
+
+_Built = tuple[dict[float, Image], Exception | None]
+"""Images by their plane in metres, and what went wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class _TargetRequest:
+    """A target for a system at a plane in metres."""
+
+    target_spec: TargetSpec
+    system: System
+    plane_m: float
+
+    @property
+    def key(self) -> Hashable:
+        return self.target_spec, _geometry_key(self.system), self.plane_m
+
+    def build(self) -> _Built:
+        """Images of all planes of the system, if `plane_m` is one of them; else of that plane alone."""
+        is_own_plane = bool(np.any(self.system.planes_m == self.plane_m))
+        if not is_own_plane and self.target_spec.is_stack:
+            return {}, None
+        try:
+            planes_m = self.system.planes_m if is_own_plane else np.array([self.plane_m])
+            target = self.target_spec.build(self.system, planes_m)
+        except Exception as error:  # reported to the user by the owner, once for each request
+            return {}, error
+        return dict(zip(target.planes_m, target.stack, strict=True)), None
+
+
+def _geometry_key(system: System) -> Hashable:
+    """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it.
+
+    With an eye, also its pupil, and the lasers, each of which it sees in another focus.
+    """
+    modulator, median_m = system.modulators[0], float(np.median(system.wavelengths_m))
+    grid = (modulator.shape, modulator.pitch_m, system.sampling.upsample)
+    seen = None if system.eye is None else (system.eye, system.observer, system.wavelengths_m.tobytes())
+    return grid, median_m, system.relay2, system.planes_m.tobytes(), seen
