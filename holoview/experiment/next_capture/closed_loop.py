@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from holoview.diagnose.report.diagnosis import Diagnosis
 
 from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.known_alignment import diagnosis_options
 from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice

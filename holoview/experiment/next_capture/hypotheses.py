@@ -27,13 +27,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from holoview.diagnose.correct.bad_captures import find_useless_captures
-from holoview.diagnose.correct.wrong_records import check_records
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import PLAIN, SearchConfig
+from holoview.diagnose.correct.bad_captures import find_useless_captures
+from holoview.diagnose.correct.wrong_records import check_records
 from holoview.diagnose.crop import middle_captures, pixel_ratio
 from holoview.diagnose.fit import (
     CandidateFit,
