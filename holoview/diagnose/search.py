@@ -197,8 +197,8 @@ def _search_second_causes_early(
     To polish a costly cause that lacks another one takes a part of the budget, and gains nothing. One that has come
     near the floor is polished like all others.
     """
-    result = refine_leaders_along_axes(context, result, is_costly_far=False)
-    result = free_fine_parameters(context, result, is_costly_far=False)
+    result = refine_leaders_along_axes(context, result, also_costly=False)
+    result = free_fine_parameters(context, result, also_costly=False)
     if is_settled(result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)

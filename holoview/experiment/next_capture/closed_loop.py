@@ -90,7 +90,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """What a loop took, why, the diagnosis of it, and why it ended. parts: the captures, each a session of one."""
+    """The captures of a loop, their reasons and diagnosis, and why the loop ended. parts: the captures one by one."""
 
     parts: list[Captures]
     steps: tuple[Step, ...]

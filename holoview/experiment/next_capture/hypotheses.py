@@ -34,7 +34,7 @@ from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import PLAIN, SearchConfig
 from holoview.diagnose.correct.bad_captures import find_useless_captures
 from holoview.diagnose.correct.wrong_records import check_records
-from holoview.diagnose.crop import middle_of, saving
+from holoview.diagnose.crop import middle_captures, pixel_ratio
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
@@ -69,7 +69,7 @@ _SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several 
 _MAX_FITTED = 6  # hypotheses that are kept fitted, beside the nominal bench
 _REFITTED = 4  # of them, that are fitted again to every further capture
 _MAX_OPEN = 4  # effects beside the leader that take part in a choice
-_NEW_SEARCH = 1.5  # times the captures of the last search, after which an unexplained session is searched again
+_NEW_SEARCH = 1.5  # times the captures of the last search, after which unexplained captures are searched again
 _LEADS = 0.9  # probability from which effects beside the leader are looked at
 _EXCLUDED = 1e-4  # share of all weights below which further captures need no look at an effect
 _SHOWS = 25.0  # Δχ² from which an open hypothesis is fitted: 5 σ of one parameter
@@ -254,8 +254,8 @@ def loop_context(
 
 def searched_part(captures: Captures, config: SearchConfig) -> Captures:
     """The captures, or their middle where that saves much."""
-    cut = middle_of(captures, config.region)
-    return captures if saving(captures, cut) < config.region.min_saving else cut
+    cut = middle_captures(captures, config.region)
+    return captures if pixel_ratio(captures, cut) < config.region.min_saving else cut
 
 
 class HypothesisFits:
