@@ -21,8 +21,7 @@ from scipy.optimize import nnls
 import holoview as hv
 from benchmarks.baselines import Autograd, Cached, Work
 from benchmarks.common import markdown_table
-from benchmarks.optimiser_ffts import FftCount, iteration_ffts
-from benchmarks.optimiser_work import colour_work
+from benchmarks.optimiser_work import FftCount, colour_work, iteration_ffts
 from holoview.benchmark.torch_baseline import torch_threads
 
 SIZE = (192, 256)

@@ -10,8 +10,16 @@ import numpy as np
 import torch
 
 from benchmarks.baselines import Autograd, Cached, Textbook, Work
-from benchmarks.optimiser_ffts import FftCount, Floor, iteration_ffts
-from benchmarks.optimiser_work import colour_work, interleaved, ours, summary, times_table
+from benchmarks.optimiser_work import (
+    FftCount,
+    Floor,
+    colour_work,
+    interleaved,
+    iteration_ffts,
+    ours,
+    summary,
+    times_table,
+)
 from holoview.benchmark.torch_baseline import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"

@@ -14,7 +14,7 @@ from holoview.commands.console import EXIT_USER_ERROR, console_streams
 from holoview.commands.output_files import LOCKS, check_files
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
-from holoview.util.memory import memory_setting
+from holoview.util.memory_limit import memory_setting
 from holoview.util.output_locks import OutputLocks
 from holoview.util.packages import __version__
 from holoview.util.processes import exit_code_of, handled_signals, raise_interrupted

@@ -19,7 +19,7 @@ from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32

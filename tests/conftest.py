@@ -19,7 +19,7 @@ import torch
 from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
-from holoview.util.memory import give_back_freed_memory
+from holoview.util.memory_limit import give_back_freed_memory
 
 LONGEST = (
     "docs/test_tutorials.py",

@@ -33,7 +33,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema, NumberSchema
 from holoview.util.file_writer import write_file
 from holoview.util.files import require_file
-from holoview.util.memory import format_size, require_memory
+from holoview.util.memory_limit import format_size, require_memory
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
 _COUNTS = ("uint8", "uint16")

@@ -32,7 +32,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20

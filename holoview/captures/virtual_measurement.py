@@ -26,7 +26,7 @@ from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 _DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous

@@ -20,7 +20,7 @@ import holoview
 from holoview.colour import to_srgb8
 from holoview.commands.arguments import add_backend, check_adapter_applies, whole
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.optimise import optimise_hologram
+from holoview.commands.optimise import optimise_with_progress
 from holoview.commands.output_files import add_output_folder, check_files
 from holoview.document.target import example_target
 from holoview.engine.backend import open_executor
@@ -33,6 +33,7 @@ from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORE
 from holoview.metrics.psnr import PlaneScores
 from holoview.model import preset
 from holoview.model.plan import make_plan
+from holoview.optimise.hologram_job import RunOptions
 from holoview.optimise.settings import Settings
 from holoview.report.images import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
@@ -88,9 +89,9 @@ def run(args: argparse.Namespace) -> int:
     target = example_target().build(systems[0])
     results: list[_DisplayResult] = []
     for system in systems:
-        optimised = optimise_hologram(system, target.stack, settings)
-        if optimised.interruption():
-            raise Interrupted(optimised.interruption.signal)
+        optimised, interruption = optimise_with_progress(system, target.stack, settings, RunOptions())
+        if interruption():
+            raise Interrupted(interruption.signal)
         optimised.hologram.save(args.output / f"{system.name}.safetensors")
         results.append(_render_display(system.name, optimised.hologram, target, further, args))
     written = [path for result in results for path in _write_planes(result, args.output)]

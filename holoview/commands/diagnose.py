@@ -22,16 +22,16 @@ from holoview.captures.dataset import join_captures
 from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.corrections import apply_corrections
-from holoview.commands.arguments import number, parse_duration, whole
+from holoview.commands.arguments import number, parse_duration, parse_effects, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.known_effects import read_known
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
+from holoview.experiment.known_alignment import KnownEffects
 from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
@@ -40,6 +40,7 @@ from holoview.model.system import System
 from holoview.report.images import require_matplotlib
 from holoview.rig import open_rig, read_rig
 from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
+from holoview.rig.registration import read_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
@@ -196,7 +197,7 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
     bench = None
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
-    stated = read_known(args.known)
+    stated = _known(args.known)
     known = stated.added_to(known)
     with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as interruption:
         so_far = _SoFar(progress)
@@ -211,6 +212,13 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
             **_search_options(args),
         )
     return _Diagnosed(stated.with_notes(found), recorded, bench, interruption.exit_code)
+
+
+def _known(texts: Sequence[str]) -> KnownEffects:
+    """The effects that --known states, and the files of `rig align`. Raises UserError that names what is wrong."""
+    files = [text for text in texts if text.endswith(".toml") and "=" not in text]
+    effects = parse_effects([text for text in texts if text not in files])
+    return KnownEffects(effects, [read_registration(Path(file)) for file in files])
 
 
 def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
@@ -276,17 +284,14 @@ def _write_report(
     args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis, folder: Path
 ) -> None:
     # here: the optimiser and matplotlib take a second to import
-    from holoview.diagnose.display_gain import display_gain
-    from holoview.diagnose.html_report import write_report
+    from holoview.diagnose.report.display_gain import display_gain
+    from holoview.diagnose.report.html_report import write_report
 
     make_folder(folder)
     gain = None
     if found.values and not fourier and not args.no_display:
-        iterations = SearchConfig().report.hologram_iterations
         with progress_bar("optimising holograms") as progress:
-            gain = display_gain(
-                bench.edit({"effects": {}}), known, found.values, iterations=iterations, progress=progress
-            )
+            gain = display_gain(bench.edit({"effects": {}}), known, found.values, progress=progress)
     with progress_bar("drawing") as progress:
         write_report(folder, Path(_source(args)).name, found, gain, progress)
 

@@ -22,7 +22,7 @@ from holoview.rig.measure.capture_plan import (
 from holoview.rig.measure.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
-from holoview.util.memory import format_size
+from holoview.util.memory_limit import format_size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -1,10 +1,15 @@
-"""`holoview optimise PRESET TARGET`: finds patterns and laser amplitudes that show a target; writes a hologram file."""
+"""`holoview optimise PRESET TARGET`: finds patterns and laser amplitudes that show a target; writes a hologram file.
+
+With `--rig RIG.toml` the pictures of a rig's camera take the place of predicted ones.
+"""
 
 from __future__ import annotations
 
 import argparse
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+import math
+import re
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,47 +17,73 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import default_output, system_from_args, warn_of_camera_effects, warn_of_limits
-from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
-from holoview.commands.optimise_files import IntermediateFiles
-from holoview.commands.optimise_options import (
-    RunOptions,
-    add_options,
-    require_no_rig_options,
-    run_options_from_args,
-    settings_from_args,
+from holoview.commands.arguments import (
+    add_system,
+    default_output,
+    number,
+    parse_duration,
+    parse_region,
+    parse_seed,
+    system_from_args,
+    warn_of_camera_effects,
+    warn_of_limits,
+    whole,
 )
-from holoview.commands.optimise_rig import run_on_rig
-from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
-from holoview.commands.optimise_target import TargetSource
-from holoview.commands.output_files import ResultSaver, check_files
-from holoview.commands.place_scores import format_place_scores, score_places
+from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
+from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files
+from holoview.experiment.camera_loop.camera_problem import require_camera_settings
+from holoview.experiment.camera_loop.loop import LoopState, ModelUpdates, load_loop_checkpoint
+from holoview.experiment.camera_loop.rig_job import STEP_RAD, RigJob, RigOutcome, run_on_rig, started_in_model
+from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.metrics.perceptual_scores import require_scores
+from holoview.metrics.hologram_scores import PLACE_SCORES, render_for_score, score_hologram, score_places
+from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
+from holoview.model.focus import parse_plane, plane_label, required_eye
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
-from holoview.optimise.checkpoint import IterationState
-from holoview.optimise.eyes import OptimisedEyes, StacksAt, target_at_places
-from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
-from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_group
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.numerics.structural_similarity import WEIGHTS
+from holoview.numerics.tensors import Region
+from holoview.optimise.checkpoint import IterationState, load_checkpoint
+from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
+from holoview.optimise.hologram_job import IntermediateFiles, OptimisationResult, RunOptions, optimise_hologram
+from holoview.optimise.memory import require_optimisation_memory
+from holoview.optimise.parallel import (
+    SINGLE_PROCESS,
+    ProcessGroup,
+    device_for_rank,
+    resolve_torch_device,
+    torchrun_group,
+)
+from holoview.optimise.settings import INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
+from holoview.rig import read_rig
+from holoview.targets.light_field import ViewGrid
+from holoview.targets.picture import COLOUR_SPACES
+from holoview.targets.target import Placement
+from holoview.targets.target_source import TargetFile, TargetSource
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
-from holoview.util.progress import ProgressCallback
+
+_DEFAULTS = Settings()
+_MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
+_VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_options(parser)
+    add_system(parser)
+    _add_target(parser.add_argument_group("target"))
+    _add_objective(parser.add_argument_group("what is sought"))
+    _add_running(parser.add_argument_group("running"))
+    _add_rig(parser.add_argument_group("camera in the loop"))
 
 
 def run(args: argparse.Namespace) -> int:
     """Optimises, saves and scores the hologram. After Ctrl-C it saves the best so far, without a score."""
     if args.rig is not None:
-        return run_on_rig(args, _optimise_in_model)
-    require_no_rig_options(args)
+        return _run_on_rig(args)
+    _require_no_rig_options(args)
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
@@ -61,21 +92,21 @@ def run(args: argparse.Namespace) -> int:
     require_optimisation_memory(system)
     eyes = OptimisedEyes.from_text(args.pupils, args.chromatic)
     pupils = eyes.places_in(system)
-    settings, options = settings_from_args(args, system, pupils), run_options_from_args(args)
-    source = TargetSource(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
+    settings, options = _settings(args, system, pupils), _run_options(args)
+    source = _target_source(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
     aimed = eyes.aimed(system)
     stack = target_at_places(source, aimed, pupils)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
-        result = optimise_hologram(aimed, stack, settings, options, group)
-    result = replace(result, hologram=_seen_by_eye_of(system, result.hologram))
+        result, interruption = optimise_with_progress(aimed, stack, settings, options, group)
     if not group.is_main:
-        return result.interruption.exit_code
+        return interruption.exit_code
     saver = ResultSaver()
-    output = saver.save(output, partial(result.hologram.save, as_uint8=args.drive_type == "uint8"))
+    hologram = Hologram(result.hologram.drive, result.hologram.system.with_(eye=system.eye))
+    output = saver.save(output, partial(hologram.save, as_uint8=args.drive_type == "uint8"))
     warn_of_limits(exceeded_limits(make_plan(system)))
-    if result.interruption():
+    if interruption():
         print_stderr(f"interrupted after iteration {result.state.iteration}: the best so far is kept in {output}")
-        return result.interruption.exit_code
+        return interruption.exit_code
     saved = load_hologram(output)
     images = render_for_score(saved, source)
     try:
@@ -84,89 +115,438 @@ def run(args: argparse.Namespace) -> int:
     except UserError as error:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")
         scores = {}
-    _print_result(args, output, result, scores)
+    _print_result(args, output, hologram.system, result.state, scores)
     return saver.exit_code
 
 
-def _seen_by_eye_of(system: System, hologram: Hologram) -> Hologram:
-    """The hologram on its own bench, with the eye of the system."""
-    return Hologram(hologram.drive, hologram.system.with_(eye=system.eye))
-
-
-@dataclass(frozen=True)
-class OptimisationResult:
-    """The best hologram, the last state, and what Ctrl-C or another signal did to the optimisation."""
-
-    hologram: Hologram
-    state: IterationState
-    interruption: Interruption
-
-
-_DEFAULT_RUN_OPTIONS = RunOptions()
-
-
-def optimise_hologram(
+def optimise_with_progress(
     system: System,
     stack: NDArray[np.float32] | StacksAt,
     settings: Settings,
-    options: RunOptions = _DEFAULT_RUN_OPTIONS,
-    process_group: ProcessGroup = SINGLE_PROCESS,
-) -> OptimisationResult:
-    """Runs the optimisation for a focal stack (plane, y, x, 3), or for drawn places, with a progress bar.
+    options: RunOptions,
+    group: ProcessGroup = SINGLE_PROCESS,
+) -> tuple[OptimisationResult, Interruption]:
+    """`optimise_hologram` with a progress bar in the main process; Ctrl-C ends it after an iteration.
 
-    process_group: of the processes that share the lasers. Ctrl-C or a limit in one of them ends the loop in all, after
-    the same iteration.
-
-    With `options.grid` "compact" the grid is padded by the walk-off only while optimising; the hologram has the
-    system's own sampling. Raises UserError if the checkpoint to resume has no iteration left.
+    Returns what it has found, and whether a signal came.
     """
-    optimised_system = with_compact_grid(system) if options.grid == "compact" else system
-    start = None if options.initial_hologram is None else options.initial_hologram.drive
-    files = IntermediateFiles(options)
-    state: IterationState | None = None
-    with deferred_interrupt() as interruption, _main_process_progress(system, process_group) as progress:
-        for state in iterate(
-            optimised_system, stack, settings, start, options.resume, device=options.device, team=process_group
-        ):
-            progress(state.iteration, state.iterations, _progress_note(state))
-            is_interrupted = process_group.any_rank(interruption())  # the same in all, whatever comes in the meantime
-            stops = (
-                is_interrupted
-                or state.best_psnr_db >= options.stop_psnr_db
-                or process_group.any_rank(state.seconds >= options.time_limit_s)
-            )
-            if process_group.is_main:
-                files.write_due(state, is_last=stops or state.iteration == state.iterations)
-            if is_interrupted:
-                interruption.ask()
-            if stops:
-                break
-    if state is None:
-        raise UserError("--resume", "the checkpoint is of a finished optimisation", expected="one with iterations left")
-    best = state.best.system.edit({"propagation": system.sampling.propagation})
-    return OptimisationResult(Hologram(state.best.drive, best), state, interruption)
+    bar = progress_bar(f"optimising {system.name}") if group.is_main else nullcontext(lambda done, total, note: None)
+    with deferred_interrupt() as interruption, bar as progress:
+        result = optimise_hologram(
+            system, stack, settings, options, group, progress=progress, interruption=interruption, tell=_note
+        )
+    return result, interruption
 
 
-def _optimise_in_model(
-    system: System, stack: NDArray[np.float32], settings: Settings, options: RunOptions
-) -> tuple[Hologram, Interruption]:
-    """The hologram that the model alone finds, and what Ctrl-C did meanwhile."""
-    result = optimise_hologram(system, stack, settings, options)
-    return result.hologram, result.interruption
+def _note(text: str) -> None:
+    print_stderr(f"note: {text}")
 
 
-def _main_process_progress(system: System, group: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
-    """A progress bar in the main process, nothing in the others."""
-    return progress_bar(f"optimising {system.name}") if group.is_main else nullcontext(lambda done, total, note: None)
+# --- arguments ---
 
 
-def _progress_note(state: IterationState) -> str:
-    return f"loss {state.loss:.4g} PSNR {state.best_psnr_db:.2f} dB eyebox variation {state.eyebox:.2f}"
+def _add_target(group: argparse._ArgumentGroup) -> None:
+    add_input(
+        group,
+        "target",
+        metavar="TARGET",
+        help="a picture (PNG, JPEG, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field (a folder "
+        "with views.toml)",
+    )
+    add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
+    group.add_argument(
+        "--at",
+        metavar="DISTANCE",
+        help="where a picture without depth stands, or views have no disparity; the middle plane if absent",
+    )
+    group.add_argument(
+        "--near",
+        metavar="DISTANCE",
+        help="where the depth map's 0 is, the larger distance; the largest plane if absent",
+    )
+    group.add_argument(
+        "--far",
+        metavar="DISTANCE",
+        help="where the depth map's 1 is, the smaller distance; the smallest plane if absent",
+    )
+    group.add_argument(
+        "--views",
+        metavar="ROWSxCOLUMNS[:SPACING]",
+        help="viewpoints in the eyebox: of a folder without views.toml, e.g. 5x5:0.5mm; with a picture, render it from "
+        "them, with occlusion, e.g. 9x9",
+    )
+    group.add_argument("--brightness", type=number(), default=1.0, help="factor on the target's linear light (1)")
+    group.add_argument("--saturation", type=number(), default=1.0, help="factor on its chroma in CIE LCHuv (1)")
+    group.add_argument("--space", choices=COLOUR_SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
 
 
-def _print_result(args: argparse.Namespace, output: Path, result: OptimisationResult, scores: dict[str, Any]) -> None:
+def _add_objective(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--loss",
+        choices=tuple(LOSS_SPACES),
+        help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items()),
+    )
+    group.add_argument(
+        "--free",
+        metavar="A,B",
+        default=",".join(_DEFAULTS.free),
+        help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)",
+    )
+    group.add_argument(
+        "--eyebox", metavar="WEIGHT", type=number(), default=0.0, help="even out the eyebox, e.g. 0.01 (0)"
+    )
+    group.add_argument(
+        "--pupils",
+        metavar="ROWSxCOLUMNS:SPACING",
+        help="places of the eye's pupil from each of which the target counts, e.g. 3x3:0.8mm; random:4:0.8mm: four "
+        "places within this radius, drawn anew in each iteration",
+    )
+    group.add_argument(
+        "--chromatic",
+        choices=CHROMATIC,
+        default=CHROMATIC[0],
+        help="ignore: optimise as if the eye had no chromatic aberration; the score is always what the eye sees",
+    )
+    group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
+    group.add_argument(
+        "--margin", metavar="N", type=whole(0), default=0, help="samples at every border that don't count"
+    )
+    group.add_argument("--plane-weights", metavar="A,B,…", help="how much each plane counts; equal if absent")
+    group.add_argument("--wavelength-range", metavar="NM", nargs=2, type=number(), default=(440.0, 660.0))
+    group.add_argument(
+        "--wavelength-spacing", metavar="NM", type=number(), default=4.0, help="least, of free wavelengths"
+    )
+
+
+def _add_running(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
+    group.add_argument(
+        "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
+    )
+    group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
+    group.add_argument(
+        "--begin", choices=INITIAL_PATTERNS, default="random", help="smooth: less speckle, an emptier eyebox"
+    )
+    add_input(group, "--start", metavar="FILE", help="a hologram file whose patterns to begin with")
+    group.add_argument(
+        "--grid",
+        choices=("compact", "preset"),
+        default="compact",
+        help="compact (default): padded just enough, about twice as fast; the score uses the preset's own grid",
+    )
+    group.add_argument("--device", default="auto", help="cpu, cuda, cuda:1, mps, or auto: the fastest there is")
+    group.add_argument(
+        "--sharded",
+        action="store_true",
+        help="share the lasers among the processes that torchrun started: torchrun --nproc-per-node 2 -m holoview "
+        "optimise … --sharded; each takes a GPU of its own where there are",
+    )
+    group.add_argument(
+        "--until-psnr", metavar="DB", type=number(0, 1000), default=math.inf, help="stop when it is this good"
+    )
+    group.add_argument(
+        "--time", metavar="TIME", type=parse_duration, default=math.inf, help="stop after this long, e.g. 90s, 10min"
+    )
+    add_output(
+        group,
+        "--checkpoint",
+        metavar="FILE",
+        suffix=".safetensors",
+        help="write all that goes on from here, now and then",
+    )
+    group.add_argument("--checkpoint-every", metavar="TIME", type=parse_duration, default=30.0, help="default 30s")
+    add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
+    add_output(
+        group, "--preview", metavar="FILE", suffix=".png", help="PNG of the middle plane, rewritten while it runs"
+    )
+    add_output(
+        group, "-o", "--output", metavar="FILE", suffix=".safetensors", help="hologram file to write (.safetensors)"
+    )
+    group.add_argument(
+        "--drive-type",
+        choices=("float32", "uint8"),
+        default="float32",
+        help="in the file; uint8: a quarter of the size, patterns rounded to 255ths of the stroke",
+    )
+    group.add_argument(
+        "--score",
+        nargs="+",
+        choices=OPTIONAL_SCORES,
+        default=[],
+        help="further scores: FLIP, and ColorVideoVDP in JOD (take seconds a plane; need the extra perceptual)",
+    )
+    group.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def _add_rig(group: argparse._ArgumentGroup) -> None:
+    add_input(
+        group,
+        "--rig",
+        metavar="RIG.toml",
+        help="optimise on this bench: pictures of its camera take the place of predicted ones; without --start the "
+        "model alone optimises first. PRESET may be the rig's file",
+    )
+    group.add_argument(
+        "--model-updates",
+        metavar="N",
+        type=whole(1),
+        help="every N iterations, diagnose the pictures taken so far and add what they show to the model",
+    )
+    group.add_argument(
+        "--update-effects",
+        metavar="NAME",
+        nargs="+",
+        default=[],
+        help="effects that these updates may add (default: all)",
+    )
+
+
+def _require_no_rig_options(args: argparse.Namespace) -> None:
+    """Raises UserError for options that need --rig."""
+    for flag, value in (("--model-updates", args.model_updates), ("--update-effects", args.update_effects)):
+        if value:
+            raise UserError(flag, "without --rig", expected="a rig whose camera takes pictures")
+
+
+def _settings(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> Settings:
+    """The settings of the optimiser. Raises UserError for values outside their ranges."""
+    low, high = args.wavelength_range
+    weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
+    settings = Settings(
+        iterations=args.iterations,
+        step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
+        seed=args.seed,
+        free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
+        loss=args.loss,
+        region=_region_or_margin(args, system),
+        plane_weights=weights,
+        eyebox=args.eyebox,
+        begin=args.begin,
+        wavelength_range_m=(low * 1e-9, high * 1e-9),
+        wavelength_spacing_m=args.wavelength_spacing * 1e-9,
+    )
+    return pupils.in_settings(settings)
+
+
+def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None:
+    """The region that --region or --margin describes; None for the whole image."""
+    rows, columns = make_plan(system).grid.shape
+    if args.region is not None:
+        if args.margin:
+            raise UserError("--margin with --region", "contradict each other", expected="one of them")
+        return parse_region(args.region)
+    if not 0 <= 2 * args.margin < min(rows, columns):
+        raise UserError("--margin", str(args.margin), expected=f"0 to {(min(rows, columns) - 1) // 2} samples")
+    margin = args.margin
+    return (margin, margin, columns - 2 * margin, rows - 2 * margin) if margin else None
+
+
+def _parse_numbers(text: str, flag: str) -> list[float]:
+    """Numbers that are separated by commas. flag: for the error message."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise UserError(flag, f'"{text}"', expected="numbers with commas between them") from error
+
+
+def _run_options(args: argparse.Namespace) -> RunOptions:
+    """How to run. Raises UserError for limits that aren't positive and files that can't be read or written."""
+    if not args.until_psnr > 0:
+        raise UserError("--until-psnr", f"{args.until_psnr:g}", expected="a positive number")
+    if args.resume and args.start:
+        raise UserError("--resume with --start", "contradict each other", expected="one of them")
+    checkpoint = args.checkpoint or args.resume
+    device = resolve_torch_device(args.device)
+    return RunOptions(
+        grid=args.grid,
+        device=device_for_rank(device) if args.sharded else device,
+        sharded=args.sharded,
+        initial_hologram=None if args.start is None else load_hologram(args.start),
+        resume=None if args.resume is None or args.rig is not None else load_checkpoint(args.resume),
+        checkpoint=checkpoint,
+        checkpoint_interval_s=args.checkpoint_every,
+        preview=args.preview,
+        stop_psnr_db=args.until_psnr,
+        time_limit_s=args.time,
+    )
+
+
+def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.0) -> TargetSource:
+    """The target that the arguments describe, seen from at most `reach_m` beside the pupil's place.
+
+    Raises UserError for arguments that contradict each other and files that can't be read.
+    """
+    if not _MIN_BRIGHTNESS <= args.brightness <= 1 / _MIN_BRIGHTNESS:
+        expected = f"a factor from {_MIN_BRIGHTNESS:g} to {1 / _MIN_BRIGHTNESS:g}"
+        raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
+    if args.depth is None and (args.near is not None or args.far is not None):
+        raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
+    file = TargetFile(
+        args.target,
+        grid=_parse_view_grid(args.views, system),
+        brightness=args.brightness,
+        saturation=args.saturation,
+        space=args.space,
+    )
+    if file.is_stack and (args.depth is not None or args.at is not None or file.grid is not None):
+        raise UserError("--depth/--at/--views", "with a focal stack", expected="a picture, or none of them")
+    if file.has_views:
+        if args.depth is not None:
+            raise UserError("--depth", "with a folder of views", expected="a picture, or no depth map")
+        file = replace(file, zero_m=None if args.at is None else parse_plane(system, args.at, "--at"))
+    else:
+        at_m, near_m, far_m = (_parse_length(args, flag) for flag in ("at", "near", "far"))
+        file = replace(file, placement=Placement(at_m, args.depth, near_m, far_m))
+    return TargetSource(system, file, _note, reach_m)
+
+
+def _parse_length(args: argparse.Namespace, flag: str) -> float | None:
+    text = getattr(args, flag)
+    return None if text is None else units.parse(text, f"--{flag}")
+
+
+def _parse_view_grid(text: str | None, system: System) -> ViewGrid | None:
+    """The grid of viewpoints about the pupil of a system's eye, from text such as "7x7:0.5mm" or "7x7"; None for None.
+
+    Raises UserError for text of another form, and without an eye.
+    """
+    if text is None:
+        return None
+    match = _VIEWS.fullmatch(text)
+    if match is None:
+        raise UserError("--views", f'"{text}"', expected="rows x columns, and perhaps their spacing, e.g. 7x7:0.5mm")
+    eye = required_eye(system, "--views")
+    spacing = None if match["spacing"] is None else units.parse(match["spacing"], "--views")
+    try:
+        return ViewGrid(int(match["rows"]), int(match["columns"]), spacing, eye.pupil_y_m, eye.pupil_x_m)
+    except UserError as error:
+        raise error.inside("--views: ") from error
+
+
+# --- on a rig ---
+
+
+def _run_on_rig(args: argparse.Namespace) -> int:
+    """Runs the loop, saves the best hologram and prints what was measured.
+
+    Whatever ends it early, a signal or a device that fails, the best so far and a checkpoint are kept, and lasers are
+    off.
+    """
+    job, output = _rig_job(args)
+    if job.start is None and job.resume is None:
+        with deferred_interrupt() as interruption, progress_bar(f"optimising {job.system.name}") as progress:
+            job = started_in_model(job, progress, interruption)
+        assert job.start is not None
+        if interruption():
+            _keep_best(args, job, output, job.start)
+            return interruption.exit_code
+    saver, outcome = ResultSaver(), RigOutcome()
+    with deferred_interrupt() as interruption:
+        try:
+            with progress_bar(f"camera in the loop on {job.rig.name}") as progress:
+                run_on_rig(job, outcome, progress, interruption, _note)
+        except (UserError, KeyboardInterrupt):
+            if outcome.latest is not None:
+                _keep_best(args, job, output, outcome.latest.best, outcome.latest)
+            elif args.start is None and job.start is not None:
+                _keep_best(args, job, output, job.start)
+            raise
+    assert outcome.latest is not None
+    output = _save(args, saver, job, output, outcome.latest.best)
+    if interruption():
+        print_stderr(f"interrupted after iteration {outcome.latest.iteration}: the best so far is kept in {output}")
+        return interruption.exit_code
+    if args.checkpoint is None and job.options.checkpoint is not None and args.resume is None:
+        job.options.checkpoint.unlink(missing_ok=True)
+    _print_outcome(args, job, output, outcome)
+    return saver.exit_code
+
+
+def _rig_job(args: argparse.Namespace) -> tuple[RigJob, Path]:
+    """The job and the file of its hologram, with all that is known before a device is opened.
+
+    Raises UserError for arguments, files and a rig that don't fit together.
+    """
+    rig = read_rig(args.rig)
+    system = on_rig(system_from_args(args, system_of_rig(rig) if _is_same_file(args.preset, args.rig) else None), rig)
+    if args.sharded:
+        raise UserError("--sharded", "with --rig", expected="one process: there is one bench")
+    if args.chromatic == "ignore" or args.pupils is not None:
+        raise UserError("--chromatic/--pupils", "with --rig", expected="no eye: the camera stands in the focal planes")
+    warn_of_camera_effects(system)
+    output = args.output or default_output(system.name, Path(args.target).stem, ".safetensors")
+    checkpoint = args.checkpoint or args.resume or output.with_name(f"{output.stem}.loop.safetensors")
+    check_files(args, {"-o": [output], "--checkpoint": [checkpoint]})
+    require_optimisation_memory(system)
+    settings = _settings(args, system, PupilPlaces())
+    require_camera_settings(settings)
+    options = replace(_run_options(args), checkpoint=checkpoint)
+    job = RigJob(
+        rig=rig,
+        system=system,
+        resume=None if args.resume is None else load_loop_checkpoint(args.resume),
+        stack=_target_source(args, system).build().stack,
+        settings=settings,
+        options=options,
+        step_rad=STEP_RAD if args.step is None else args.step,
+        updates=_updates(args),
+        start=options.initial_hologram,
+    )
+    return job, output
+
+
+def _updates(args: argparse.Namespace) -> ModelUpdates | None:
+    if args.model_updates is None:
+        if args.update_effects:
+            raise UserError("--update-effects", "without --model-updates", expected="both")
+        return None
+    return ModelUpdates(args.model_updates, tuple(args.update_effects))
+
+
+def _save(args: argparse.Namespace, saver: ResultSaver, job: RigJob, output: Path, hologram: Hologram) -> Path:
+    """Saves a hologram with the sampling of its bench; returns where it is."""
+    return saver.save(output, partial(job.with_own_sampling(hologram).save, as_uint8=args.drive_type == "uint8"))
+
+
+def _keep_best(
+    args: argparse.Namespace, job: RigJob, output: Path, hologram: Hologram, state: LoopState | None = None
+) -> None:
+    """Saves what there is before the program ends early."""
+    print_stderr(f"the best so far is kept in {_save(args, ResultSaver(), job, output, hologram)}")
+    if state is not None:
+        IntermediateFiles(job.options, _note).write_checkpoint(state)
+        print_stderr(f"to go on: the same command with --resume {job.options.checkpoint}")
+
+
+def _is_same_file(first: str, second: str) -> bool:
+    with suppress(OSError):
+        return Path(first).samefile(second)
+    return False
+
+
+# --- results as text ---
+
+
+def _print_outcome(args: argparse.Namespace, job: RigJob, output: Path, outcome: RigOutcome) -> None:
+    first, latest, fresh_db = outcome.first, outcome.latest, outcome.fresh_psnr_db
+    assert first is not None and latest is not None and fresh_db is not None
+    if args.json:
+        table = {"preset": job.system.name, "rig": job.rig.name, "file": str(output), "iterations": latest.iteration}
+        table |= {"pictures": latest.pictures, "bench_seconds": round(latest.bench_s, 2)}
+        table |= {"seconds": round(latest.seconds, 2), "first_psnr_db": first.psnr_db, "psnr_db": fresh_db}
+        print_json(table)
+        return
+    print(
+        f"{output}: {latest.iteration} iterations, {latest.pictures} pictures in {latest.bench_s:.0f} s of bench time"
+    )
+    began = "at the start" if first.iteration == 0 else f"after iteration {first.iteration}"
+    print(f"measured on {job.rig.name}: PSNR {first.psnr_db:.2f} dB {began}, {fresh_db:.2f} dB now (fresh pictures)")
+
+
+def _print_result(
+    args: argparse.Namespace, output: Path, system: System, state: IterationState, scores: dict[str, Any]
+) -> None:
     """Prints the file that was written and its scores, as JSON or as text."""
-    state, system = result.state, result.hologram.system
     wavelengths = [round(float(λ) * 1e9, 3) for λ in system.wavelengths_m]
     if args.json:
         table = {"preset": system.name, "file": str(output), "iterations": state.iteration}
@@ -176,6 +556,61 @@ def _print_result(args: argparse.Namespace, output: Path, result: OptimisationRe
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
     if "wavelengths" in args.free:
         print(f"wavelengths {', '.join(f'{λ:.1f}' for λ in wavelengths)} nm")
-    for line in [*format_scores(scores, system), *format_place_scores(scores)]:
+    for line in [*_format_scores(scores, system), *_format_place_scores(scores)]:
         print(line)
     print(f"look at it: holoview render --hologram {output} -o seen.png")
+
+
+def _format_scores(scores: dict[str, Any], system: System) -> list[str]:
+    """The scores of `score_hologram` as lines of text; none for no scores."""
+    if not scores:
+        return []
+    lines = [
+        f"PSNR {scores['psnr_db']:.2f} dB (linear sRGB, mean over planes, scored on the "
+        f"{system.sampling.propagation} grid)"
+    ]
+    if scores["held_out_psnr_db"] is not None:
+        where = ", ".join(plane_label(system, z * 1e-3, 4) for z in scores["held_out_planes_mm"])
+        lines.append(f"between the planes ({where}): {scores['held_out_psnr_db']:.2f} dB")
+    return [
+        *lines,
+        f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}"
+        f"{_format_ms_ssim(scores)}",
+        *_format_further(scores),
+        f"speckle contrast {scores['speckle_contrast']:.3f}",
+        f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}",
+    ]
+
+
+def _format_ms_ssim(scores: dict[str, Any]) -> str:
+    """MS-SSIM after a comma, and the number of scales where the picture is too small for all; "" without one."""
+    if scores["ms_ssim"] is None:
+        return ""
+    count = scores["ms_ssim_scales"]
+    return f", MS-SSIM {scores['ms_ssim']:.3f}" + (
+        f" ({count} of {len(WEIGHTS)} scales)" if count < len(WEIGHTS) else ""
+    )
+
+
+def _format_further(scores: dict[str, Any]) -> list[str]:
+    """The optional scores in a line; none without any."""
+    texts = [PERCEPTUAL_SCORES[name].format(scores[name]) for name in OPTIONAL_SCORES if name in scores]
+    return [", ".join(texts)] if texts else []
+
+
+_PLACE_HEADINGS = dict(
+    zip(
+        PLACE_SCORES,
+        ("from the pupil's places", "from places that weren't used", "from these, focused between the planes"),
+        strict=True,
+    )
+)
+
+
+def _format_place_scores(scores: dict[str, Any]) -> list[str]:
+    """The scores of `score_places` as lines of text."""
+    return [
+        f"{what}: {np.mean(scores[key]):.2f} dB, {min(scores[key]):.2f} to {max(scores[key]):.2f}"
+        for key, what in _PLACE_HEADINGS.items()
+        if key in scores
+    ]

@@ -5,8 +5,7 @@ The algorithm, in the order in which it is read:
 pipeline            runs a diagnosis: correct, search, refine, judge, report
 config              what callers set, and how predictions sample light
 
-record_errors       correct: wrong records as causes, put right before the search
-bad_captures        captures that were left out; those that are dark, saturated or given twice
+correct             correct: wrong records put right; captures that aren't what their records say
 search_context      what all stages of a search share, and when it ends
 capture_split       which captures are searched, fitted and held out
 single_capture      blocks of a single picture held out
@@ -23,23 +22,10 @@ refine              refine: joint fits of several causes, polished near the nois
 judge               judge: candidates ranked on held-out captures, and the verdict
 nuisances           sensitivity of pixels, movements of the camera, drift of lasers, sampling of the model
 outlier_rejection   a search among the captures that are good
-capture_judgement   every capture judged by a model
-capture_outliers    which captures stand out from the others
-capture_reasons     why a capture isn't what its record says
-
-diagnosis           report: the result and its JSON
-cause_description   causes as they are reported
-uncertainty         confidence intervals; correlations between effects
-confounders         look-alikes, and the capture that separates them
+intervals           confidence intervals, values as text; correlations between effects
+fit_statistics      χ²/n, PSNR and explained variance of held-out captures; which pixels hold the excess
 power_law           what the gains tell of the lasers' power
-free_maps           where an error lives that no effect explains
-pixel_maps          which pixels, columns and rows of a modulator stand out
-excess_breakdown    χ²/n by property of the pixels
-fit_statistics      PSNR and explained variance of held-out captures
-formatting          values with their intervals as text
-suggestions         what to do next
+
+report              report: the result and its JSON, causes in words, where an error lives, figures
 extended_model      a bench with the causes switched on
-display_gain        what the extended model gains on the display
-plots               figures
-html_report         the report
 """

@@ -21,7 +21,7 @@ from holoview.diagnose.fit import (
     has_list,
     residual_function,
 )
-from holoview.diagnose.formatting import format_number
+from holoview.diagnose.intervals import format_number
 from holoview.diagnose.judge import JITTER_CHI2, NOMINAL_FIT, first_per_cause_set, rank_on_held_out
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR

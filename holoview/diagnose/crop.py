@@ -50,12 +50,12 @@ either side. Evidence: a reason: seven eighths of it are seen and predicted."""
 def middle_of_context(context: SearchContext) -> SearchContext | None:
     """What a search of the middle of the pictures works with; None where it would save little."""
     captures, config, budget = context.data.captures, context.config.region, context.config.budget
-    cut = middle_of(captures, config)
-    if saving(captures, cut) < config.min_saving:
+    cut = middle_captures(captures, config)
+    if pixel_ratio(captures, cut) < config.min_saving:
         return None
     if captures.is_fourier and (further := _displaced_speckles(context, cut)):
-        cut = middle_of(captures, config, further)
-        if saving(captures, cut) < config.min_saving:
+        cut = middle_captures(captures, config, further)
+        if pixel_ratio(captures, cut) < config.min_saving:
             return None
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
@@ -118,7 +118,7 @@ def describe_middle(middle: SearchContext) -> str:
     return f"Causes were searched in the middle of the pictures, {shape[1]} × {shape[0]} {of} pixels"
 
 
-def middle_of(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
+def middle_captures(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
     """The middle of a session, whatever it saves.
 
     In the near field some pixels of the modulators across, with a margin for light that walks off. On a Fourier bench
@@ -131,7 +131,7 @@ def middle_of(captures: Captures, config: RegionConfig, further_speckles: int = 
     return central_region(captures, side, further_speckles)
 
 
-def saving(whole: Captures, cut: Captures) -> float:
+def pixel_ratio(whole: Captures, cut: Captures) -> float:
     """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
     parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
     return parts[0].size / parts[1].size

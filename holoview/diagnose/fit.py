@@ -74,7 +74,7 @@ _LONGER_STEP_FACTOR = 5.0
 """[1] Fits with few parameters are repeated with steps so many times longer. Evidence: where irises on a grid jump,
 short differences find no slope."""
 _FEW_PARAMETERS = 2  # [parameters] So many are few: the fit is repeated with longer steps, and axes are searched.
-_AXIS_MAX_CHI2 = 1.01  # [χ²/n] Axes are searched while χ²/n is above; it was 1.05 before.
+_AXIS_MAX_CHI2 = 1.01  # [χ²/n] Axes are searched while χ²/n is above.
 _AXIS_REACH = 10.0  # [steps] An axis is searched this far either way.
 _AXIS_POINTS = 17  # [points] Of the scan of an axis.
 _AXIS_EVALUATIONS = 10  # [1] Evaluations of the golden section that follows.

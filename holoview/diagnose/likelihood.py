@@ -33,8 +33,8 @@ _TYPICAL_SHIFT_PX = 0.2
 """[px] Standard deviation of the Gaussian prior of a movement. Evidence: the screening study's jitter of 0.5 µm is
 0.125 px of a camera with a pitch of 4 µm."""
 _SHARED_SHIFT_P_VALUE = 1e-4
-"""[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual. Evidence: it
-replaced 5 σ of the mean, which few captures reach by chance."""
+"""[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual. Few captures
+reach 5 σ of the mean by chance."""
 _MAX_PART_PIXELS = 4_000_000
 """[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: with all of eight pictures of
 1600 × 1200 pixels, two processes took 9 to 11 GB; smaller sessions are one part."""

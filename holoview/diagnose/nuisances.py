@@ -55,7 +55,7 @@ prediction."""
 _MAX_LEFT_SHARE = 0.5
 """[1] Other samples count if they leave less than this share of the excess; a cause is needed with them if it removes
 this share of what is left."""
-_PRNU_MAX_CHI2 = 3.0  # [χ²/n] Up to here residuals tell PRNU from errors of the model; it was 1.5 before.
+_PRNU_MAX_CHI2 = 3.0  # [χ²/n] Up to here residuals tell PRNU from errors of the model.
 _MAX_PRNU = 0.1  # [1] Largest standard deviation of the pixels' relative sensitivity; the benchmark has 0.01.
 _MIN_PRNU_CHI2 = 0.005  # [χ²/n] PRNU that adds less than this is ignored.
 _JITTER_MAX_EXCESS = 0.5
@@ -68,7 +68,7 @@ DRIFT_STEPS = 10
 """[1] Steps tried either way, ± 0.2 nm with the default step. Evidence: the benchmark drifts by 0.05 nm r.m.s., of
 which this is 4 σ."""
 _DRIFT_P_VALUE = 1e-3
-"""[1] A mean drift less probable than this under jitter alone is systematic. Evidence: it replaced 3 σ of the mean."""
+"""[1] A mean drift less probable than this under jitter alone is systematic.."""
 
 
 def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:

@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-from holoview.diagnose.bad_captures import BadCapture, bad_share
-from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
-from holoview.diagnose.capture_reasons import explain_suspects
+from holoview.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
+from holoview.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
 from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
 from holoview.diagnose.nuisances import drop_sampling_artefacts, excuse_laser_drift
 from holoview.diagnose.search import InitialCandidates, find_causes, refine_candidates
 from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, SearchEnded
 from holoview.util.progress import ProgressCallback
+
+ROUNDS = 3
+"""[1] Searches at most, each without the captures that the one before found bad. Evidence: none recorded."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def judge_captures(
     context: of the search. found: what it has found. search: repeats it without some captures. useless: those that are
     bad whatever the model. count: of all captures.
     """
-    for searches_left in reversed(range(context.config.judgement.rounds)):
+    for searches_left in reversed(range(ROUNDS)):
         progress(0, 1, "every capture")
         suspects = judge_by_search(found.context, found.decision.values, found.result, context.left_out)
         if found.was_ended or found.context.split.used.isdisjoint(suspects.indices) or not searches_left:
@@ -112,7 +114,7 @@ def judge_captures(
 
 def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
     """The outcome with the bad ones of `count` captures, and with the verdict and the notes that they allow."""
-    share, max_share = bad_share(bad, count), outcome.context.config.judgement.bad_share
+    share, max_share = bad_share(bad, count), MAX_BAD_SHARE
     notes = list(outcome.notes)
     if bad:
         notes.append(f"The verdict speaks of {count - len(bad)} of {count} captures; the others are bad.")

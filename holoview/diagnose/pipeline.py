@@ -10,32 +10,24 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
+from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_captures
+from holoview.diagnose.correct.wrong_records import CheckedRecords, check_records
 from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
-from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
-from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
-from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
-from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
-from holoview.diagnose.judge import Decision, SearchResult, Verdict, with_further_cause
+from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
-from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
-from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
-from holoview.diagnose.record_errors import CheckedRecords, check_records
-from holoview.diagnose.refine import wider_names
+from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
     BestSoFar,
@@ -48,7 +40,6 @@ from holoview.diagnose.search_context import (
     field_samples,
 )
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.diagnose.starts.stuck import MIN_LINE_SIGMAS
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
@@ -155,13 +146,13 @@ class _Request:
 
 def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     """Puts records right, corrects what was measured, and searches."""
-    records = check_records(captures, request.known, request.config)
+    records = check_records(captures, request.known)
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
     diagnosis = _search(records, request, share)
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
-        diagnosis = records.or_as_recorded(diagnosis, as_recorded)
+        diagnosis = better_explained(records, diagnosis, as_recorded)
     return dataclasses.replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
 
 
@@ -185,7 +176,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     """What a search within a share of the time works with."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
-    useless = find_useless_captures(captures, config.judgement)
+    useless = find_useless_captures(captures)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     middle = middle_of_context(whole)
@@ -234,14 +225,13 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
         outcome = _find_causes(prepared, request.progress)
-        findings = _evaluate(outcome, prepared.notes, request.progress)
-        was_asked = prepared.whole.end.was_asked
-        diagnosis = _assemble_diagnosis(findings, request.free_maps and not was_asked, request.progress)
+        wants_maps = request.free_maps and not prepared.whole.end.was_asked
+        diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
         only = min(prepared.only)
         samples = tuple(dataclasses.replace(sample, capture=only) for sample in diagnosis.samples)
         diagnosis = dataclasses.replace(diagnosis, samples=samples)
-    return records.added_to(diagnosis)
+    return with_wrong_records(diagnosis, records)
 
 
 def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOutcome:
@@ -278,25 +268,6 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
     return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
 
 
-@dataclass(frozen=True)
-class _Findings:
-    """What a search found, and what follows from it.
-
-    searched: where causes were searched, the middle of large pictures. gain: of every capture that is kept, under the
-    best model. power_law: what the gains show. causes: as they are reported. bad_captures: those that no fit used.
-    """
-
-    context: SearchContext
-    searched: SearchContext
-    result: SearchResult
-    decision: Decision
-    gain: NDArray[np.float64]
-    power_law: PowerLawFit | None
-    causes: list[Cause]
-    bad_captures: tuple[BadCapture, ...]
-    notes: list[str]
-
-
 def _prepare_worker(effect_files: Sequence[str]) -> None:
     """What another process needs before it can run jobs of a diagnosis."""
     torch.set_num_threads(1)
@@ -306,76 +277,6 @@ def _prepare_worker(effect_files: Sequence[str]) -> None:
 
 def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
     return sorted({inspect.getfile(type(effect)) for effect in effects if is_user_effect(effect)})
-
-
-def _evaluate(outcome: SearchOutcome, notes: list[str], progress: ProgressCallback) -> _Findings:
-    """What follows from a search. notes: on what the captures can't show."""
-    context, result, decision = outcome.context, outcome.result, outcome.decision
-    gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
-    law = _power_law(context, gain)
-    progress(1, 1, "intervals, look-alikes")
-    causes = describe_causes(context, outcome.searched, result, decision)
-    return _Findings(
-        context, outcome.searched, result, decision, gain, law, causes, outcome.bad_captures, [*notes, *outcome.notes]
-    )
-
-
-def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit | None:
-    """The law of the lasers' power that leaves the smallest spread of the gains, if one is significant."""
-    captures, laws = context.kept_captures, [e for e in context.effects.values() if changes_only_power(e)]
-    fits = [fit_power_law(effect, captures, gain, context.config) for effect in laws]
-    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.spread_after, default=None)
-
-
-def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: ProgressCallback) -> Diagnosis:
-    """The diagnosis, without the seconds that it took."""
-    context, result, decision, law = findings.context, findings.result, findings.decision, findings.power_law
-    captures, comparison, config = context.data.captures, result.comparison, context.config
-    values = decision.values
-    nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
-    after = fit_quality(comparison, best, config.report)
-    left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
-    roughness = pattern_roughness(captures)
-    wants_maps = free_maps and _is_open(findings, after.chi2_per_pixel)
-    pixels = find_pixel_maps(findings.searched, values) if wants_maps else ()
-    return Diagnosis(
-        verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
-        before=fit_quality(comparison, nominal, config.report),
-        after=after,
-        causes=tuple(findings.causes if law is None else [*findings.causes, describe_power_law(context, law)]),
-        values=values if law is None else values | law.values,
-        rivals=(*(r.causes for r in decision.rivals), *wider_names(context, decision)),
-        unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
-        free_maps=_free_maps(findings, values, progress) if wants_maps else (),
-        pixel_maps=pixels,
-        groups=held_out_groups(captures, comparison, nominal, best, config.report),
-        candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
-        samples=sample_captures(captures, comparison, nominal, best, config.report.samples),
-        excess_before=break_down_excess(captures, comparison, nominal, roughness, config.breakdown),
-        excess_after=break_down_excess(captures, comparison, best, roughness, config.breakdown),
-        signal_explained=(explained_variance(comparison, nominal), explained_variance(comparison, best)),
-        fixed_pattern=context.prnu,
-        gain_spread=gain_spread(context.kept_captures, findings.gain),
-        captures=len(captures),
-        bad_captures=findings.bad_captures,
-        notes=(*findings.notes, *line_notes(pixels, MIN_LINE_SIGMAS)),
-        seconds=math.nan,
-    )
-
-
-def _is_open(findings: _Findings, chi2: float) -> bool:
-    """Whether an error is left that no effect explains. chi2: χ²/n of the held-out captures."""
-    return findings.decision.verdict in _OPEN and chi2 > findings.context.config.verdict.explained_chi2
-
-
-def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
-    """The places of an error that no effect explains, with maps that are free there."""
-    context = findings.searched
-    progress(0, 1, "free maps at every place")
-    base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
-    if context is not findings.context:
-        held_out = context.model_weighted_comparison(context.split.held_out, values)
-    return likely_fits(fit_free_maps(context, base, held_out), context.config.free_maps)
 
 
 def prepare_search(

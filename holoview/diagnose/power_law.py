@@ -13,12 +13,27 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import FittedValues, FreeParameters, free_parameters_of
-from holoview.diagnose.uncertainty import Interval
+from holoview.diagnose.intervals import Interval
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 
 Floats = NDArray[np.float64]
+
+MIN_SPREAD = 0.003
+"""[1] R.m.s. spread of the logarithm of the gains from which a law is fitted. Evidence: the search study; exposures of
+every laboratory jitter as much, which alarmed an information criterion in the screening study."""
+
+MIN_EXPLAINED = 0.5
+"""[1] Share of the variance that a law must explain. Evidence: the search study."""
+
+MIN_SIGMAS = 5.0
+"""[σ] A parameter must lie so far from its identity. Evidence: derivation: as `VerdictConfig.min_delta_chi2`, 5²."""
+
+INTERVAL_SIGMAS = 1.96
+"""[σ] Half-width of an interval. Evidence: derivation: 95 % of a normal distribution."""
+
+SPARE_CAPTURES = 2
+"""[captures] Needed beyond one for each wavelength and parameter. Evidence: none recorded; a spread needs some."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +58,13 @@ def changes_only_power(effect: Effect) -> bool:
     return effect.overrides("laser_power") and not any(effect.overrides(hook) for hook in others)
 
 
-def fit_power_law(effect: Effect, captures: Captures, gain: Floats, config: SearchConfig) -> PowerLawFit | None:
+def fit_power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLawFit | None:
     """The law's parameters where it explains the gains' spread, else None. gain: under the nominal law, (capture,)."""
-    limits = config.power_law
     log_gain = _centred_log(captures, gain)
     free = free_parameters_of([effect], include_fine=True)
     spread = float(np.std(log_gain))
     fitted_numbers = len(captures.wavelengths_m) + len(free)
-    if spread < limits.min_spread or len(free) == 0 or len(captures) < fitted_numbers + limits.spare_captures:
+    if spread < MIN_SPREAD or len(free) == 0 or len(captures) < fitted_numbers + SPARE_CAPTURES:
         return None
 
     def residual(x: Floats) -> Floats:
@@ -61,18 +75,16 @@ def fit_power_law(effect: Effect, captures: Captures, gain: Floats, config: Sear
     bounds, start = free.bounds(), free.pack({})
     solution = least_squares(residual, start, bounds=(bounds.lower, bounds.upper), x_scale=1.0)
     left = float(np.std(solution.fun))
-    if 1.0 - (left / spread) ** 2 < limits.min_explained:
+    if 1.0 - (left / spread) ** 2 < MIN_EXPLAINED:
         return None
     values = free.unpack(solution.x)
     sigma = _standard_deviations(free, solution.x, solution.jac, solution.fun, len(captures) - fitted_numbers)
     own = values[effect.id]
     intervals = {
-        (e, p.name): Interval(own[p.name], float(s), limits.interval_sigmas * float(s))
+        (e, p.name): Interval(own[p.name], float(s), INTERVAL_SIGMAS * float(s))
         for (e, p), s in zip(free.entries, sigma, strict=True)
     }
-    significant = any(
-        abs(own[p.name] - p.identity) > limits.min_sigmas * intervals[e, p.name].sigma for e, p in free.entries
-    )
+    significant = any(abs(own[p.name] - p.identity) > MIN_SIGMAS * intervals[e, p.name].sigma for e, p in free.entries)
     return PowerLawFit(effect.id, values, intervals, spread, left) if significant else None
 
 

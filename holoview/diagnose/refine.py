@@ -48,7 +48,7 @@ from holoview.diagnose.judge import (
     rank_on_held_out,
     score_on_held_out,
 )
-from holoview.diagnose.screening import fit_over_range, is_slow, is_very_costly
+from holoview.diagnose.screening import COSTLY_FIELDS, fit_over_range, is_very_costly, prediction_cost
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 
@@ -162,17 +162,17 @@ class RefinementQueue:
         return bool(fresh)
 
 
-def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_costly_far: bool = True) -> SearchResult:
+def free_fine_parameters(context: SearchContext, result: SearchResult, *, also_costly: bool = True) -> SearchResult:
     """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help.
 
-    is_costly_far: also of a costly one, or of large fields, that isn't quite near.
+    also_costly: also of a costly one, or of large fields, that isn't quite near.
     """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
     has_fine = any(p.secondary for e in effects for p in e.parameters)
     if explains_everything(result) or not has_fine or not _is_near(context, best.fit):
         return result
-    if not (is_costly_far or _is_affordable(context, best)):
+    if not (also_costly or _is_affordable(context, best)):
         return result
     freed = refine_fit(context, best.fit, include_fine=True)
     score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
@@ -184,11 +184,11 @@ def free_fine_parameters(context: SearchContext, result: SearchResult, *, is_cos
 
 
 def refine_leaders_along_axes(
-    context: SearchContext, result: SearchResult, *, is_costly_far: bool = True
+    context: SearchContext, result: SearchResult, *, also_costly: bool = True
 ) -> SearchResult:
     """The best candidates searched along their axes, where they are near the floor but not at it.
 
-    What is far off lacks a cause: with it, other values of the causes that it has would be best. is_costly_far: also
+    What is far off lacks a cause: with it, other values of the causes that it has would be best. also_costly: also
     costly ones, and those of large fields, that aren't quite near.
     """
     for _ in range(_AXIS_ROUNDS):
@@ -198,7 +198,7 @@ def refine_leaders_along_axes(
         helpful = [
             c.fit
             for c in result.candidates[:_AXIS_CANDIDATES]
-            if c.excess < max_excess and (is_costly_far or _is_affordable(context, c))
+            if c.excess < max_excess and (also_costly or _is_affordable(context, c))
         ]
         leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
         if not leaders:
@@ -216,7 +216,7 @@ def refine_leaders_along_axes(
 
 def _is_affordable(context: SearchContext, score: HeldOutScore) -> bool:
     """Whether a candidate is quite near the floor, or takes little time."""
-    return score.chi2_per_pixel < NEAR_CHI2 or not is_slow(context, score.fit)
+    return score.chi2_per_pixel < NEAR_CHI2 or prediction_cost(context, score.fit.values) < COSTLY_FIELDS
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:

@@ -12,7 +12,7 @@ make one image of many fields, wavelengths × directions × moments.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -37,13 +37,15 @@ from holoview.diagnose.fit import (
 )
 from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
-from holoview.diagnose.starts.picture import DisplacementStarts, GhostStarts, PlaneStarts, SmearStarts, StartProvider
-from holoview.diagnose.starts.stuck import StuckStarts, is_stuck_effect
-from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
+from holoview.diagnose.starts.by_kind import ALL_KINDS, LIST_KINDS, SuggestedStarts
+from holoview.diagnose.starts.picture import StartProvider
+from holoview.diagnose.starts.stuck import is_stuck_effect
+from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect, StartKind
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
+_QUICK_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT, StartKind.STUCK_PIXELS}
+"""Starting values that residuals show at once, of what has no derivative at its identity."""
 _DECISIVE_TANGENT_GAIN = 0.5
 """[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields aren't
 computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all others 11 s, of
@@ -79,10 +81,10 @@ tried depends on this and the next three."""
 _UPSTREAM_COST = 4.0  # [1] Relative cost of a field where the effect acts before the camera.
 _CAMERA_POSE_COST = 0.2  # [1] Relative cost of a prediction where the effect acts on the camera.
 _DOWNSTREAM_COST = 2.0  # [1] Relative cost of a prediction where the effect acts on anything else.
-_COSTLY_FIELDS = 5
+COSTLY_FIELDS = 5
 """[fields] A capture whose prediction adds so many or more is costly. Evidence: the search study summed a bandwidth at
 5 Gauss–Hermite points."""
-_VERY_COSTLY_FIELDS = 25
+VERY_COSTLY_FIELDS = 25
 """[fields] A capture with so many or more is very costly. Evidence: 5², for the two dimensions of a source."""
 _COSTLY_EXCESS_SHARE = 0.4
 """[1] Costly fits are pursued if their excess is below this share of the best simple fit's. Evidence: lost contrast
@@ -92,8 +94,8 @@ _COSTLY_CHANCE = 5.0
 standard deviation is √(2n)."""
 
 
-def incoherent_field_count(context: SearchContext, values: Values) -> int:
-    """Fields of one capture with these effects; 1 for values that no bench can have."""
+def field_count(context: SearchContext, values: Values) -> int:
+    """Fields that a prediction of one capture adds with these effects; 1 for values that no bench can have."""
     system, moments = context.system, 1
     nominal_lines = len(system.wavelengths_m)
     for name, own in values.items():
@@ -106,45 +108,32 @@ def incoherent_field_count(context: SearchContext, values: Values) -> int:
     return len(system.wavelengths_m) // nominal_lines * len(system.source.directions_rad) * moments
 
 
-def max_field_count(context: SearchContext, effect: Effect) -> int:
+def largest_field_count(context: SearchContext, effect: Effect) -> int:
     """Fields of one capture at the last point of an effect's scan."""
     points = list(effect.starting_points(context.system))
-    return incoherent_field_count(context, {effect.id: points[-1]}) if points else 1
+    return field_count(context, {effect.id: points[-1]}) if points else 1
+
+
+def prediction_cost(context: SearchContext, values: Values) -> float:
+    """Estimated cost of a prediction of one capture, in fields of usual size; a smaller field costs as much as one."""
+    return max(1.0, field_samples(context.data.captures) / USUAL_SAMPLES) * field_count(context, values)
 
 
 def search_cost(context: SearchContext, effect: Effect) -> float:
-    """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
+    """Estimated cost of the search of an effect, by which the queue is ordered, in fields.
+
+    Points of its scan × fields of a prediction × how early it acts on the light.
+    """
     points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
     if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
-        return points * (_UPSTREAM_COST * max_field_count(context, effect))
+        return points * (_UPSTREAM_COST * largest_field_count(context, effect))
     on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
     return points * (_CAMERA_POSE_COST if on_camera else _DOWNSTREAM_COST)
 
 
-def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
-    """Whether predictions with this effect add many fields."""
-    return max_field_count(context, effect) >= _COSTLY_FIELDS
-
-
-def is_very_costly_effect(context: SearchContext, effect: Effect) -> bool:
-    """Whether predictions with this effect add very many fields."""
-    return max_field_count(context, effect) >= _VERY_COSTLY_FIELDS
-
-
-def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether predictions with these values add many fields."""
-    return incoherent_field_count(context, fit.values) >= _COSTLY_FIELDS
-
-
-def is_slow(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether a prediction with these values takes as long as a costly one of usual fields."""
-    size = max(1.0, field_samples(context.data.captures) / USUAL_SAMPLES)
-    return size * incoherent_field_count(context, fit.values) >= _COSTLY_FIELDS
-
-
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add very many fields."""
-    return incoherent_field_count(context, fit.values) >= _VERY_COSTLY_FIELDS
+    return field_count(context, fit.values) >= VERY_COSTLY_FIELDS
 
 
 def without_costly_fits(
@@ -155,7 +144,7 @@ def without_costly_fits(
     Lost contrast imitates whatever is unknown, so many fields are worth computing only where nothing simpler does as
     well.
     """
-    costly = {id(f): is_costly(context, f) for f in fits}
+    costly = {id(f): field_count(context, f.values) >= COSTLY_FIELDS for f in fits}
     if not any(costly.values()):
         return list(fits)
     left = {id(f): cost_or_inf(comparison, f.values) - comparison.pixel_count for f in fits}
@@ -189,9 +178,10 @@ def screen_effects(
     elif error < LOCAL_MAX_ERROR:
         yield screening.local_fits(ordered)
     if not is_done:
-        starts = screening.image_starts()
-        found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
-        yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
+        lists = screening.starts.of(ordered, LIST_KINDS & screening.kinds)
+        found_first = sorted(ordered, key=lambda e: not lists(e))
+        scan = partial(screening.fitter.scan_and_fit, screening.starts.of(ordered, screening.kinds))
+        yield screening.in_batches(scan, found_first, ", over its range")
     if screening.late:
         yield screening.late_fits(is_done)
 
@@ -201,8 +191,8 @@ def fit_over_range(
 ) -> CandidateFit:
     """One effect on top of `base`, scanned over its range. further_starts: points beyond those that images suggest."""
     screening = _Screening(context, base, [effect], context.relative_model_error(base), no_progress, "")
-    images = screening.image_starts()
-    return screening.fitter.scan_and_fit(lambda one: [*further_starts, *images(one)], effect)
+    suggested = screening.starts.of([effect])
+    return screening.fitter.scan_and_fit(lambda one: [*further_starts, *suggested(one)], effect)
 
 
 @dataclass(frozen=True)
@@ -222,7 +212,7 @@ class _EffectFitter:
 
         with_base: fit the base too, where no scan is needed.
         """
-        if is_costly_effect(self.context, effect):
+        if self._is_costly(effect):
             return self._fit_costly(effect, 1.0)
         if effect.has_rival_parameters:
             return self.scan_and_fit(_no_starts, effect)
@@ -261,7 +251,7 @@ class _EffectFitter:
 
     def scan_and_fit(self, starts: StartProvider, effect: Effect) -> CandidateFit:
         """A scan on a few captures, then local fits on all coarse ones. starts: points beyond those of the scan."""
-        if is_costly_effect(self.context, effect):
+        if self._is_costly(effect):
             return self._fit_costly(effect, _COSTLY_MAX_COST)
         points = [*starts(effect), *effect.starting_points(self.context.system)]
         scan = scan_effect(effect, self.scan_comparison, self.base, points)
@@ -269,6 +259,9 @@ class _EffectFitter:
             return fit_rival_parameters(effect, self.comparison, self.base, scan)
         first = find_hard_edges(effect, scan[0], self.scan_comparison)
         return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]])
+
+    def _is_costly(self, effect: Effect) -> bool:
+        return largest_field_count(self.context, effect) >= COSTLY_FIELDS
 
     def tangent_space(self) -> NDArray[np.float32]:
         """Orthonormal changes (number, pixel) of the residuals that the base's own parameters make."""
@@ -287,7 +280,7 @@ class _EffectFitter:
         cause that took some of an effect's part, the effect alone could gain little.
         """
         start = {**self.base, effect.id: identity_values(effect)}
-        factor = _COSTLY_STEP_FACTOR if is_costly_effect(self.context, effect) else 1.0
+        factor = _COSTLY_STEP_FACTOR if self._is_costly(effect) else 1.0
         slopes = effect_jacobian(effect, start, self.comparison, residual, step_factor=factor)
         slopes = np.asarray(slopes - (slopes @ base.T) @ base, dtype=np.float32)
         left = residual - base.T @ (base @ residual)
@@ -311,7 +304,10 @@ class _EffectFitter:
 
 
 class _Screening:
-    """What the stages of one screening have in common. error: relative error of the model with the base."""
+    """What the stages of one screening have in common. error: relative error of the model with the base.
+
+    late: effects that are tried last. starts: what captures suggest; kinds: those that are looked for before the last.
+    """
 
     def __init__(
         self,
@@ -323,8 +319,7 @@ class _Screening:
         note: str,
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
-        self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
-        slow = [e for e in effects if is_stuck_effect(e) or is_very_costly_effect(context, e)]
+        slow = [e for e in effects if is_stuck_effect(e) or largest_field_count(context, e) >= VERY_COSTLY_FIELDS]
         is_large = field_samples(context.data.captures) > context.config.max_early_samples
         self.late: Sequence[Effect] = slow if is_large and len(slow) < len(effects) else ()
         coarse = context.split.coarse
@@ -332,6 +327,8 @@ class _Screening:
         few = spread_over_wavelengths(context.data.captures, coarse, _SCAN_CAPTURES)
         self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
         self._base_cost = cost_or_inf(comparison, base)
+        self.starts = SuggestedStarts(context, base, comparison)
+        self.kinds = ALL_KINDS - {StartKind.STUCK_PIXELS} if self.late else ALL_KINDS
 
     def in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> FitBatches:
         """Fits of all effects, batch after batch."""
@@ -346,7 +343,7 @@ class _Screening:
 
         Stuck pixels come last, since it takes longest to see them.
         """
-        seen, others = self._fits_of_seen(effects, self._quick_starts)
+        seen, others = self._fits_of_seen(effects, _QUICK_KINDS)
         yield seen
         promising, size = self._best_by_tangent(others), _TANGENT_FITS_AT_ONCE
         imitated = {name for effect in promising for name in effect.degenerate_limit} - {
@@ -356,11 +353,11 @@ class _Screening:
         for first in range(0, len(promising), size):
             yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")
         if not self.late and any(has_list(effect) for effect in others):
-            yield self._fits_of_seen(others, self._stuck_starts)[0]
+            yield self._fits_of_seen(others, {StartKind.STUCK_PIXELS})[0]
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
         """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
-        seen, others = self._fits_of_seen(effects, self._residual_starts)
+        seen, others = self._fits_of_seen(effects, self.kinds - {StartKind.DISPLACEMENT})
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
 
@@ -369,58 +366,16 @@ class _Screening:
         fit: EffectFitter = self.fitter.nearby_fit if is_near else partial(self.fitter.scan_and_fit, _no_starts)
         many = [e for e in self.late if not is_stuck_effect(e)]
         yield self._improving(fit, self._best_by_tangent(many) if is_near else many, "")
-        yield self._fits_of_seen([e for e in self.late if is_stuck_effect(e)], self._stuck_starts)[0]
-
-    def image_starts(self) -> StartProvider:
-        """Starting values that the images themselves suggest."""
-        displaced = DisplacementStarts(self._base, self.fitter.comparison)
-        return partial(_all_starts, (displaced, self._residual_starts))
-
-    @cached_property
-    def list_starts(self) -> StartProvider:
-        """Those of stuck pixels and of planes that are off. Where there are any, much less error is left."""
-        return partial(_all_starts, (self._plane_starts, *self._early_stuck_starts))
-
-    @cached_property
-    def _plane_starts(self) -> StartProvider:
-        return PlaneStarts(self._context, self._base)
-
-    @cached_property
-    def _stuck_starts(self) -> StartProvider:
-        """It takes long to see stuck pixels: they are looked for only where an effect that is screened has them."""
-        return StuckStarts(self._context, self._base, self.fitter.comparison) if self._has_stuck_pixels else _no_starts
+        yield self._fits_of_seen([e for e in self.late if is_stuck_effect(e)], {StartKind.STUCK_PIXELS})[0]
 
     def _fits_of_seen(
-        self, effects: Sequence[Effect], starts: StartProvider
+        self, effects: Sequence[Effect], kinds: Collection[StartKind]
     ) -> tuple[list[CandidateFit], list[Effect]]:
-        """Fits of the effects for which residuals show starting values, and the other effects."""
+        """Fits of the effects for which residuals show starting values of some kinds, and the other effects."""
+        starts = self.starts.of(effects, kinds)
         seen = [e for e in effects if starts(e)]
         fits = self._improving(partial(self.fitter.scan_and_fit, starts), seen, "")
         return fits, [e for e in effects if e not in seen]
-
-    @cached_property
-    def _residual_starts(self) -> StartProvider:
-        """Starting values of what has no derivative at its identity, and shows in the residuals."""
-        return partial(_all_starts, (self._quick_starts, *self._early_stuck_starts))
-
-    @property
-    def _early_stuck_starts(self) -> tuple[StartProvider, ...]:
-        """Those of stuck pixels; none where these come last."""
-        return () if self.late else (self._stuck_starts,)
-
-    @cached_property
-    def _quick_starts(self) -> StartProvider:
-        """Those of ghosts, fringes, smears and errors of planes; without stuck pixels."""
-        comparison = self.fitter.comparison
-        fitted = comparison.fit_gains(self._base)
-        providers = (
-            GhostStarts(fitted, comparison),
-            FringeStarts(fitted, comparison),
-            ModulatorFringeStarts(self._context, self._base, comparison),
-            SmearStarts(fitted, comparison),
-            self._plane_starts,
-        )
-        return partial(_all_starts, providers)
 
     @cached_property
     def _tangent_gain(self) -> Callable[[Effect], float]:
@@ -431,7 +386,7 @@ class _Screening:
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
         """Those whose derivatives explain most, the best first; of very many fields only where no other does."""
         context = self._context
-        many = [e for e in effects if is_very_costly_effect(context, e)]
+        many = [e for e in effects if largest_field_count(context, e) >= VERY_COSTLY_FIELDS]
         gains: dict[Effect, float] = {}
         for some in ([e for e in effects if e not in many], many):
             if max(gains.values(), default=0.0) < _DECISIVE_TANGENT_GAIN * self._base_cost:
@@ -447,7 +402,3 @@ class _Screening:
 
 def _no_starts(effect: Effect) -> list[dict[str, float]]:
     return []
-
-
-def _all_starts(providers: Sequence[StartProvider], effect: Effect) -> list[dict[str, float]]:
-    return [start for provider in providers for start in provider(effect)]

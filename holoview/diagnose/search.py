@@ -41,7 +41,13 @@ from holoview.diagnose.refine import (
     refine_fit,
     refine_leaders_along_axes,
 )
-from holoview.diagnose.screening import is_costly, is_costly_effect, screen_effects, without_costly_fits
+from holoview.diagnose.screening import (
+    COSTLY_FIELDS,
+    field_count,
+    largest_field_count,
+    screen_effects,
+    without_costly_fits,
+)
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
@@ -191,8 +197,8 @@ def _search_second_causes_early(
     To polish a costly cause that lacks another one takes a part of the budget, and gains nothing. One that has come
     near the floor is polished like all others.
     """
-    result = refine_leaders_along_axes(context, result, is_costly_far=False)
-    result = free_fine_parameters(context, result, is_costly_far=False)
+    result = refine_leaders_along_axes(context, result, also_costly=False)
+    result = free_fine_parameters(context, result, also_costly=False)
     if is_settled(result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)
@@ -354,4 +360,4 @@ def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -
     """Whether an effect is another cause than the base's, and doesn't multiply many fields by many."""
     if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
         return False
-    return not (is_costly(context, base) and is_costly_effect(context, effect))
+    return min(field_count(context, base.values), largest_field_count(context, effect)) < COSTLY_FIELDS

@@ -32,7 +32,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, TypeVar
 
 from holoview.util.errors import UserError
-from holoview.util.memory import VARIABLE, give_back_freed_memory, worker_share, workers_within_memory
+from holoview.util.memory_limit import VARIABLE, give_back_freed_memory, worker_share, workers_within_memory
 from holoview.util.processes import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")

@@ -4,10 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from holoview.diagnose.calibration_prior import MAX_DEVIATIONS, is_within
+from holoview.diagnose.likelihood import Values
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.rig.registration import Registration
+
+
+@dataclass(frozen=True)
+class KnownEffects:
+    """What a bench is known to have: stated effects by name, and the places that `rig align` has found."""
+
+    effects: Values
+    registrations: Sequence[Registration]
+
+    def added_to(self, known: Values) -> dict[str, dict[str, float]]:
+        """Known effects with the stated ones; these count where both have a parameter."""
+        result = {name: dict(values) for name, values in known.items()}
+        for table in (*(registration.known_effects() for registration in self.registrations), self.effects):
+            for name, values in table.items():
+                result[name] = result.get(name, {}) | dict(values)
+        return result
+
+    @property
+    def uncertain(self) -> dict[str, dict[str, float]]:
+        """Standard deviations of what registrations know."""
+        return {
+            name: own for registration in self.registrations for name, own in registration.uncertain_effects().items()
+        }
+
+    def with_notes(self, found: Diagnosis) -> Diagnosis:
+        """The diagnosis, with a note on causes that lie within what a registration has left open."""
+        within = [name for registration in self.registrations for name in within_alignment(registration, found.values)]
+        notes = (*found.notes, refinement_note(within)) if within else found.notes
+        return replace(found, notes=notes)
 
 
 def within_alignment(registration: Registration, found: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -11,4 +11,5 @@ eyebox             uniformity of the light in the eyebox, to be read beside ever
 band_contrast      contrast in a band of visual spatial frequencies
 gamut              chromaticities and the area that the lasers span
 image_quality      fidelity, speckle and eyebox for a view of a hologram
+hologram_scores    all scores of a hologram: at its planes, between them, from places of the eye's pupil
 """

@@ -13,7 +13,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.lasers import lit_lasers
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
@@ -45,7 +45,7 @@ def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: 
 
 
 def require_optimisation_memory(system: System, *, free_wavelengths: bool = False) -> None:
-    """Raises UserError unless an optimisation and its target fit into the memory that may be taken (`memory_limit`)."""
+    """Raises UserError unless an optimisation and its target fit into the memory that may be taken."""
     plan = make_plan(with_compact_grid(system))
     target = len(plan.planes_m) * math.prod(plan.grid.shape) * _TARGET_BYTES
     require_memory("optimisation", _estimate_bytes(plan, free_wavelengths, False) + target, remedy=_REMEDY)

@@ -44,10 +44,13 @@ from holoview.view import View, simulate
 
 FORMAT, VERSION = "holoview-page", "1"
 SCRIPTS = ("replay.js", "bench.js", "measure.js", "hologram.js", "page.js")
-_TARGET_BYTES = 3 << 19  # of the target's pictures: of these qualities the first that fits, or the last
-_TARGET_QUALITIES: tuple[dict[str, Any], ...] = ({"lossless": True}, *({"quality": q} for q in (98, 95, 90, 80)))
+_TARGET_BYTES = 900_000  # of the target's pictures: of these qualities the first that fits, or the last
+_TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
+    {"lossless": True},
+    *({"quality": q} for q in (98, 95, 90, 80, 70, 60)),
+)
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
-_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 640, 75
+_STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 512, 55
 _ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
 
 
@@ -71,7 +74,7 @@ def export_html(
     title, note: text above the image; the names of the holograms when empty.
     plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
-    backend: what renders the stored pictures, as for `simulate`.
+    backend: what renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
 
     Raises UserError for holograms with images of different shapes, a target of another shape, a plane that the bench
     doesn't reach, a region outside the image, a bench beyond WebGPU's default limits, and when the file can't be
@@ -200,7 +203,7 @@ def _claim(quantity: str, text: str, value: str, region: dict[str, int] | None) 
 
 
 def _target(target: Target) -> dict[str, Any]:
-    """The target's pictures as 8-bit sRGB: without losses where all take at most 1.5 MiB, else WebP with some."""
+    """The target's pictures as 8-bit sRGB: without losses where all take at most 0.9 MB, else WebP with some."""
     codes = [to_srgb8(picture) for picture in target.stack]
     for options in _TARGET_QUALITIES:
         pictures = [_webp(code, **options) for code in codes]

@@ -1,8 +1,6 @@
 // Replays a frame recording (holoview/page/recording.py) on a WebGPU device. It knows no optics: buffers, pipelines and
 // the order of dispatches are those that Python recorded.
 
-const USAGE = { uniform: GPUBufferUsage.UNIFORM, storage: GPUBufferUsage.STORAGE }
-
 // A message for the reader, as opposed to an error of this program.
 class Refusal extends Error {}
 
@@ -32,7 +30,8 @@ class FrameReplay {
             return unpacked.get(number)
         }
         replay.buffers = head.buffers.map((each, index) => {
-            const usage = USAGE[each.usage] | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST
+            const kind = each.usage === "uniform" ? GPUBufferUsage.UNIFORM : GPUBufferUsage.STORAGE
+            const usage = kind | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST
             const buffer = device.createBuffer({ label: each.label, size: each.size, usage })
             if (each.data !== null) device.queue.writeBuffer(buffer, 0, content(each.data))
             replay.byLabel.set(each.label, index)

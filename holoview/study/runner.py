@@ -34,7 +34,7 @@ from holoview.targets.image_reader import read_raster
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
-from holoview.util.memory import (
+from holoview.util.memory_limit import (
     WORKER_BYTES,
     allowed_bytes,
     format_size,

@@ -27,7 +27,7 @@ from PIL import Image, ImageOps
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"

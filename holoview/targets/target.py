@@ -28,7 +28,7 @@ from holoview.targets.picture import (
 from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 _STACK_BYTES = 36  # of a sample of a plane while a focal stack is made
 

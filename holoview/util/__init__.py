@@ -9,7 +9,7 @@ file_writer       files written whole or not at all; `WriteError` for a disk tha
 file_schema       types, sizes and bounds of the arrays and numbers of a file
 safetensors_file  named tensors with metadata in safetensors files; comparison of a checkpoint with its run
 output_locks      locks on the names of the files that are being written
-memory            how much memory may be taken, and the refusal of more
+memory_limit      how much memory may be taken, and the refusal of more
 processors        how many processors this process may use, and how its threads share them
 processes         signals that ask the program to end, its end beside working threads, when a process began
 packages          version of the installed package; imports of libraries that a plain installation leaves out

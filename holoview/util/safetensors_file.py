@@ -23,7 +23,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import write_file
 from holoview.util.files import require_file
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 
 _TYPES = {
     "U8": "uint8",

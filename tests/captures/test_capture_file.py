@@ -13,7 +13,7 @@ import pytest
 from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
-from holoview.util.memory import VARIABLE
+from holoview.util.memory_limit import VARIABLE
 from tests.fuzz.valid_files import CAPTURES, valid, write
 
 Edit = Callable[[h5py.File], None]

@@ -53,7 +53,7 @@ def signalled(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, int], None]:
                     signal.raise_signal(number)
                 yield state
 
-        monkeypatch.setattr("holoview.commands.optimise.iterate", with_signals)
+        monkeypatch.setattr("holoview.optimise.hologram_job.iterate", with_signals)
 
     return set_up
 
@@ -137,7 +137,7 @@ def test_an_interrupt_before_the_first_iteration_writes_nothing(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("holoview.commands.optimise.iterate", interrupt)
+    monkeypatch.setattr("holoview.optimise.hologram_job.iterate", interrupt)
     outcome = holoview("optimise", "simultaneous", picture, "--set", "shape=[24,32]", "-o", "h.safetensors")
     assert outcome.code == 130
     assert outcome.err == "holoview: interrupted\n"

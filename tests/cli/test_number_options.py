@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from holoview.cli import COMMANDS, _parser, main
 from holoview.commands.arguments import number, whole
-from holoview.util.memory import VARIABLE
+from holoview.util.memory_limit import VARIABLE
 
 
 def _leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

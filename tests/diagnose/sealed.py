@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-import datetime
-import os
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
+import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
 from tests.diagnose.effect_sampling import sample_effect
 
 Truth = dict[str, dict[str, float]]
 
-TURN = int(os.environ.get("HOLOVIEW_TURN", datetime.date.today().toordinal()))
-"""Which of the verified cases this run takes: another one each day, or as the environment says."""
+T = TypeVar("T")
 
 
-def taken(seeds: Sequence[int], count: int) -> list[int]:
-    """The seeds of this turn; test ids show them, `HOLOVIEW_TURN` repeats them."""
-    first = TURN * count
-    return [seeds[(first + k) % len(seeds)] for k in range(min(count, len(seeds)))]
+def taken(cases: Sequence[T], count: int) -> list[T]:
+    """The first cases, which every run takes."""
+    return list(cases[:count])
+
+
+def explored(cases: Sequence[T], count: int) -> list[Any]:
+    """All cases, of which every run takes the first ones, and only runs that explore the others."""
+    return [*cases[:count], *(pytest.param(case, marks=pytest.mark.explores) for case in cases[count:])]
 
 
 class Sealed:

@@ -13,12 +13,12 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.bad_captures import BadCapture, bad_share, find_useless_captures
-from holoview.diagnose.capture_judgement import find_suspects
-from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.config import SamplingConfig
+from holoview.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
+from holoview.diagnose.correct.judged_captures import find_suspects
 from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import NeighbourVariances
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
@@ -47,12 +47,16 @@ MISHAPS: list[tuple[Mishaps, dict[int, str]]] = [
     (Mishaps(dark=(4,), other_pattern=(11,)), {4: "dark", 11: "another pattern"}),
 ]
 
-AGAIN = (1, 6, 7, 11, 12)
-"""Those of a kind that another one in the list has as well: beside a fault of the bench, one of each kind will do."""
-BESIDE_A_FAULT = [
-    pytest.param(*one, id=", ".join(one[1].values()), marks=[pytest.mark.slow] if number in AGAIN else [])
-    for number, one in enumerate(MISHAPS)
-]
+AGAIN = (1, 5, 7, 11, 12)
+"""Those of a kind that another one in the list has as well."""
+WITHOUT_A_FAULT, BESIDE_A_FAULT = (
+    [
+        pytest.param(*one, id=", ".join(one[1].values()), marks=[pytest.mark.explores] if number in explored else [])
+        for number, one in enumerate(MISHAPS)
+    ]
+    for explored in (AGAIN, range(1, len(MISHAPS)))
+)
+"""One of each kind where nothing else is wrong, and one beside a fault; runs that explore take all."""
 
 
 def _session(folder: Path, mishaps: Mishaps, faults: Faults, seed: int = 0) -> Captures:
@@ -68,7 +72,7 @@ def _reasons(found: Diagnosis) -> dict[int, str]:
     return {bad.index: bad.why for bad in found.bad_captures}
 
 
-@pytest.mark.parametrize(("mishaps", "reasons"), MISHAPS, ids=[", ".join(r.values()) for _, r in MISHAPS])
+@pytest.mark.parametrize(("mishaps", "reasons"), WITHOUT_A_FAULT)
 def test_a_bad_capture_is_named_and_the_others_are_consistent(
     tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]
 ) -> None:
@@ -90,9 +94,9 @@ def test_beside_a_fault_of_the_bench_both_are_named(tmp_path: Path, mishaps: Mis
 @pytest.mark.parametrize(
     "faults",
     [
-        Faults(),
         Faults(stroke=0.1),
-        Faults(tilt_rad=(2e-3, -1e-3)),
+        pytest.param(Faults(), marks=pytest.mark.explores),
+        pytest.param(Faults(tilt_rad=(2e-3, -1e-3)), marks=pytest.mark.explores),
         pytest.param(Faults(vortex=1.0), marks=pytest.mark.slow),
     ],
 )
@@ -121,7 +125,7 @@ def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
 
 def test_a_wrong_black_level_is_no_light(tmp_path: Path) -> None:
     captures = _session(tmp_path, Mishaps(dark=(4,)), Faults(black=30.0))
-    assert [(b.index, b.why) for b in find_useless_captures(captures, SearchConfig().judgement)] == [(4, "dark")]
+    assert [(b.index, b.why) for b in find_useless_captures(captures)] == [(4, "dark")]
 
 
 def test_copies_count_once() -> None:
@@ -147,13 +151,13 @@ def test_a_fifth_may_be_bad_and_no_more(verdict: Verdict, limited: Verdict) -> N
 def test_a_session_without_any_light_is_refused() -> None:
     captures = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=1, seed=5))
     dark = dataclasses.replace(captures, images=np.full_like(captures.images, 64))
-    assert len(find_useless_captures(dark, SearchConfig().judgement)) == 2
+    assert len(find_useless_captures(dark)) == 2
     with pytest.raises(UserError, match="every one is dark"):
         diagnose(dark, [listed_effects()["gap"]])
 
 
+@pytest.mark.parametrize("size", [0.45, pytest.param(0.15, marks=pytest.mark.explores)])
 @pytest.mark.parametrize("name", ["gap", "tilt", "lut", "iris2", "crosstalk", "camera_gamma", "camera_alignment"])
-@pytest.mark.parametrize("size", [0.15, 0.45])
 def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, name: str, size: float) -> None:
     """Neither before it is known nor after."""
     faults = {name: sample_effect(listed_effects()[name], small_system(), size, np.random.default_rng(3))}
@@ -166,11 +170,10 @@ def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext, mo
     """With the same result: but for the pixels by which pictures are correlated, captures are judged one by one."""
     context = make_context({"gap": {"gap_error": 2e-4}})
     images = context.data.captures.images
-    judgement = dataclasses.replace(context.config.judgement, correlated_pixels=images[0].size // 4)
-    config = dataclasses.replace(context.config, judgement=judgement)
     whole = find_suspects(context, {}, (), is_final=True)
-    monkeypatch.setattr("holoview.diagnose.capture_judgement.MAX_SET_PIXELS", 3 * images[0].size)
-    few = find_suspects(dataclasses.replace(context, config=config), {}, (), is_final=True)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.MAX_SET_PIXELS", 3 * images[0].size)
+    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.CORRELATED_PIXELS", images[0].size // 4)
+    few = find_suspects(context, {}, (), is_final=True)
     assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
     assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)
 

@@ -17,9 +17,9 @@ from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.screening import (
-    incoherent_field_count,
-    is_costly,
-    max_field_count,
+    COSTLY_FIELDS,
+    field_count,
+    largest_field_count,
     screen_effects,
     without_costly_fits,
 )
@@ -43,7 +43,7 @@ def test_fields_are_counted_for_captures_wavelengths_directions_and_moments(make
     context.predictor(np.array([0]), {})  # kept, and counted all the same
     assert context.predictor.fields_requested == 3
     flicker = {"flicker": {"depth": 0.1}}
-    assert incoherent_field_count(context, flicker) == max_field_count(context, listed_effects()["flicker"]) == 6
+    assert field_count(context, flicker) == largest_field_count(context, listed_effects()["flicker"]) == 6
     before = context.predictor.fields_requested
     context.predictor(np.array([0]), flicker)
     assert context.predictor.fields_requested == before + 6
@@ -93,7 +93,7 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
         assert tried, "nothing else was tried"
         return lambda effect: []
 
-    monkeypatch.setattr("holoview.diagnose.screening.StuckStarts", look)
+    monkeypatch.setattr("holoview.diagnose.starts.by_kind.StuckStarts", look)
     effects = [context.effects[name] for name in ("slm1_stuck", "gap", "stroke", "aberration1")]
     for stage in screen_effects(context, {}, effects, lambda *_: None, ""):
         for batch in stage:
@@ -137,7 +137,7 @@ def test_many_fields_pay_only_where_nothing_simpler_does_as_well(make_context: M
         ({"stroke": {"stroke_error": 0.2}}, [simple]),
     ):
         context: SearchContext = make_context(fault)
-        assert is_costly(context, many) and not is_costly(context, simple)
+        assert field_count(context, many.values) >= COSTLY_FIELDS > field_count(context, simple.values)
         assert (
             without_costly_fits(context, [many, simple], context.data_weighted_comparison(context.split.fine, 0.0))
             == kept

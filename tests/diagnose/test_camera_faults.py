@@ -13,13 +13,13 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig
-from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Cause
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room, Shading
-from tests.diagnose.sealed import taken
+from tests.diagnose.sealed import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""
@@ -103,7 +103,7 @@ def _causes(folder: Path, case: Case) -> tuple[Verdict, tuple[Cause, ...]]:
     return found.verdict, found.causes
 
 
-@pytest.mark.parametrize("case", taken(CASES, 1), ids=lambda case: case.effect)
+@pytest.mark.parametrize("case", explored(CASES, 1), ids=lambda case: case.effect)
 def test_a_fault_of_the_camera_is_named_and_measured(tmp_path: Path, case: Case) -> None:
     verdict, causes = _causes(tmp_path, case)
     assert verdict is Verdict.EXPLAINED and [cause.effect for cause in causes] == [case.effect]

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from holoview.diagnose import judge, nuisances, screening
+from holoview.diagnose import intervals, judge, nuisances, power_law, screening
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.report import causes
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "holoview" / "diagnose"
@@ -63,7 +64,7 @@ def test_the_table_of_thresholds_has_the_values_of_the_configuration() -> None:
     rows = [line for line in section.splitlines() if line.startswith("|")][2:]
     assert len(rows) >= 7
     for row in rows:
-        stated = re.findall(r"`(\w+)\.(\w+)` = ([\d.]+)", row)
+        stated = re.findall(r"`([\w.]+)\.(\w+)` = ([\d.]+)", row)
         assert stated, f"no settings in the row {row}"
         for group, name, value in stated:
             holder = import_module(f"holoview.diagnose.{group}") if name.isupper() else getattr(CONFIG, group)
@@ -81,11 +82,11 @@ def test_the_table_of_thresholds_has_the_values_of_the_configuration() -> None:
         f"< {judge.JITTER_EXCESS:g}, or within {judge.CHANCE_SIGMAS:g} σ",
         f"excess ≤ {CONFIG.verdict.explained_excess:.2f}",
         f"χ²/n > {judge.FLOOR_CHI2:g}, Δχ² > {CONFIG.verdict.min_delta_chi2:g}",
-        f"gains spread by > {CONFIG.power_law.min_spread:.1%}".replace("%", " %"),
-        f"{CONFIG.intervals.model_accuracy:.1%} of the value is added".replace("%", " %"),
+        f"gains spread by > {power_law.MIN_SPREAD:.1%}".replace("%", " %"),
+        f"{intervals.MODEL_ACCURACY:.1%} of the value is added".replace("%", " %"),
         f"rises by less than {CONFIG.verdict.min_delta_chi2:g}",
-        f"canonical correlation of {CONFIG.confounders.min_correlation:g} or more",
-        f"{100 * CONFIG.intervals.level:.0f} % interval",
+        f"canonical correlation of {causes.MIN_CORRELATION:g} or more",
+        f"{100 * intervals.LEVEL:.0f} % interval",
     ],
 )
 def test_the_text_has_the_values_of_the_configuration(sentence: str) -> None:

@@ -11,9 +11,10 @@ import pytest
 from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.correct.wrong_records import CheckedRecords
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.record_errors import CheckedRecords
+from holoview.diagnose.report.assemble import better_explained
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
@@ -27,7 +28,7 @@ class _Inversion:
 
 @dataclass(frozen=True)
 class _Diagnosis:
-    """What `or_as_recorded` reads of a diagnosis."""
+    """What `better_explained` reads of a diagnosis."""
 
     after: FitQuality
     notes: tuple[str, ...] = ()
@@ -42,7 +43,7 @@ def _checked(*corrections: Any) -> CheckedRecords:
 )
 def test_what_explains_clearly_better_counts(corrected: float, as_recorded: float, wins: bool) -> None:
     one, other = (_Diagnosis(FitQuality(chi2, 30.0)) for chi2 in (corrected, as_recorded))
-    found: Any = _checked(_Inversion()).or_as_recorded(one, other)  # type: ignore[arg-type]
+    found: Any = better_explained(_checked(_Inversion()), one, other)  # type: ignore[arg-type]
     assert (found.after is other.after) is wins
     assert ("slm1_inverted" in " ".join(found.notes)) is wins
 
@@ -56,7 +57,7 @@ def test_as_recorded_nothing_is_corrected() -> None:
     captures: Any = [1, 2, 3]
     plain = _checked(_Inversion()).as_recorded(captures)
     assert plain.captures is captures and plain.kept == (0, 1, 2) and not plain.findings.corrections
-    assert not plain.findings.rivals and not plain.causes
+    assert not plain.findings.rivals and not plain.gains
 
 
 @pytest.mark.slow

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.diagnose.config import BreakdownConfig
-from holoview.diagnose.excess_breakdown import ExcessBin, ExcessBreakdown, break_down_excess
+from holoview.diagnose.fit_statistics import ExcessBin, ExcessBreakdown, break_down_excess
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8
@@ -32,7 +31,7 @@ def _excess(more: np.ndarray | float) -> ExcessBreakdown:
         pixel_count=float(PIXELS),
     )
     fitted: Any = SimpleNamespace(residual=residual, expected=expected, squares=np.square(residual).sum((1, 2)))
-    return break_down_excess(captures, comparison, fitted, ROUGH, BreakdownConfig())
+    return break_down_excess(captures, comparison, fitted, ROUGH)
 
 
 def _bins(found: ExcessBreakdown) -> list[tuple[ExcessBin, ...]]:

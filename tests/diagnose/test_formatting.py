@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.diagnose.formatting import format_value
-from holoview.diagnose.uncertainty import Interval
+from holoview.diagnose.intervals import Interval, format_value
 
 
 @pytest.mark.parametrize(

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report import error_places
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
@@ -57,14 +56,14 @@ def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
     assert found.verdict is Verdict.CONSISTENT and not found.causes
 
 
-def test_free_maps_are_fitted_where_no_candidate_explains_an_error() -> None:
+def test_free_maps_are_fitted_where_no_candidate_explains_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step at each place that such a bench has: there is no pupil behind its modulator."""
     session = AcquisitionSettings(
         captures_per_condition=3, seed=1, focal_length_m=0.1, camera_pitch_m=40e-6, camera_shape=(41, 51)
     )
     captures = make_captures(small_system(1), {"stroke": {"stroke_error": 0.2}}, session)
-    config = replace(SearchConfig(), free_maps=replace(SearchConfig().free_maps, iterations=1))
-    found = diagnose(captures, [listed_effects()["camera_black"]], config=config)
+    monkeypatch.setattr(error_places, "ITERATIONS", 1)
+    found = diagnose(captures, [listed_effects()["camera_black"]])
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     assert set(found.lives_in) <= {"source", "modulator 1", "camera"}
 

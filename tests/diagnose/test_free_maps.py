@@ -11,8 +11,7 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.diagnose.config import FreeMapConfig
-from holoview.diagnose.free_maps import (
+from holoview.diagnose.report.error_places import (
     FreeCamera,
     FreeMapFit,
     FreeMaps,
@@ -22,18 +21,17 @@ from holoview.diagnose.free_maps import (
     ShownMap,
     likely_fits,
     placed_map,
+    suggest_for,
 )
-from holoview.diagnose.suggestions import suggest_for
 from holoview.model.effects.hook_contexts import RelayContext
 
-CONFIG = FreeMapConfig()
 MAPS = [
-    FreeSource(CONFIG),
-    FreeModulator(CONFIG, 0),
-    FreeModulator(CONFIG, 1),
-    FreeRelay(CONFIG, 0),
-    FreeRelay(CONFIG, 1),
-    FreeCamera(CONFIG),
+    FreeSource(),
+    FreeModulator(0),
+    FreeModulator(1),
+    FreeRelay(0),
+    FreeRelay(1),
+    FreeCamera(),
 ]
 
 
@@ -46,7 +44,7 @@ def test_maps_of_zero_are_no_maps(nominal: Captures, maps: FreeMaps) -> None:
 
 
 def test_maps_of_a_relay_are_centred_where_its_stops_are() -> None:
-    maps = FreeRelay(CONFIG, 1)
+    maps = FreeRelay(1)
     maps.set_from_vector(np.random.default_rng(0).standard_normal(maps.parameter_count))
     sine, (y, x), flat = torch.linspace(-0.03, 0.03, 25).double(), (0.004, -0.01), torch.ones(25, 25).cdouble()
     middle = RelayContext(1, 500e-9, sine[:, None], sine[None], 0.03)
@@ -83,8 +81,8 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
 
 def test_only_places_that_explain_much_are_named() -> None:
     fits = [FreeMapFit("camera", 0.9), FreeMapFit("source", 0.7), FreeMapFit("relay 1", 0.2)]
-    assert [fit.location for fit in likely_fits(fits, CONFIG)] == ["camera", "source"]
-    assert likely_fits([FreeMapFit("camera", 0.05)], CONFIG) == likely_fits([], CONFIG) == ()
+    assert [fit.location for fit in likely_fits(fits)] == ["camera", "source"]
+    assert likely_fits([FreeMapFit("camera", 0.05)]) == likely_fits([]) == ()
 
 
 @pytest.mark.parametrize("maps", MAPS, ids=lambda m: m.id)

@@ -11,15 +11,14 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
-from holoview.diagnose.bad_captures import BadCapture
-from holoview.diagnose.diagnosis import Cause, Diagnosis
-from holoview.diagnose.display_gain import DisplayGain
-from holoview.diagnose.free_maps import FreeMapFit, ShownMap
-from holoview.diagnose.html_report import write_report
+from holoview.diagnose.correct.bad_captures import BadCapture
+from holoview.diagnose.intervals import Interval
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.pixel_maps import PixelMap
-from holoview.diagnose.uncertainty import Interval
+from holoview.diagnose.report.diagnosis import Cause, Diagnosis
+from holoview.diagnose.report.display_gain import DisplayGain
+from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, ShownMap
+from holoview.diagnose.report.html_report import write_report
 from holoview.model.effects.registry import listed_effects
 from tests.chromium import check_document, needs_chromium
 

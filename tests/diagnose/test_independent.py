@@ -8,12 +8,12 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Stop, StopFault, write_session
-from tests.diagnose.sealed import taken
+from tests.diagnose.sealed import explored
 
 SAMPLES = Path(__file__).resolve().parents[1] / "data"
 FEW = ("camera_blur", "distance", "gap", "stroke", "tilt")
@@ -60,7 +60,7 @@ def _diagnosed(path: Path, faults: Faults, seed: int) -> Diagnosis:
     return diagnose(read_captures(file), [listed_effects()[n] for n in FEW], workers=1, free_maps=False)
 
 
-@pytest.mark.parametrize("case", taken(range(len(FAULTS)), 1))
+@pytest.mark.parametrize("case", explored(range(len(FAULTS)), 1))
 def test_a_fault_is_named_first_beside_the_difference_of_sampling(tmp_path: Path, case: int) -> None:
     faults, name, values = FAULTS[case]
     found = _diagnosed(tmp_path, faults, seed=case)
@@ -71,7 +71,7 @@ def test_a_fault_is_named_first_beside_the_difference_of_sampling(tmp_path: Path
     assert cause.gain_db > 3 and cause.excess_explained > 0.5
 
 
-@pytest.mark.parametrize("seed", taken([0, 1], 1))
+@pytest.mark.parametrize("seed", explored([0, 1], 0))
 def test_sampling_and_padding_alone_are_never_a_cause(tmp_path: Path, seed: int) -> None:
     """The camera's pixels integrate, the model's don't: a blur helps, other samples help more, and are told."""
     found = _diagnosed(tmp_path, Faults(), seed)
@@ -96,7 +96,7 @@ def _with_stops(path: Path, stop: Stop, faults: Faults, seed: int) -> Diagnosis:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", taken(range(len(STOPPED)), 1))
+@pytest.mark.parametrize("case", explored(range(len(STOPPED)), 1))
 def test_a_fault_of_a_bench_with_square_or_displaced_stops_is_named(tmp_path: Path, case: int) -> None:
     stop, faults, name, values = STOPPED[case]
     found = _with_stops(tmp_path, stop, faults, 0)
@@ -106,7 +106,7 @@ def test_a_fault_of_a_bench_with_square_or_displaced_stops_is_named(tmp_path: Pa
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (key, true, interval)
 
 
-@pytest.mark.parametrize("stop", taken([REAL, IDEAL, OFF], 1), ids=str)
+@pytest.mark.parametrize("stop", explored([REAL, IDEAL, OFF], 0), ids=str)
 def test_square_and_displaced_stops_are_no_fault(tmp_path: Path, stop: Stop) -> None:
     found = _with_stops(tmp_path, stop, Faults(), 0)
     assert found.verdict is Verdict.CONSISTENT and not found.causes

@@ -10,12 +10,13 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_modulators import CoverGlass, LightFaults, ModulatorFaults
+from tests.diagnose.sealed import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""
@@ -73,9 +74,13 @@ def _diagnosed(path: Path, faults: Faults, among: tuple[str, ...] | None = None)
 
 
 SLOW = ("slm1_fringes", "slm2_fringes")
+NAMES = [
+    *explored([name for name in MODERATE if name not in SLOW], 1),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW),
+]
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MODERATE])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_moderate_fault_is_named_and_measured_beside_its_look_alikes(tmp_path: Path, name: str) -> None:
     faults, values = MODERATE[name]
     found = _diagnosed(tmp_path, faults, (name, *ALIKE[name]))

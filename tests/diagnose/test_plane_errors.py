@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.capture_outliers import excess_stands_out, without_planes
-from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.config import SamplingConfig
+from holoview.diagnose.correct.bad_captures import excess_stands_out, without_planes
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 from tests.diagnose.independent_camera import CameraFaults, Rail
+from tests.diagnose.sealed import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""
@@ -23,7 +24,6 @@ FAIL_AT = 3.0
 """Half-widths of the 95 % interval by which a value may miss the truth; as for hidden faults."""
 ALIKE = ("aberration2", "camera_blur", "distance", "gap", "plane_errors", "stage", "wavelength_offset")
 PLANES_M = (3e-3, 4e-3, 5.5e-3, 7e-3)
-CONFIG = SearchConfig().judgement
 
 
 def _diagnosed(path: Path, lab: Laboratory, among: tuple[str, ...] | None = ALIKE) -> Diagnosis:
@@ -50,7 +50,7 @@ def _check(found: Diagnosis, missed_m: tuple[float, ...], planes_m: tuple[float,
 
 
 @pytest.mark.parametrize(
-    "missed_m", [(0.0, 0.0, 3e-4, 0.0), (1e-4, -2e-4, 1.5e-4, 5e-5)], ids=["one plane", "every plane"]
+    "missed_m", explored([(1e-4, -2e-4, 1.5e-4, 5e-5), (0.0, 0.0, 3e-4, 0.0)], 1), ids=["every plane", "one plane"]
 )
 def test_planes_that_are_missed_are_named_with_their_errors(tmp_path: Path, missed_m: tuple[float, ...]) -> None:
     _check(_diagnosed(tmp_path, _laboratory(Faults(missed_m=missed_m))), missed_m)
@@ -59,8 +59,8 @@ def test_planes_that_are_missed_are_named_with_their_errors(tmp_path: Path, miss
 @pytest.mark.parametrize(
     ("faults", "effect"),
     [
-        (Faults(distance_m=2e-4), "distance"),
-        (Faults(camera=CameraFaults(rail=Rail(1.02))), "stage"),
+        pytest.param(Faults(distance_m=2e-4), "distance", marks=pytest.mark.explores),
+        pytest.param(Faults(camera=CameraFaults(rail=Rail(1.02))), "stage", marks=pytest.mark.explores),
         (Faults(missed_m=(2e-4,) * 4), "distance"),
     ],
     ids=["distance", "stage", "the same error of each plane"],
@@ -71,7 +71,9 @@ def test_what_one_number_says_is_named_by_it(tmp_path: Path, faults: Faults, eff
     assert not found.bad_captures
 
 
-@pytest.mark.parametrize("faults", [Faults(), Faults(missed_m=(0.0, 2e-4, 0.0, 0.0))], ids=["clean", "a plane off"])
+@pytest.mark.parametrize(
+    "faults", explored([Faults(), Faults(missed_m=(0.0, 2e-4, 0.0, 0.0))], 1), ids=["clean", "a plane off"]
+)
 def test_a_single_capture_out_of_focus_is_bad(tmp_path: Path, faults: Faults) -> None:
     found = _diagnosed(tmp_path, _laboratory(faults, Mishaps(defocused={6: 3e-4})))
     assert [(bad.index, bad.why) for bad in found.bad_captures] == [(6, "out of focus")]
@@ -90,7 +92,7 @@ def test_what_all_captures_of_a_plane_have_blames_none_of_them() -> None:
     excess = 0.01 * rng.uniform(0.8, 1.2, 16) * np.where(plane == 5.0, 1000.0, 1.0)
     excess[1] = 3.0
     same = np.ones(16)
-    args = (excess, np.full(16, 0.005), rng.uniform(1.0, 2.0, 16), same, 3.0, CONFIG)
+    args = (excess, np.full(16, 0.005), rng.uniform(1.0, 2.0, 16), same, 3.0)
     assert np.flatnonzero(excess_stands_out(*args)).tolist() == [1, 8, 9, 10, 11]
     assert np.flatnonzero(excess_stands_out(*args, plane)).tolist() == [1]
 
@@ -100,11 +102,11 @@ def test_a_plane_is_off_where_most_of_its_captures_are_like_none() -> None:
     correlations = 0.01 * np.random.default_rng(0).standard_normal((12, 12)) + np.diag(np.where(plane == 5.0, 0, 0.9))
     flags = plane == 5.0
     flags[0] = True
-    assert np.flatnonzero(without_planes(flags, plane, correlations, CONFIG)).tolist() == [0]
+    assert np.flatnonzero(without_planes(flags, plane, correlations)).tolist() == [0]
     correlations[6, 7] = correlations[7, 6] = 0.9  # exchanged with each other
-    assert np.flatnonzero(without_planes(flags, plane, correlations, CONFIG)).tolist() == [0, 6, 7]
+    assert np.flatnonzero(without_planes(flags, plane, correlations)).tolist() == [0, 6, 7]
     one = np.full(12, 3.0)
-    assert np.array_equal(without_planes(np.ones(12, dtype=bool), one, correlations, CONFIG), np.ones(12, dtype=bool))
+    assert np.array_equal(without_planes(np.ones(12, dtype=bool), one, correlations), np.ones(12, dtype=bool))
 
 
 SWEEP: dict[str, tuple[float, ...]] = {

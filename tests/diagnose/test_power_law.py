@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.power_law import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
@@ -26,7 +25,7 @@ def _gain(exponent: float, seed: int) -> np.ndarray:
 def test_a_power_law_is_read_off_the_gains(exponent: float) -> None:
     """Its σ follows from the regression of log gain on centred log power."""
     captures = pictures(COUNT, power=POWER)
-    found = fit_power_law(LAW, captures, _gain(exponent, 1), SearchConfig())
+    found = fit_power_law(LAW, captures, _gain(exponent, 1))
     assert found is not None
     interval = found.intervals["laser_power", "exponent"]
     expected = JITTER / np.linalg.norm(centre_per_wavelength(captures, np.log(POWER)))
@@ -38,7 +37,7 @@ def test_a_power_law_is_read_off_the_gains(exponent: float) -> None:
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """200 draws of a 95 % interval: 190 ± 3.1; three of these, and a little for 1.96 in place of Student's 2.05."""
     captures = pictures(COUNT, power=POWER)
-    found = [fit_power_law(LAW, captures, _gain(0.1, seed), SearchConfig()) for seed in range(200)]
+    found = [fit_power_law(LAW, captures, _gain(0.1, seed)) for seed in range(200)]
     inside = 0
     for law in found:
         assert law is not None
@@ -50,7 +49,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_jitter_alone_is_no_law(seed: int) -> None:
     captures = pictures(COUNT, power=POWER)
-    assert fit_power_law(LAW, captures, _gain(0.0, seed), SearchConfig()) is None
+    assert fit_power_law(LAW, captures, _gain(0.0, seed)) is None
     assert gain_spread(captures, _gain(0.0, seed)) == pytest.approx(JITTER, rel=0.4)
 
 

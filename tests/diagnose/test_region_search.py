@@ -19,10 +19,10 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
 from holoview.diagnose.crop import MAX_TIME_SHARE, middle_of_context
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
     NeighbourVariances,
@@ -145,7 +145,7 @@ def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypat
     assert [cause.effect for cause in found.causes] == ["stroke"]
 
 
-@pytest.mark.parametrize("is_far", [True, False])
+@pytest.mark.parametrize("is_far", [True, pytest.param(False, marks=pytest.mark.explores)])
 def test_one_large_picture_is_searched_in_its_middle(is_far: bool) -> None:
     session = _far_session("stroke", "stroke_error", 0.08) if is_far else _session("gap", "gap_error", 1e-4)
     picture = session.subset([len(session) - 1])

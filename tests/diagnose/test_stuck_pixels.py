@@ -9,12 +9,13 @@ import pytest
 
 from holoview.captures import read_captures
 from holoview.diagnose.config import SamplingConfig, SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_modulators import Dead, ModulatorFaults
+from tests.diagnose.sealed import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""
@@ -52,7 +53,7 @@ def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], le
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (name, true, interval)
 
 
-@pytest.mark.parametrize("config", [SearchConfig(), LAST_OF_ALL], ids=["first", "last of all"])
+@pytest.mark.parametrize("config", explored([SearchConfig(), LAST_OF_ALL], 1), ids=["first", "last of all"])
 def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(
     tmp_path: Path, config: SearchConfig
 ) -> None:
@@ -82,7 +83,7 @@ SMALL: dict[str, tuple[Dead, dict[str, tuple[int, ...]], dict[str, float]]] = {
 }
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize("name", explored(list(SMALL), 1))
 def test_parts_of_lines_and_lines_of_earlier_patterns_are_named(tmp_path: Path, name: str) -> None:
     dead, places, levels = SMALL[name]
     found = _diagnosed(tmp_path, Faults(modulators=ModulatorFaults(dead=((dead,), ()))), {"each": 4, "seed": 1}, FEW)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
 from holoview.diagnose import screening
-from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
+from holoview.diagnose.report.error_places import find_pixel_maps, line_notes
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts import by_kind
 from holoview.diagnose.starts.stuck import (
     LINE_SEGMENTS,
     DeadPlace,
@@ -101,7 +103,7 @@ def test_stuck_pixels_are_looked_for_only_where_an_effect_has_them(
     """Looking takes seconds, and a fit of another effect over its range made a fit of a moment long."""
     context = make_context({"stroke": {"stroke_error": 0.3}})
     looked: list[str] = []
-    monkeypatch.setattr(screening, "StuckStarts", lambda *_: looked.append("for stuck pixels") or (lambda effect: []))
+    monkeypatch.setattr(by_kind, "StuckStarts", lambda *_: looked.append("for stuck pixels") or (lambda effect: []))
     screening.fit_over_range(context, {}, context.effects["camera_gamma"], [])
     assert looked == []
     screening.fit_over_range(context, {}, context.effects["slm1_stuck"], [])
@@ -130,6 +132,7 @@ def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:
     first, second = find_pixel_maps(context, {})
     assert int(first.columns.argmax()) == 24 and first.columns.max() > second.columns.max()
     assert first.pixels.shape == context.data.captures.levels.shape[2:]
-    (note,) = line_notes((first, second), 5.0)
+    (note,) = line_notes((first, second))
     assert "column 24 of modulator 1 (" in note
-    assert line_notes((first, second), 1e6) == line_notes((), 5.0) == []
+    faint = dataclasses.replace(first, columns=first.columns * 1e-6, rows=first.rows * 1e-6)
+    assert line_notes((faint,)) == line_notes(()) == []

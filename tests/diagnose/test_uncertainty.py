@@ -7,7 +7,7 @@ import pytest
 
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
-from holoview.diagnose.uncertainty import (
+from holoview.diagnose.intervals import (
     LocalInformation,
     LocalJacobian,
     canonical_correlation,

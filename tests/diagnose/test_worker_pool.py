@@ -21,7 +21,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects import registry
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
-from holoview.util.memory import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from tests.child_process import child_process
 
 TABLE = {"answer": 42}

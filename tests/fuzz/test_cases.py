@@ -1,4 +1,4 @@
-"""A few hostile inputs of every family, in processes of their own: refused in one line, or a finite result."""
+"""A few hostile inputs, in processes of their own: refused in one line, or a finite result."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 
 _PROGRAM = """
 import sys
-from benchmarks.fuzz import sample
-from tests.fuzz.run import run_cases, table
+from benchmarks.fuzz import run_cases, sample, table
 from tests.fuzz.trial import Limits, preload
 preload()
 counts, bad = run_cases(sample(int(sys.argv[1]), int(sys.argv[2])), Limits())
@@ -22,11 +21,14 @@ sys.exit(1 if bad else 0)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="cases are forked")
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_hostile_inputs_are_refused_in_one_line_or_give_finite_results(seed: int) -> None:
-    """Every so many cases of the corpus, and random ones; `make fuzz` runs more."""
+@pytest.mark.parametrize(
+    ("seed", "count"),
+    [(1, 6), pytest.param(1, 12, marks=pytest.mark.explores), pytest.param(2, 400, marks=pytest.mark.slow)],
+)
+def test_hostile_inputs_are_refused_in_one_line_or_give_finite_results(seed: int, count: int) -> None:
+    """So many cases of the corpus, spread over it, and as many random ones; `make fuzz` runs more."""
     root = Path(__file__).parents[2]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "HOLOVIEW_MEMORY": "1500MB", "PYTHONPATH": str(root)}
-    command = [sys.executable, "-c", _PROGRAM, str(seed), "12" if seed == 1 else "400"]
+    command = [sys.executable, "-c", _PROGRAM, str(seed), str(count)]
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -213,6 +213,31 @@ def test_without_webgpu_there_are_pictures_and_a_word_why(browser: Browser, writ
 
 
 @needs_chromium
+def test_a_browser_that_knows_nothing_of_webgpu_shows_pictures(browser: Browser, written: Written) -> None:
+    """As Firefox on Linux: not even the names of WebGPU's constants exist there."""
+    names = ("GPUBufferUsage", "GPUShaderStage", "GPUMapMode")
+    page = browser.open("about:blank", 900, 800)
+    page.add_init_script(
+        "Object.defineProperty(Navigator.prototype, 'gpu', { get: () => undefined });"
+        + "".join(f"delete globalThis.{name};" for name in names)
+    )
+    page.goto(written.page.as_uri())
+    assert "has no WebGPU" in page.evaluate("() => window.holoview.ready.then(() => '', error => error.message)")
+    assert page.is_visible("#stored")
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_a_page_needs_no_network(browser: Browser, written: Written) -> None:
+    page = browser.open("about:blank", 900, 800)
+    page.context.set_offline(True)
+    page.goto(written.page.as_uri())
+    page.evaluate("() => window.holoview.ready")
+    assert page_pixels(page).std() > 5
+    assert browser.close_pages() == []
+
+
+@needs_chromium
 @pytest.mark.parametrize("width", [390, 800, 1600])
 def test_nothing_is_wider_than_the_page_and_nothing_is_loaded(browser: Browser, written: Written, width: int) -> None:
     page = open_page(browser, written.page, width=width)

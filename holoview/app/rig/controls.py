@@ -16,7 +16,7 @@ from holoview.app.context import AppContext
 from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.theme import laser_colour
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.document.document import middle_plane
 from holoview.experiment.live.bench_state import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.experiment.live.live_diagnosis import FIRST, MOST, cause_text

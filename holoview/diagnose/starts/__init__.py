@@ -2,6 +2,7 @@
 
 Each effect declares the kinds that suit it (`Effect.start_kinds`).
 
+by_kind              the starting values of all kinds that captures suggest for an effect
 picture              displaced pictures, ghosts, smears, and planes that are off
 fringes              plane fringes over the picture or over a modulator
 stuck                columns, rows and pixels of a modulator that are stuck

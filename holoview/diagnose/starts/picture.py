@@ -207,7 +207,7 @@ class PlaneStarts:
         if StartKind.PLANES not in effect.start_kinds or self._is_known(effect):
             return []
         if effect.id not in self._found:
-            search = _Search(self._context, self._base, effect)
+            search = _PlaneSearch(self._context, self._base, effect)
             start = search.run() if len(search.planes_m) > 1 else None
             self._found[effect.id] = [] if start is None else [start]
         return self._found[effect.id]
@@ -217,7 +217,7 @@ class PlaneStarts:
         return bool({effect.id, *self._context.equivalents.get(effect.id, ())} & self._base.keys())
 
 
-class _Search:
+class _PlaneSearch:
     """The search for the errors of all planes. planes_m: the distances that were set."""
 
     def __init__(self, context: SearchContext, base: FittedValues, effect: Effect) -> None:

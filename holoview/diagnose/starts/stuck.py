@@ -210,7 +210,7 @@ class StuckStarts:
         if not open_ones:
             return
         gains = replacement_gains(context, base, comparison, LEVELS, earlier=True)
-        searches = [_Search(context, base, effect, gains[modulator_of(effect)]) for effect in open_ones]
+        searches = [_StuckSearch(context, base, effect, gains[modulator_of(effect)]) for effect in open_ones]
         for search in sorted(searches, key=lambda one: -one.first_significance):
             error = context.relative_model_error(base)
             found = search.run(comparison)
@@ -224,7 +224,7 @@ class StuckStarts:
         return [self._starts[effect.id]] if effect.id in self._starts else []
 
 
-class _Search:
+class _StuckSearch:
     """The search for the stuck places of one modulator on top of a base. gains: of replacements on the base alone."""
 
     def __init__(self, context: SearchContext, base: FittedValues, effect: Effect, gains: Floats) -> None:

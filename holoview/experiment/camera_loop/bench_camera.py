@@ -40,7 +40,7 @@ class Picture:
     """What a camera saw.
 
     light (y, x): counts above the dark level, per second of unit power. saturated (y, x): pixels of which only a lower
-    bound is known. capture: the record, a session of one capture.
+    bound is known. capture: the capture with its record.
     """
 
     light: NDArray[np.float64]

@@ -437,7 +437,7 @@ class UpdatedModel:
 def update_model(
     system: System, captures: Sequence[Captures], updates: ModelUpdates, is_asked_to_end: Callable[[], bool]
 ) -> UpdatedModel:
-    """The system with the effects that captures, each a session of one, show beside those that it has.
+    """The system with the effects that captures show beside those that it has.
 
     Effects that change the lasers themselves aren't taken over, since patterns can't be optimised for them.
     Raises UserError for an effect that is unknown.

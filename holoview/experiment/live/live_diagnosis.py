@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
-from holoview.diagnose.diagnosis import Cause, Diagnosis
-from holoview.diagnose.formatting import format_value
+from holoview.diagnose.intervals import format_value
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Cause, Diagnosis
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.experiment.known_alignment import diagnosis_options

@@ -246,7 +246,7 @@ class ProposalPrediction:
         self, belief: Belief, taken: Captures, proposals: Sequence[Proposal], limits: SafetyLimits, **options: Any
     ) -> None:
         self._belief, self._gains = belief, _gains(belief)
-        self.captures = searched_part(_as_session(taken, proposals), belief.context.config)
+        self.captures = searched_part(_as_captures(taken, proposals), belief.context.config)
         self._all = np.arange(len(proposals))
         self._predictor: PredictorProtocol = belief.context.predictor.create(captures=self.captures, **options)
         self.proposals = self._with_exposures(proposals, limits)
@@ -303,7 +303,7 @@ class ProposalPrediction:
         return self._gains.get(wavelength_m, float(np.median(list(self._gains.values()))))
 
     def _with_exposures(self, proposals: Sequence[Proposal], limits: SafetyLimits) -> list[Proposal]:
-        """The proposals with exposures, which the session that predicts them gets as well."""
+        """The proposals with exposures, which the predicted captures get as well."""
         signal, _ = self.light(self._predictor, self._belief.leader.values)
         camera, found = self.captures.camera, []
         exposures = self.captures.exposure_s
@@ -329,8 +329,8 @@ def _gains(belief: Belief) -> dict[float, float]:
     return {float(λ): float(np.median(gain[wavelengths == λ])) for λ in np.unique(wavelengths)}
 
 
-def _as_session(taken: Captures, proposals: Sequence[Proposal]) -> Captures:
-    """A session of the proposals, with exposures of 1 s and pictures of zeros, each taken after the last capture."""
+def _as_captures(taken: Captures, proposals: Sequence[Proposal]) -> Captures:
+    """The proposals as captures, with exposures of 1 s and pictures of zeros, each taken after the last capture."""
     count = len(proposals)
     return dataclasses.replace(
         taken,

@@ -16,10 +16,10 @@ import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.known_alignment import diagnosis_options
 from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
@@ -90,7 +90,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """What a loop took, why, the diagnosis of it, and why it ended. parts: the captures, each a session of one."""
+    """The captures of a loop, their reasons and diagnosis, and why the loop ended. parts: the captures one by one."""
 
     parts: list[Captures]
     steps: tuple[Step, ...]

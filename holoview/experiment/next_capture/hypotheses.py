@@ -30,10 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import PLAIN, SearchConfig
-from holoview.diagnose.crop import middle_of, saving
+from holoview.diagnose.correct.bad_captures import find_useless_captures
+from holoview.diagnose.correct.wrong_records import check_records
+from holoview.diagnose.crop import middle_captures, pixel_ratio
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
@@ -49,7 +50,6 @@ from holoview.diagnose.likelihood import Comparison, Values
 from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.pipeline import prepare_search
 from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search import select_causes
@@ -69,7 +69,7 @@ _SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several 
 _MAX_FITTED = 6  # hypotheses that are kept fitted, beside the nominal bench
 _REFITTED = 4  # of them, that are fitted again to every further capture
 _MAX_OPEN = 4  # effects beside the leader that take part in a choice
-_NEW_SEARCH = 1.5  # times the captures of the last search, after which an unexplained session is searched again
+_NEW_SEARCH = 1.5  # times the captures of the last search, after which unexplained captures are searched again
 _LEADS = 0.9  # probability from which effects beside the leader are looked at
 _EXCLUDED = 1e-4  # share of all weights below which further captures need no look at an effect
 _SHOWS = 25.0  # Δχ² from which an open hypothesis is fitted: 5 σ of one parameter
@@ -242,8 +242,8 @@ def loop_context(
 
     end: when fits have to end. known: effects that the nominal model has.
     """
-    cut = searched_part(check_records(captures, known, config).captures, config)
-    useless = find_useless_captures(cut, config.judgement)
+    cut = searched_part(check_records(captures, known).captures, config)
+    useless = find_useless_captures(cut)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
     budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))
@@ -254,8 +254,8 @@ def loop_context(
 
 def searched_part(captures: Captures, config: SearchConfig) -> Captures:
     """The captures, or their middle where that saves much."""
-    cut = middle_of(captures, config.region)
-    return captures if saving(captures, cut) < config.region.min_saving else cut
+    cut = middle_captures(captures, config.region)
+    return captures if pixel_ratio(captures, cut) < config.region.min_saving else cut
 
 
 class HypothesisFits:

@@ -44,7 +44,7 @@ class Proposal:
 
     @property
     def request(self) -> CaptureRequest:
-        """What a measurement session takes; its patterns are `levels`."""
+        """The request for a measurement; its patterns are `levels`."""
         return CaptureRequest(self.wavelength_m, self.distance_m, self.power, 0.0, (0, 0), self.exposure_s)
 
     @property

@@ -140,7 +140,7 @@ def dot_bias(
 def simulated_capture(
     rig: RigDescription, facts: BenchFacts, values: Floats, picture_shape: tuple[int, int], shot: DotPicture
 ) -> tuple[Captures, dict[str, dict[str, float]]]:
-    """A session of one capture without a picture, on the bench with the measured pitch; and its effects."""
+    """One capture without a picture, on the bench with the measured pitch; and its effects."""
     v = dict(zip(NAMES, values, strict=True))
     levels = [np.zeros_like(shot.probes.levels) for _ in rig.bench.slms]
     levels[shot.slm] = turned(shot.probes.levels, facts.slm2_turn if shot.slm else "none")

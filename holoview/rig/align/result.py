@@ -164,12 +164,12 @@ def check_rig_records(
 
     rig: with its registration. devices: its open ones, registered.
     """
-    session, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
+    measurement, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
     for done, request in enumerate(requests):
         if is_asked_to_end():
             return None
         progress(done, len(requests), f"{request.wavelength_m * 1e9:.0f} nm, {request.distance_m * 1e3:.3g} mm")
-        taken.append(session.take(request, request.levels(rig)))
+        taken.append(measurement.take(request, request.levels(rig)))
     progress(len(requests), len(requests), "")
     known = {} if rig.registration is None else rig.registration.known_effects()
     return find_record_errors(join_captures(taken), known)

@@ -42,7 +42,7 @@ def ask_person(name: str, instruction: str) -> str:
 
 
 class ManualLasers:
-    """Lasers that a person switches. Nothing is said where they are known to be as they should be."""
+    """Lasers that a person switches. The person is asked only for changes."""
 
     def __init__(self, rig: RigDescription) -> None:
         self.wavelengths_m = rig.wavelengths_m

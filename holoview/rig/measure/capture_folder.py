@@ -38,7 +38,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
-from holoview.util.memory import require_memory
+from holoview.util.memory_limit import require_memory
 from holoview.util.tables import parse_json_table
 
 _RECORD = "bench.h5"

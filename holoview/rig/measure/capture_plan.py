@@ -36,7 +36,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_schema import NumberSchema
 from holoview.util.files import read_text
-from holoview.util.memory import format_size, require_memory
+from holoview.util.memory_limit import format_size, require_memory
 from holoview.util.tables import parse_toml, read_table
 from holoview.util.units import format_duration
 

@@ -74,7 +74,7 @@ class Measurement:
         return True
 
     def take(self, request: CaptureRequest, levels: Levels) -> Captures:
-        """One capture of these patterns (modulator, y, x), a session of one."""
+        """One capture of these patterns (modulator, y, x)."""
         self._light_up(request, levels)
         image, exposure_s = self._picture(request)
         self._energy[request.wavelength_m] = request.power * exposure_s
@@ -143,7 +143,7 @@ class Measurement:
         self._note(f"{name}: settles with a time constant of {constant:.3g} ± {deviation:.2g} ms; waits for {wait}")
 
     def _take_dark_frames(self, store: CaptureStore, exposures_s: list[float], pictures: int) -> None:
-        """Adds dark frames to the session's record."""
+        """Adds dark frames to the record of the bench."""
         self._devices.lasers.switch_off()
         for exposure_s in exposures_s:
             frame = take_dark_frame(self._camera, self._allowed(exposure_s), pictures)
@@ -177,11 +177,11 @@ class Measurement:
 
 
 def is_complete(store: CaptureStore) -> bool:
-    """Whether nothing of a session is missing, captures and dark frames."""
+    """Whether all captures of a plan are there, with their dark frames."""
     return not store.missing and not _missing_dark(store)
 
 
 def _missing_dark(store: CaptureStore) -> list[float]:
-    """Exposure times (s) for which a finished session wants dark frames that aren't there."""
+    """Exposure times (s) for which dark frames are missing."""
     there = [frame.exposure_s for frame in store.record.dark if frame.pictures >= DARK_PICTURES]
     return dark_exposures(store.exposures_s, there)

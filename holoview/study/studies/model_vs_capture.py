@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model import preset
 from holoview.report.images import greyscale_pixels
 from holoview.study.hologram_study import SHOWN, mean_number, table_row

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.document.editing_session import EditingSession
 from holoview.experiment.live.live_diagnosis import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged

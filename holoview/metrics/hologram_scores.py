@@ -1,4 +1,4 @@
-"""Scores an optimised hologram on the preset's own grid, at its planes and halfway between them."""
+"""Scores of a hologram on its bench's own grid: at its planes, between them, and from places of the eye's pupil."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.optimise_target import TargetSource
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import (
     ImageQuality,
@@ -19,12 +18,15 @@ from holoview.metrics.image_quality import (
     plane_midpoints,
 )
 from holoview.metrics.perceptual import measure_perceptual_scores
-from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES
-from holoview.model.focus import focused_planes, plane_label
-from holoview.model.system import System
-from holoview.numerics.structural_similarity import WEIGHTS
+from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.model.focus import focused_planes, with_pupil_at
 from holoview.numerics.tensors import Region, region_slices
+from holoview.optimise.eyes import PupilPlaces
+from holoview.targets.target_source import TargetSource
 from holoview.view import View, simulate
+
+PLACE_SCORES = ("pupil_psnr_db", "held_out_pupil_psnr_db", "held_out_pupil_psnr_between_db")
+"""Scores from the places of the pupil, from places that weren't used, and from these between the planes."""
 
 Floats = NDArray[np.floating]
 
@@ -89,43 +91,6 @@ def score_hologram(
     }
 
 
-def format_scores(scores: dict[str, Any], system: System) -> list[str]:
-    """The scores of `score_hologram` as lines of text; none for no scores."""
-    if not scores:
-        return []
-    lines = [
-        f"PSNR {scores['psnr_db']:.2f} dB (linear sRGB, mean over planes, scored on the "
-        f"{system.sampling.propagation} grid)"
-    ]
-    if scores["held_out_psnr_db"] is not None:
-        where = ", ".join(plane_label(system, z * 1e-3, 4) for z in scores["held_out_planes_mm"])
-        lines.append(f"between the planes ({where}): {scores['held_out_psnr_db']:.2f} dB")
-    return [
-        *lines,
-        f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}"
-        f"{_format_ms_ssim(scores)}",
-        *_format_further(scores),
-        f"speckle contrast {scores['speckle_contrast']:.3f}",
-        f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}",
-    ]
-
-
-def _format_ms_ssim(scores: dict[str, Any]) -> str:
-    """MS-SSIM after a comma, and the number of scales where the picture is too small for all; "" without one."""
-    if scores["ms_ssim"] is None:
-        return ""
-    count = scores["ms_ssim_scales"]
-    return f", MS-SSIM {scores['ms_ssim']:.3f}" + (
-        f" ({count} of {len(WEIGHTS)} scales)" if count < len(WEIGHTS) else ""
-    )
-
-
-def _format_further(scores: dict[str, Any]) -> list[str]:
-    """The optional scores in a line; none without any."""
-    texts = [PERCEPTUAL_SCORES[name].format(scores[name]) for name in OPTIONAL_SCORES if name in scores]
-    return [", ".join(texts)] if texts else []
-
-
 def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
     """Quality of a view beside its target (plane, y, x, 3) inside a region."""
     view, target = _cropped(view, target, region)
@@ -141,3 +106,39 @@ def _speckle_region(target: Floats) -> Region | None:
     """The region for the speckle contrast: None for the central half, or all of it if that is black in some plane."""
     lit = target[:, *region_slices(central_region(target.shape[1:3]))].any(axis=(1, 2, 3)).all()
     return None if lit else (0, 0, target.shape[2], target.shape[1])
+
+
+def score_places(
+    hologram: Hologram, source: TargetSource, pupils: PupilPlaces, region: Region | None
+) -> dict[str, list[float]]:
+    """PSNR (dB) from each place, and from places that weren't used, as JSON keys and values; empty without places.
+
+    From the latter also focused halfway between neighbouring planes, for which nothing was optimised either.
+    """
+    planes_m = focused_planes(hologram.system)
+    count, all_m = len(planes_m), np.concatenate([planes_m, plane_midpoints(planes_m)])
+    scores: dict[str, list[float]] = {key: [] for key in PLACE_SCORES}
+    for place in pupils.fixed:
+        scores["pupil_psnr_db"].append(float(np.mean(_psnr_db(hologram, source, place, planes_m, region))))
+    for place in pupils.held_out:
+        found = _psnr_db(hologram, source, place, all_m, region)
+        scores["held_out_pupil_psnr_db"].append(float(np.mean(found[:count])))
+        if len(found) > count:
+            scores["held_out_pupil_psnr_between_db"].append(float(np.mean(found[count:])))
+    return {key: values for key, values in scores.items() if values}
+
+
+def _psnr_db(
+    hologram: Hologram,
+    source: TargetSource,
+    place: tuple[float, float],
+    planes_m: NDArray[np.float64],
+    region: Region | None,
+) -> tuple[float, ...]:
+    """PSNR on each plane, seen from a place."""
+    system = with_pupil_at(hologram.system, place)
+    view = simulate(system, hologram.drive, planes_m, backend="torch")
+    target = source.build(planes_m, system=system).stack
+    if region is not None:
+        view, target = view.cropped(region), target[:, *region_slices(region)]
+    return psnr_linear_srgb(view.rgb, target).planes_db

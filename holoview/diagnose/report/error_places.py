@@ -1,14 +1,18 @@
-"""Where an error lives that no effect of the library explains: smooth maps, free at one place at a time.
+"""Where an error lives that no effect of the library explains.
 
-Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that express anything
-smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. The place whose maps predict most
-is where to look.
+- *Free maps.* Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that
+  express anything smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. Where to
+  look is the place whose maps predict the held-out captures best. `suggest_for` says which effect to write for a
+  place, and which captures would show more of the error.
+- *Pixel maps.* Smooth maps can't show a single column or row. `PixelMap` compares, at the modulator's full resolution,
+  what χ² would gain if a pixel showed one level whatever is sent (`replacement_gains`) with the same of all other
+  pixels, and of whole lines with other lines.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -19,15 +23,42 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.config import FreeMapConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.stuck import LEVELS, LINE_SEGMENTS, MIN_LINE_SIGMAS
+from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
 from holoview.model.effects.parameter import Parameter, Values
 
 Tensor = torch.Tensor
+Floats = NDArray[np.float64]
+
+SURFACE_POINTS = (6, 8)
+"""[points] Rows and columns of control points over a modulator or the camera. Evidence: none recorded."""
+
+PUPIL_POINTS = (8, 8)
+"""[points] Rows and columns of control points over a pupil. Evidence: none recorded."""
+
+RESPONSE_POINTS = 9
+"""[points] Control points of a response curve. Evidence: none recorded."""
+
+ITERATIONS = 15
+"""[1] Iterations of L-BFGS. Evidence: none recorded."""
+
+PATH_SCALE_M = 50e-9
+"""[m] Optical path that a map's unit stands for, which scales the optimiser's steps. Evidence: none recorded."""
+
+RELATIVE_SCALE = 0.1
+"""[1] Relative amplitude or response that a map's unit stands for. Evidence: none recorded."""
+
+MIN_SHARE = 0.1
+"""[1] Places are told that explain at least this share of the excess … Evidence: none recorded."""
+
+NEAR_BEST_SHARE = 0.7
+"""[1] … and this share of what the best place explains. Evidence: none recorded."""
+
 _NEIGHBOURS = ("above", "below", "left", "right")
 
 
@@ -37,7 +68,7 @@ class ShownMap:
 
     values: optical paths in m where `unit` is "m", relative changes where it is "1". extent: where a map lies, from its
     left, right, lower and upper edge; None for a few numbers. axis: what `extent` is counted in, or what the numbers
-    are over. labels: of the numbers, where each is something else.
+    lie over. labels: one for each number where the numbers aren't a curve.
     """
 
     name: str
@@ -57,8 +88,7 @@ class FreeMaps(Effect):
     parameters = (Parameter("on", "1: the maps are applied."),)
     acts_on: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, config: FreeMapConfig, shapes: dict[str, tuple[int, ...]]) -> None:
-        self.config = config
+    def __init__(self, shapes: dict[str, tuple[int, ...]]) -> None:
         self.maps = {name: torch.zeros(shape, dtype=torch.float64) for name, shape in shapes.items()}
 
     @property
@@ -82,9 +112,9 @@ class FreeMaps(Effect):
         for name, tensor in self.maps.items():
             values = tensor.detach().numpy().copy()
             if name == "path":
-                shown.append(ShownMap(name, self.config.path_scale_m * (values - values.mean()), "m"))
+                shown.append(ShownMap(name, PATH_SCALE_M * (values - values.mean()), "m"))
             else:
-                shown.append(ShownMap(name, self.config.relative_scale * values, "1"))
+                shown.append(ShownMap(name, RELATIVE_SCALE * values, "1"))
         return tuple(shown)
 
 
@@ -94,15 +124,15 @@ class FreeSource(FreeMaps):
     id = "free_source"
     acts_on = ("source",)
 
-    def __init__(self, config: FreeMapConfig) -> None:
-        super().__init__(config, {"amplitude": config.surface_points, "path": config.surface_points})
+    def __init__(self) -> None:
+        super().__init__({"amplitude": SURFACE_POINTS, "path": SURFACE_POINTS})
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         if context.number != 0:
             return transmission
         shape, real = transmission.shape, transmission.real.dtype
-        radians = 2 * math.pi * self.config.path_scale_m / context.wavelength_m
-        amplitude = 1.0 + self.config.relative_scale * _upsample_map(self.maps["amplitude"], shape, real)
+        radians = 2 * math.pi * PATH_SCALE_M / context.wavelength_m
+        amplitude = 1.0 + RELATIVE_SCALE * _upsample_map(self.maps["amplitude"], shape, real)
         return transmission * torch.polar(amplitude, radians * _upsample_map(self.maps["path"], shape, real))
 
 
@@ -112,17 +142,17 @@ class FreeModulator(FreeMaps):
     The second one also has a map of optical path; that of the first belongs to the source.
     """
 
-    def __init__(self, config: FreeMapConfig, modulator_index: int) -> None:
-        surface = config.surface_points
-        shapes = {"curve": (config.response_points,), "stroke": surface, "neighbours": (4,)}
-        super().__init__(config, {**shapes, "path": surface} if modulator_index else shapes)
+    def __init__(self, modulator_index: int) -> None:
+        surface = SURFACE_POINTS
+        shapes = {"curve": (RESPONSE_POINTS,), "stroke": surface, "neighbours": (4,)}
+        super().__init__({**shapes, "path": surface} if modulator_index else shapes)
         self.modulator_index, self.id = modulator_index, f"free_modulator_{modulator_index + 1}"  # type: ignore[misc]
         self.acts_on = (f"modulator {modulator_index + 1}",)  # type: ignore[misc]
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         if context.number != self.modulator_index:
             return share
-        scale = self.config.relative_scale
+        scale = RELATIVE_SCALE
         bent = share + scale * _interpolate_curve(self.maps["curve"].to(share.dtype), share)
         bent = bent * (1.0 + scale * _upsample_map(self.maps["stroke"], share.shape, share.dtype))
         weights = scale * self.maps["neighbours"].to(share.dtype)
@@ -134,14 +164,14 @@ class FreeModulator(FreeMaps):
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         if context.number != self.modulator_index or "path" not in self.maps:
             return path_m
-        return path_m + self.config.path_scale_m * _upsample_map(self.maps["path"], path_m.shape, path_m.dtype)
+        return path_m + PATH_SCALE_M * _upsample_map(self.maps["path"], path_m.shape, path_m.dtype)
 
 
 class FreeRelay(FreeMaps):
     """Amplitude and optical path over a relay's pupil."""
 
-    def __init__(self, config: FreeMapConfig, relay_index: int) -> None:
-        super().__init__(config, {"amplitude": config.pupil_points, "path": config.pupil_points})
+    def __init__(self, relay_index: int) -> None:
+        super().__init__({"amplitude": PUPIL_POINTS, "path": PUPIL_POINTS})
         self.relay_index, self.id = relay_index, f"free_relay_{relay_index + 1}"  # type: ignore[misc]
         self.acts_on = (f"relay {relay_index + 1}",)  # type: ignore[misc]
 
@@ -155,8 +185,8 @@ class FreeRelay(FreeMaps):
         positions = torch.stack([x.expand(len(y), -1), y.expand(-1, x.shape[1])], dim=-1)[None]
         maps = torch.stack([self.maps["amplitude"], self.maps["path"]]).to(real)[None]
         amplitude, path = torch.nn.functional.grid_sample(maps, positions, padding_mode="border", align_corners=True)[0]
-        radians = 2 * math.pi * self.config.path_scale_m / context.wavelength_m
-        return pupil * torch.polar(1.0 + self.config.relative_scale * amplitude, radians * path)
+        radians = 2 * math.pi * PATH_SCALE_M / context.wavelength_m
+        return pupil * torch.polar(1.0 + RELATIVE_SCALE * amplitude, radians * path)
 
 
 class FreeCamera(FreeMaps):
@@ -165,11 +195,11 @@ class FreeCamera(FreeMaps):
     id = "free_camera"
     acts_on = ("camera",)
 
-    def __init__(self, config: FreeMapConfig) -> None:
-        super().__init__(config, {"gain": config.surface_points, "neighbours": (4,), "bend": (1,), "pedestal": (1,)})
+    def __init__(self) -> None:
+        super().__init__({"gain": SURFACE_POINTS, "neighbours": (4,), "bend": (1,), "pedestal": (1,)})
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
-        own, scale = {name: m.to(image.dtype) for name, m in self.maps.items()}, self.config.relative_scale
+        own, scale = {name: m.to(image.dtype) for name, m in self.maps.items()}, RELATIVE_SCALE
         mean = image.mean().detach()
         up, down = torch.roll(image, 1, 0), torch.roll(image, -1, 0)
         left, right = torch.roll(image, 1, 1), torch.roll(image, -1, 1)
@@ -196,23 +226,22 @@ def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Compar
     return sorted(context.run_parallel(jobs), key=lambda fit: -fit.share)
 
 
-def likely_fits(fits: list[FreeMapFit], config: FreeMapConfig) -> tuple[FreeMapFit, ...]:
+def likely_fits(fits: list[FreeMapFit]) -> tuple[FreeMapFit, ...]:
     """The fits of places that explain a good part, and nearly as much as the best. fits: best first."""
     best = fits[0].share if fits else 0.0
-    return tuple(f for f in fits if f.share >= max(config.min_share, config.near_best_share * best))
+    return tuple(f for f in fits if f.share >= max(MIN_SHARE, NEAR_BEST_SHARE * best))
 
 
 def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
     """Maps at each place of the bench; one with a single modulator has only the second relay, a Fourier bench none."""
-    config = context.config.free_maps
-    yield FreeSource(config)
-    yield FreeModulator(config, 0)
+    yield FreeSource()
+    yield FreeModulator(0)
     if len(context.data.captures.slms) > 1:
-        yield FreeRelay(config, 0)
-        yield FreeModulator(config, 1)
+        yield FreeRelay(0)
+        yield FreeModulator(1)
     if not context.data.captures.is_fourier:
-        yield FreeRelay(config, 1)
-    yield FreeCamera(config)
+        yield FreeRelay(1)
+    yield FreeCamera()
 
 
 def _fit_free_map(
@@ -227,7 +256,7 @@ def _fit_free_map(
         np.zeros(effect.parameter_count),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": context.config.free_maps.iterations},
+        options={"maxiter": ITERATIONS},
     )
     effect.set_from_vector(solution.x)
     chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
@@ -288,3 +317,84 @@ def _interpolate_curve(control: Tensor, share: Tensor) -> Tensor:
     part = position - low
     index = low.long()
     return control[index] * (1 - part) + control[index + 1] * part
+
+
+_HOW = "docs/effects.md says how"
+_SUGGESTIONS = {
+    "source": (
+        "an effect that overrides `transmission` for modulator 1, amplitude and wavefront of the light on it",
+        "captures with flat patterns, which show the beam alone",
+    ),
+    "modulator 1": (
+        "an effect that overrides `stroke_response` or `optical_path` for modulator 1",
+        "captures with flat patterns at several levels, and one column or row at a time at another level",
+    ),
+    "modulator 2": (
+        "an effect that overrides `stroke_response` or `optical_path` for modulator 2",
+        "captures with modulator 1 flat and modulator 2 at several levels, then one column or row at another level",
+    ),
+    "relay 1": (
+        "an effect that overrides `pupil` for relay 1",
+        "captures with modulator 2 flat and white noise on modulator 1, which fills the pupil",
+    ),
+    "relay 2": (
+        "an effect that overrides `pupil` for relay 2",
+        "captures of white noise, which fills the pupil, at several distances",
+    ),
+    "camera": (
+        "an effect that overrides `image`, which changes the picture that the camera collects",
+        "a capture with all lasers off, and the same pattern at several exposures and positions of the camera",
+    ),
+}
+
+
+def suggest_for(place: str) -> str:
+    """A sentence on what to do about an error that lives at a place, one of the places of `free_maps`."""
+    effect, captures = _SUGGESTIONS[place]
+    return f"Write {effect} ({_HOW}). More of it would be seen in {captures}."
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """How far the parts of modulator `number` (0 for the first) stand out from others, in standard deviations.
+
+    pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the first one,
+    where these are the middle of a larger modulator.
+    """
+
+    number: int
+    pixels: Floats
+    columns: Floats
+    rows: Floats
+    first_pixel: tuple[int, int]
+
+    @property
+    def line_sigmas(self) -> float:
+        """How far the most conspicuous column or row stands out, in standard deviations."""
+        return float(max(self.columns.max(), self.rows.max()))
+
+    def describe_line(self) -> str:
+        """The column or the row that stands out most."""
+        lines = zip(("row", "column"), (self.rows, self.columns), self.first_pixel, strict=True)
+        name, sigmas, first = max(lines, key=lambda line: float(line[1].max()))
+        number = first + int(sigmas.argmax())
+        return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
+
+
+def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
+    """The maps of all modulators, of what the fine captures leave to explain on top of a base."""
+    captures = context.data.captures
+    comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
+    found = []
+    for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
+        columns, rows = (significance(line_gains(gains, axis, LINE_SEGMENTS)).max(axis=0) for axis in (1, 2))
+        found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
+    return tuple(found)
+
+
+def line_notes(maps: Sequence[PixelMap]) -> list[str]:
+    """A note on the most conspicuous line alone: its light spreads, so that others may stand out too."""
+    most = max(maps, key=lambda one: one.line_sigmas, default=None)
+    if most is None or most.line_sigmas < MIN_LINE_SIGMAS:
+        return []
+    return [f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours."]

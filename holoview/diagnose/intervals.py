@@ -24,9 +24,19 @@ from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.registry import get_effect
 from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
+from holoview.util import units
 
 Slopes = NDArray[np.float32]
+
+LEVEL = 0.95
+"""[1] Probability that an interval holds the true value. Evidence: a convention."""
+
+MODEL_ACCURACY = 1e-3
+"""[1] Share of a value that the model's own accuracy adds to its standard deviation. Evidence: two programs for the
+same physics hardly agree better on grids of this size; the value: none recorded; it was 5e-4 before."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +108,7 @@ def confidence_intervals(
     Without parameters at their identity that these captures can't show, such as those of a laser that wasn't on.
     """
     variance = _variances(at)
-    factor = float(student.ppf(0.5 + config.intervals.level / 2, max(len(at.scores) - 1, 1)))
+    factor = float(student.ppf(0.5 + LEVEL / 2, max(len(at.scores) - 1, 1)))
     unknown = np.diag(at.normal) <= 0.0
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
@@ -108,7 +118,7 @@ def confidence_intervals(
             continue
         sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
         away = abs(value - parameter.identity) if math.isfinite(parameter.identity) else abs(value)
-        sigma = float(np.hypot(sigma, config.intervals.model_accuracy * away))
+        sigma = float(np.hypot(sigma, MODEL_ACCURACY * away))
         if parameter.non_smooth:
             sigma = max(sigma, edges[effect] * abs(scale[i]) / factor)
         result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
@@ -191,3 +201,27 @@ def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameter
     return FreeParameters(
         tuple((e, p) for e, p in free.entries if not p.secondary or p.read(fit.values.get(e, {})) != p.identity)
     )
+
+
+def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
+    """Value ± half the width of its interval, and the unit, of a parameter of an effect."""
+    whole = parameter.partition("[")[0]  # of an entry of a list, the list
+    p = next(p for p in get_effect(effect_id).parameters if p.name == whole)
+    value, half = (_number(p, x) for x in (interval.value, interval.half_width))
+    if not math.isfinite(half):
+        return f"{value:.3g} ± unknown {p.display_unit}".rstrip()
+    decimals = max(0, min(12, 1 - math.floor(math.log10(half)))) if half > 0 else 6
+    return f"{value:.{decimals}f} ± {half:.{decimals}f} {p.display_unit}".rstrip()
+
+
+def format_number(effect_id: str, parameter: str, value: float) -> str:
+    """A value to three digits, and its unit."""
+    p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
+    return f"{_number(p, value):.3g} {p.display_unit}".rstrip()
+
+
+def _number(p: Parameter, value: float) -> float:
+    """The value in the unit that the parameter is written in."""
+    if not p.is_quantity or not math.isfinite(value):
+        return value
+    return float(units.format_exact(value, p.display_unit).split()[0])

@@ -8,22 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from holoview.captures.prepared_captures import FitQuality
 from holoview.captures.records import RecordFindings
-from holoview.diagnose.bad_captures import BadCapture
-from holoview.diagnose.excess_breakdown import ExcessBreakdown
+from holoview.diagnose.correct.bad_captures import BadCapture
 from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.fit import FittedValues
-from holoview.diagnose.free_maps import FreeMapFit
+from holoview.diagnose.fit_statistics import ExcessBreakdown, HeldOutGroup, SampleCapture
+from holoview.diagnose.intervals import Interval
 from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pixel_maps import PixelMap
-from holoview.diagnose.suggestions import suggest_for
-from holoview.diagnose.uncertainty import Interval
-
-Image = NDArray[np.float32]
+from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, suggest_for
 
 
 @dataclass(frozen=True)
@@ -50,31 +43,6 @@ class Cause:
     separate_by: str | None = None
     choice: str | None = None
     lists: dict[str, tuple[float, ...]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class HeldOutGroup:
-    """Quality on held-out captures of one wavelength and plane, by the nominal and the extended model."""
-
-    wavelength_m: float
-    distance_m: float
-    before: FitQuality
-    after: FitQuality
-
-
-@dataclass(frozen=True, eq=False)
-class SampleCapture:
-    """A held-out capture to show; images are (y, x), pairs by the nominal and the extended model.
-
-    light: counts above black. predicted: expected counts. residual: in σ.
-    """
-
-    capture: int
-    wavelength_m: float
-    distance_m: float
-    light: Image
-    predicted: tuple[Image, Image]
-    residual: tuple[Image, Image]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,283 @@
+"""Captures that aren't what their records say: dark, saturated, given twice, or unlike the others.
+
+Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once: a copy that is
+held out would confirm whatever fits the other. These need no model to be found (`find_useless_captures`).
+
+Others stand out under a model. They are judged relative to each other, by medians: an error of the model, which
+concerns all captures, blames none. Two tests complement each other.
+
+- *Excess* (`excess_stands_out`). With excess e = χ²/n − 1 of a capture and δ the excess that ordinary jitter and chance
+  leave, log(e + δ) is compared with a straight line over the logarithm of the patterns' roughness (Theil–Sen) and with
+  the median of the captures of its wavelength. A capture stands out whose log(e + δ) exceeds both by more than the
+  scatter of all captures allows.
+- *Records* (`record_stands_out`). Every picture is correlated with the predictions of all captures. Its peers are the
+  captures with patterns at least as rough. A picture isn't of its record if it resembles its own prediction hardly more
+  than unrelated ones, while its peers resemble theirs clearly more. That stays true where a large error of the model
+  has decorrelated part of the speckle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation, norm, theilslopes
+
+from holoview.captures.dataset import Captures
+from holoview.captures.prepared_captures import Images
+
+DARK, SATURATED, DUPLICATE = "dark", "saturated", "duplicate"
+Floats = NDArray[np.float64]
+
+DARK_SIGMAS = 3.0
+"""[σ] A capture is dark if its mean light is below so many standard deviations of a dark mean. Evidence: derivation:
+the chance of a dark picture to pass is 0.1 %."""
+
+DARK_SHARE = 0.02
+"""[1] … or, over power × exposure, below this share of the median of its wavelength. Evidence: rough patterns scatter
+some of the light outside the stops, and power laws change it by less than a factor of ten."""
+
+FLAT_VARIANCE = 2.0
+"""[1] A picture whose variance is below so many times that of the noise shows no pattern … Evidence: derivation:
+speckle varies by its mean, hundreds of times as much."""
+
+DIM_SHARE = 0.5
+"""[1] … and is dark if it also has less than this share of the usual light of its wavelength: a black level that is
+higher than recorded isn't light. Evidence: flat patterns, which show no speckle either, are brighter."""
+
+SATURATED_SHARE = 0.05
+"""[1] A capture is saturated if more of its pixels are … Evidence: derivation: speckle has an exponential distribution;
+exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times that exposure."""
+
+SATURATED_FACTOR = 5.0
+"""[1] … and so many times the median share of all captures. Evidence: where the zero order or the whole session is
+saturated, one capture isn't to blame; the value: none recorded."""
+
+MIN_CAPTURES = 3
+"""[captures] Captures are judged against each other from so many on. Evidence: derivation: the median of fewer isn't
+free of a bad one."""
+
+MIN_PLANE_CAPTURES = 2
+"""[captures] Where more than half of a plane's captures stand out before the search, and there are so many, the plane
+is searched with the others: its distance may be wrong. Evidence: derivation: a single capture may as well be bad
+itself."""
+
+TREND_CAPTURES = 8
+"""[captures] From so many on, excesses are compared with a trend over roughness. Evidence: derivation: of eight, the
+line bears two bad ones (29 %)."""
+
+ROUGHNESS_SHARE = 0.8
+"""[1] The peers of a capture are the others whose roughness is at least this share of its own. Evidence: an error of
+the model decorrelates rough patterns first, so that a good capture resembles its prediction at least as much as its
+peers do."""
+
+MIN_PEERS = 2
+"""[captures] A capture with fewer peers isn't judged by them. Evidence: derivation: `min_captures` with itself."""
+
+MIN_REACH = 0.5
+"""[1] A picture whose correlation with its prediction, beyond that with other captures' predictions, is less than this
+share of its peers' isn't of its record. Evidence: halfway between another pattern and a good capture."""
+
+REACH_SIGMAS = 5.0
+"""[σ] … if that of the peers exceeds so many of them. Evidence: derivation: otherwise the model resembles nothing."""
+
+FALSE_ALARM = 0.01
+"""[1] Chance that a session without a bad capture gets one blamed for its χ², if the logarithms of the excesses are
+normally distributed: each capture has this over their number. Evidence: a convention."""
+
+MAX_BAD_SHARE = 0.2
+"""[1] With more than this share of bad captures, a session is neither consistent nor explained. Evidence: derivation:
+medians and trends of the others bear up to 29 % (Theil–Sen)."""
+
+
+@dataclass(frozen=True)
+class BadCapture:
+    """A capture that was left out.
+
+    index: in the session, from 0. why: the reason in a few words. sentence: the same with what was measured.
+    """
+
+    index: int
+    why: str
+    sentence: str
+
+
+def find_useless_captures(captures: Captures) -> tuple[BadCapture, ...]:
+    """Captures that are dark, saturated, or copies of an earlier one, by index."""
+    found: dict[int, BadCapture] = {}
+    light = captures.images.mean(axis=(1, 2)) - captures.camera.black_level
+    for k in np.flatnonzero(_is_dark(captures, light)).tolist():
+        found[k] = BadCapture(k, DARK, f"Its mean light is {light[k]:.2g} counts above black.")
+    saturated = np.array([float((image >= captures.camera.saturation).mean()) for image in captures.images])
+    limit = max(SATURATED_SHARE, SATURATED_FACTOR * float(np.median(saturated)))
+    for k in np.flatnonzero(saturated > limit).tolist():
+        found.setdefault(k, BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated."))
+    for first, *copies in equal_pictures(captures):
+        for k in copies:
+            if has_same_record(captures, first, k):
+                found.setdefault(k, BadCapture(k, DUPLICATE, f"It is capture {first} once more, which counts once."))
+    return tuple(found[k] for k in sorted(found))
+
+
+def equal_pictures(captures: Captures) -> list[list[int]]:
+    """Groups of two or more captures whose pictures are equal, count by count."""
+    groups: dict[bytes, list[int]] = {}
+    for k, image in enumerate(captures.images):
+        groups.setdefault(sha256(image.tobytes()).digest(), []).append(k)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def has_same_record(captures: Captures, first: int, second: int) -> bool:
+    """Whether two captures have the same patterns, wavelength and distance."""
+    same = (captures.levels, captures.wavelength_m, captures.distance_m)
+    return all(np.array_equal(column[first], column[second]) for column in same)
+
+
+def bad_share(bad: Sequence[BadCapture], count: int) -> float:
+    """Share of the bad ones among `count` captures of which copies count once."""
+    copies = sum(b.why == DUPLICATE for b in bad)
+    return (len(bad) - copies) / max(count - copies, 1)
+
+
+def _is_dark(captures: Captures, light: Floats) -> NDArray[np.bool_]:
+    """Whether each capture is without light, or dimmer than others and without structure: noise at a black level."""
+    variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
+    is_flat = variance < FLAT_VARIANCE * captures.camera.noise_variance(light)
+    noise = captures.camera.dark_noise / np.sqrt(captures.images[0].size)
+    dark = light < DARK_SIGMAS * noise
+    response = light / (captures.power * captures.exposure_s)
+    for wavelength in captures.wavelengths_m:
+        same = captures.wavelength_m == wavelength
+        usual = float(np.median(response[same]))
+        dark |= same & (response < DARK_SHARE * usual)
+        dark |= same & is_flat & (response < DIM_SHARE * usual)
+    return np.asarray(dark, dtype=bool)
+
+
+Flags = NDArray[np.bool_]
+
+
+def excess_stands_out(
+    excess: Floats,
+    ordinary: Floats,
+    roughness: Floats,
+    group: Floats,
+    min_ratio: float,
+    plane: Floats | None = None,
+) -> Flags:
+    """Whether each capture's excess is larger than those of the others allow, (capture,).
+
+    excess: χ²/n − 1. ordinary: the excess that jitter and chance leave. roughness: of the patterns. group: a number
+    that captures of one wavelength share. min_ratio: excess + ordinary over the trend that is at least needed.
+    plane: the same of a plane; where given, what a plane's captures have in common beyond the others blames none.
+    """
+    if len(excess) < MIN_CAPTURES:
+        return np.zeros(len(excess), dtype=bool)
+    logarithm = np.log(np.maximum(excess, 0.0) + ordinary)
+    beyond = logarithm.copy()
+    if len(excess) >= TREND_CAPTURES:
+        beyond -= _trend(np.log(np.maximum(roughness, 1e-12)), logarithm)
+    for one in np.unique(group):
+        same = group == one
+        if same.sum() >= MIN_CAPTURES:
+            beyond[same] -= np.median(beyond[same])
+    beyond -= np.median(beyond)
+    for one in np.unique(plane) if plane is not None else ():
+        same = plane == one
+        if same.sum() >= MIN_PLANE_CAPTURES:
+            beyond[same] -= max(0.0, _lower_median(beyond[same]))
+    sigma = float(median_abs_deviation(beyond, scale="normal"))
+    quantile = float(norm.isf(FALSE_ALARM / len(excess)))
+    return np.asarray(beyond > max(quantile * sigma, float(np.log(min_ratio))), dtype=bool)
+
+
+def record_correlations(light: Images, usable: Flags, predicted: Images) -> Floats:
+    """Pearson's correlation of each picture with each prediction, over the picture's usable pixels, (picture, record).
+
+    light, usable: (capture, y, x), counts and which pixels count. predicted: (record, y, x).
+    """
+    mask = usable.reshape(len(usable), -1).astype(np.float32)
+    count = np.maximum(mask.sum(axis=1, dtype=np.float64), 1.0)
+    picture = light.reshape(len(light), -1) * mask
+    picture = (picture - mask * (picture.sum(axis=1, dtype=np.float64) / count).astype(np.float32)[:, None]).astype(
+        np.float32
+    )
+    records = predicted.reshape(len(predicted), -1)
+    records = records / np.maximum(records.mean(axis=1, keepdims=True), 1e-30)  # squares stay in the range of f32
+    covariance = (picture @ records.T).astype(np.float64)
+    mean = (mask @ records.T).astype(np.float64) / count[:, None]
+    variance = (mask @ np.square(records).T).astype(np.float64) / count[:, None] - np.square(mean)
+    scale = np.sqrt(np.square(picture, dtype=np.float64).sum(axis=1) / count)[:, None] * np.sqrt(
+        np.maximum(variance, 0.0)
+    )
+    return np.asarray(covariance / count[:, None] / np.maximum(scale, 1e-30))
+
+
+def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
+    """By how much each picture's correlation with its own record exceeds that with others; the scatter of the latter.
+
+    correlations: (picture, record), square.
+    """
+    count = len(correlations)
+    others = correlations[~np.eye(count, dtype=bool)].reshape(count, count - 1)
+    unrelated = np.median(others, axis=1)
+    scatter = float(median_abs_deviation((others - unrelated[:, None]).ravel(), scale="normal"))
+    return np.diag(correlations) - unrelated, scatter
+
+
+def record_stands_out(correlations: Floats, roughness: Floats, *, max_sigmas: float = np.inf) -> Flags:
+    """Whether each picture isn't of its own record, (capture,).
+
+    correlations: (picture, record). max_sigmas: largest correlation with its own record beyond that with others, in
+    standard deviations of the latter.
+    """
+    count = len(correlations)
+    if count < MIN_CAPTURES:
+        return np.zeros(count, dtype=bool)
+    reach, scatter = reach_of_records(correlations)
+    flags = np.zeros(count, dtype=bool)
+    for k in range(count):
+        peers = np.flatnonzero(roughness >= ROUGHNESS_SHARE * roughness[k])
+        peers = peers[peers != k]
+        if len(peers) < MIN_PEERS:
+            continue
+        usual = float(np.median(reach[peers]))
+        limit = min(MIN_REACH * usual, max_sigmas * scatter)
+        flags[k] = usual > REACH_SIGMAS * scatter and reach[k] < limit
+    return flags
+
+
+def without_planes(flags: Flags, plane: Floats, correlations: Floats) -> Flags:
+    """The flags without those of planes that are off as a whole: more than half of their captures are flagged.
+
+    plane: a number that captures of one plane share. correlations: (picture, record). A picture that another record
+    predicts better than its own stays flagged.
+    """
+    if not flags.any() or len(flags) < MIN_CAPTURES:
+        return flags
+    _, scatter = reach_of_records(correlations)
+    elsewhere = correlations - np.diag(correlations)[:, None]
+    is_anothers = np.asarray((elsewhere > REACH_SIGMAS * scatter).any(axis=1))
+    kept = flags.copy()
+    for one in np.unique(plane):
+        same = np.asarray(plane == one)
+        is_off = same.sum() >= MIN_PLANE_CAPTURES and 2 * flags[same].sum() > same.sum()
+        if is_off and not same.all():
+            kept[same] &= is_anothers[same]
+    return kept
+
+
+def _lower_median(values: Floats) -> float:
+    """The median; of two in the middle the smaller one."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
+
+
+def _trend(x: Floats, y: Floats) -> Floats:
+    """A robust straight line through points, at their positions; the median where all x are equal."""
+    if np.ptp(x) == 0:
+        return np.full(len(y), np.median(y))
+    slope, intercept, *_ = theilslopes(y, x)
+    return np.asarray(intercept + slope * x)

@@ -1,0 +1,137 @@
+"""A target file that is read once and built for any planes and places of the pupil: picture, stack or light field."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.model.eye import Eye
+from holoview.model.focus import required_eye
+from holoview.model.system import System
+from holoview.targets.focal_stack import Target, is_stack, target_from_stack
+from holoview.targets.light_field import LightField, ViewGrid, is_light_field, read_light_field
+from holoview.targets.moving_pupil import (
+    StacksAt,
+    moving_target,
+    moving_target_from_views,
+    target_from_views,
+    views_of_picture,
+)
+from holoview.targets.picture import Picture, read_picture
+from holoview.targets.target import Placement, target_for
+from holoview.util.progress import TextCallback
+
+
+@dataclass(frozen=True)
+class TargetFile:
+    """A file or folder that holds a target, and how it is read.
+
+    placement: where a picture stands. grid: viewpoints of a folder of pictures without views.toml, or from which a
+    picture is rendered, with occlusion. zero_m: where the views of a light field have no disparity; None for what the
+    folder says. brightness: factor on linear light. saturation: factor on the chroma in CIE LCHuv. space: the colour
+    space of float files.
+    """
+
+    path: str
+    placement: Placement = field(default_factory=Placement)
+    grid: ViewGrid | None = None
+    zero_m: float | None = None
+    brightness: float = 1.0
+    saturation: float = 1.0
+    space: str = "srgb"
+
+    @property
+    def has_views(self) -> bool:
+        """Whether it is a folder of views."""
+        return is_light_field(self.path) or (self.grid is not None and Path(self.path).is_dir())
+
+    @property
+    def is_stack(self) -> bool:
+        """Whether it is a focal stack, which has pictures for the system's own planes only."""
+        return not self.has_views and is_stack(self.path)
+
+
+class TargetSource:
+    """A target from a file.
+
+    A picture is read once and can be turned into a focal stack at any planes, so that a hologram can be scored between
+    the planes that it was optimised for; so can a light field, a folder of views or a picture with a grid of
+    viewpoints. A target that is a focal stack (`is_stack`) has its own planes.
+
+    reach_m: how far from its place the eye's pupil is moved, at most; views cover it unless their spacing is given.
+    tell: called once with each note on the files.
+
+    Raises UserError for files that can't be read.
+    """
+
+    def __init__(self, system: System, file: TargetFile, tell: TextCallback, reach_m: float = 0.0) -> None:
+        self._system, self._file, self._tell = system, file, tell
+        self._told: set[str] = set()
+        self._built: dict[Hashable, Target] = {}
+        self._field: LightField | None = None
+        self._picture: Picture | None = None
+        self.is_stack = file.is_stack
+        if file.has_views:
+            self._field = read_light_field(
+                system, file.path, file.grid, file.zero_m, saturation=file.saturation, space=file.space
+            )
+        elif not self.is_stack:
+            self._picture = read_picture(file.path, space=file.space)
+            self._tell_once(self._picture.notes)
+            if file.grid is not None:
+                grid = _covering(file.grid, required_eye(system, "--views"), system.field_m, reach_m)
+                self._field = views_of_picture(system, self._picture, file.placement, grid, saturation=file.saturation)
+
+    def build(self, planes_m: NDArray[np.float64] | None = None, system: System | None = None) -> Target:
+        """The target at the system's planes, or at others (m) if the target isn't a focal stack.
+
+        system: another one that differs in its lasers and its eye alone.
+        """
+        system = system or self._system
+        key = (system.eye, system.wavelengths_m.tobytes(), None if planes_m is None else planes_m.tobytes())
+        if key not in self._built:  # with an eye, each takes as long as some iterations
+            self._built[key] = self._build(planes_m, system)
+            self._tell_once(self._built[key].notes)
+        return self._built[key]
+
+    def _build(self, planes_m: NDArray[np.float64] | None, system: System) -> Target:
+        file = self._file
+        if self._field is not None:
+            return target_from_views(system, self._field, file.brightness, planes=planes_m)
+        if self._picture is not None:
+            return target_for(
+                system, self._picture, file.placement, file.brightness, saturation=file.saturation, planes=planes_m
+            )
+        return target_from_stack(
+            system, file.path, brightness=file.brightness, saturation=file.saturation, space=file.space
+        )
+
+    def stack_for(self, system: System) -> NDArray[np.float32]:
+        """The focal stack (plane, y, x, 3) that the eye of a system is to see."""
+        return self.build(system=system).stack
+
+    def moving(self, radius_m: float, system: System) -> StacksAt:
+        """The focal stacks from any places of the pupil within a radius, of a picture or a light field."""
+        file = self._file
+        if self._field is not None:
+            return moving_target_from_views(system, self._field, file.brightness)
+        assert self._picture is not None
+        return moving_target(
+            system, self._picture, file.placement, radius_m, file.brightness, saturation=file.saturation
+        )
+
+    def _tell_once(self, notes: tuple[str, ...]) -> None:
+        for note in notes:
+            if note not in self._told:
+                self._tell(f"{self._file.path}: {note}")
+        self._told.update(notes)
+
+
+def _covering(grid: ViewGrid, eye: Eye, field_m: tuple[float, float], reach_m: float) -> ViewGrid:
+    """The grid with a spacing by which it covers the pupil wherever it is moved, unless it has a spacing."""
+    width_m = eye.pupil_diameter_m(field_m) + 2 * reach_m
+    return grid if grid.spacing_m is not None else replace(grid, spacing_m=width_m / min(grid.rows, grid.columns))
