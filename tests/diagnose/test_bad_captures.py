@@ -47,12 +47,16 @@ MISHAPS: list[tuple[Mishaps, dict[int, str]]] = [
     (Mishaps(dark=(4,), other_pattern=(11,)), {4: "dark", 11: "another pattern"}),
 ]
 
-AGAIN = (1, 6, 7, 11, 12)
-"""Those of a kind that another one in the list has as well: beside a fault of the bench, one of each kind will do."""
-BESIDE_A_FAULT = [
-    pytest.param(*one, id=", ".join(one[1].values()), marks=[pytest.mark.slow] if number in AGAIN else [])
-    for number, one in enumerate(MISHAPS)
-]
+AGAIN = (1, 5, 7, 11, 12)
+"""Those of a kind that another one in the list has as well."""
+WITHOUT_A_FAULT, BESIDE_A_FAULT = (
+    [
+        pytest.param(*one, id=", ".join(one[1].values()), marks=[pytest.mark.explores] if number in explored else [])
+        for number, one in enumerate(MISHAPS)
+    ]
+    for explored in (AGAIN, range(1, len(MISHAPS)))
+)
+"""One of each kind where nothing else is wrong, and one beside a fault; runs that explore take all."""
 
 
 def _session(folder: Path, mishaps: Mishaps, faults: Faults, seed: int = 0) -> Captures:
@@ -68,7 +72,7 @@ def _reasons(found: Diagnosis) -> dict[int, str]:
     return {bad.index: bad.why for bad in found.bad_captures}
 
 
-@pytest.mark.parametrize(("mishaps", "reasons"), MISHAPS, ids=[", ".join(r.values()) for _, r in MISHAPS])
+@pytest.mark.parametrize(("mishaps", "reasons"), WITHOUT_A_FAULT)
 def test_a_bad_capture_is_named_and_the_others_are_consistent(
     tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]
 ) -> None:
@@ -90,9 +94,9 @@ def test_beside_a_fault_of_the_bench_both_are_named(tmp_path: Path, mishaps: Mis
 @pytest.mark.parametrize(
     "faults",
     [
-        Faults(),
         Faults(stroke=0.1),
-        Faults(tilt_rad=(2e-3, -1e-3)),
+        pytest.param(Faults(), marks=pytest.mark.explores),
+        pytest.param(Faults(tilt_rad=(2e-3, -1e-3)), marks=pytest.mark.explores),
         pytest.param(Faults(vortex=1.0), marks=pytest.mark.slow),
     ],
 )
@@ -152,8 +156,8 @@ def test_a_session_without_any_light_is_refused() -> None:
         diagnose(dark, [listed_effects()["gap"]])
 
 
+@pytest.mark.parametrize("size", [0.45, pytest.param(0.15, marks=pytest.mark.explores)])
 @pytest.mark.parametrize("name", ["gap", "tilt", "lut", "iris2", "crosstalk", "camera_gamma", "camera_alignment"])
-@pytest.mark.parametrize("size", [0.15, 0.45])
 def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, name: str, size: float) -> None:
     """Neither before it is known nor after."""
     faults = {name: sample_effect(listed_effects()[name], small_system(), size, np.random.default_rng(3))}

@@ -13,7 +13,7 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects.registry import listed_effects
 from tests.captures.records.mistakes import Name, all_mistakes, names, spoil_file, spoiled
 from tests.diagnose.independent import Faults, Laboratory, write_session
-from tests.diagnose.sealed import taken
+from tests.diagnose.sealed import explored
 
 LABORATORY = Laboratory(planes_m=(3e-3, 4e-3, 5.5e-3), wavelengths_m=(450e-9, 520e-9, 638e-9), each=6, seed=2)
 MISTAKES = all_mistakes(wavelengths=3, planes=3)
@@ -45,23 +45,17 @@ def _found(path: Path, written: bytes, *mistakes: Name) -> RecordFindings:
     return find_record_errors(read_captures(spoil_file(path, *(MISTAKES[n] for n in mistakes)), plausible_units))
 
 
-@pytest.mark.parametrize("name", taken(list(MISTAKES), 5), ids=" ".join)
+@pytest.mark.parametrize("name", explored(list(MISTAKES), 1), ids=" ".join)
 def test_a_mistake_in_a_file_is_named_and_nothing_else(tmp_path: Path, written: bytes, name: Name) -> None:
     assert names(_found(tmp_path / "c.h5", written, name)) == [name]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MISTAKES, ids=" ".join)
-def test_every_mistake_in_a_file_is_named_and_nothing_else(tmp_path: Path, written: bytes, name: Name) -> None:
-    assert names(_found(tmp_path / "c.h5", written, name)) == [name]
-
-
-@pytest.mark.parametrize("pair", taken(PAIRS, 1), ids=str)
+@pytest.mark.parametrize("pair", explored(PAIRS, 1), ids=str)
 def test_two_mistakes_in_a_file_are_named(tmp_path: Path, written: bytes, pair: tuple[Name, Name]) -> None:
     assert names(_found(tmp_path / "c.h5", written, *pair)) == sorted(pair)
 
 
-@pytest.mark.parametrize("case", taken(range(len(FAULTS)), 2))
+@pytest.mark.parametrize("case", explored(range(len(FAULTS)), 1))
 def test_a_fault_of_the_bench_is_no_mistake_and_hides_none(tmp_path: Path, case: int) -> None:
     file = write_session(tmp_path / "c.h5", Laboratory(faults=FAULTS[case], each=4, seed=3))
     captures = read_captures(file)
