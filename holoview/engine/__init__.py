@@ -13,7 +13,5 @@ device_tables      device buffers with the inputs of the kernels, and fingerprin
 compositor         weighted sum of intensities in CIE XYZ, and 8-bit sRGB of it, on the device
 incremental        IncrementalRenderer: recomputes only what an edit has made stale
 result_cache       fields, intensities, XYZ and sRGB on the device with the fingerprints of their inputs
-device_cache       caches of fields and of intensities within a memory budget
-pending_work       lists the GPU submissions that are still needed, and submits them
 strategy_selector  chooses the FFT strategy of a renderer
 """

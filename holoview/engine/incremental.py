@@ -18,9 +18,11 @@ Results for which the memory budget has no room are recomputed when they are nee
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,15 +31,14 @@ from numpy.typing import NDArray
 from holoview.engine.compositor import Compositor
 from holoview.engine.device_tables import Fingerprint
 from holoview.engine.frame_layout import frame_shape
-from holoview.engine.fused import WavelengthSpan
+from holoview.engine.fused import WavelengthSpan, group_into_spans
 from holoview.engine.kernels import FusedKernels
-from holoview.engine.pending_work import Submission, Submitter, intensity_submissions, pending_submissions
 from holoview.engine.result_cache import RenderSettings, ResultCache, has_no_dense_maps
 from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.recorder import GpuTimer
+from holoview.gpu.recorder import CommandRecorder, GpuTimer, SlicedRecorder
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
@@ -67,8 +68,12 @@ class IncrementalRenderer:
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
     a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with one that
     is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
-    called regularly. Raises UserError as `make_plan`, `check_plan` and `FrameInputs` do, and if the grid
-    exceeds the device's limits.
+    called regularly.
+
+    step_s: running mean of the time for one of the `steps`, which is known where these wait; None before the first.
+    update_s: duration of the last update, from its first step to its last.
+
+    Raises UserError as `make_plan`, `check_plan` and `FrameInputs` do, and if the grid exceeds the device's limits.
     """
 
     def __init__(
@@ -87,6 +92,8 @@ class IncrementalRenderer:
         self.device = device
         self._settings, self._half = RenderSettings(budget_bytes, max_wavelengths), half
         self._drive, self._generation = drive, 0
+        self.step_s: float | None = None
+        self.update_s = 0.0
         self._submitter = Submitter(device)
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
@@ -96,6 +103,11 @@ class IncrementalRenderer:
         self._inputs = FrameInputs(self._plan, drive)
         self._results = self._open_cache(self._plan, self._inputs, kernels)
         self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
+
+    @property
+    def drive(self) -> Any:
+        """The drive after the last edit."""
+        return self._drive
 
     @property
     def system(self) -> System:
@@ -206,6 +218,21 @@ class IncrementalRenderer:
         submission yield the same `done`. The iterator ends early if the renderer is edited, another iterator starts or
         `intensity` computes something: finished work stays valid, and the next iterator continues from there.
         """
+        before = started = time.perf_counter()
+        spent, done = 0.0, 0
+        for step in self._steps(with_srgb=with_srgb, wait=wait, slice_s=slice_s):
+            spent += time.perf_counter() - before
+            if step.done > done:
+                self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
+                done, spent = step.done, 0.0
+            if step.done == step.total:
+                self.update_s = time.perf_counter() - started
+            yield step
+            before = time.perf_counter()
+        if done == 0:  # nothing was stale
+            self.update_s = time.perf_counter() - started
+
+    def _steps(self, *, with_srgb: bool, wait: bool, slice_s: float | None) -> Iterator[UpdateProgress]:
         self._generation += 1
         generation, submissions = self._generation, self._pending(with_srgb)
         for done, submission in enumerate(submissions, start=1):
@@ -223,6 +250,10 @@ class IncrementalRenderer:
     def pending_count(self, *, with_srgb: bool = True) -> int:
         """Number of submissions that an update still needs."""
         return len(self._pending(with_srgb))
+
+    def expected_s(self) -> float | None:
+        """The time that an update without the sRGB image will take; None before the time of a step was measured."""
+        return None if self.step_s is None else self.pending_count(with_srgb=False) * self.step_s
 
     def xyz(self) -> NDArray[np.float32]:
         """XYZ (y, x, 3) of the last update."""
@@ -298,3 +329,79 @@ def _inputs_fingerprint(plan: Plan) -> Fingerprint:
     eye = plan.nominal.eye
     seen = eye if eye is not None and eye.has_pupil_function else None
     return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2, seen
+
+
+# Lists the GPU submissions that an update still needs, and submits them at once or in slices of about equal time.
+
+
+Submission = Callable[[CommandRecorder], None]
+"""Records the work of one submission."""
+
+_MAX_DISPATCHES = 256.0  # of a slice
+
+
+def pending_submissions(
+    results: ResultCache, plan: Plan, exposure_stops: float, *, with_srgb: bool
+) -> list[Submission]:
+    """The submissions that are still needed, in order.
+
+    First the stale resident intensities, then XYZ from all resident ones; then each transient intensity, which is added
+    to XYZ before the next one overwrites it; finally the sRGB image.
+    """
+    keys = [(int(frame), int(wavelength)) for frame, wavelength in np.argwhere(plan.weights > 0)]
+    weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in keys}
+    xyz_fingerprint = tuple((results.intensity_fingerprint(key), weights[key].tobytes()) for key in keys)
+    submissions: list[Submission] = []
+    max_wavelengths = results.frame.max_wavelengths
+    stale = [key for key in keys if results.is_resident(key) and not results.is_current(key)]
+    for span in group_into_spans(stale, max_wavelengths):
+        submissions += intensity_submissions(results, plan, span)
+    if not results.holds({"XYZ": xyz_fingerprint}):
+        transient = group_into_spans([key for key in keys if not results.is_resident(key)], max_wavelengths)
+        submissions.append(partial(results.composite_resident, weights, None if transient else xyz_fingerprint))
+        for span in transient:
+            submissions += intensity_submissions(results, plan, span)
+            fingerprint = xyz_fingerprint if span is transient[-1] else None
+            submissions.append(partial(results.composite_transient, span, weights, fingerprint))
+    srgb_fingerprint = (xyz_fingerprint, exposure_stops)
+    if with_srgb and not results.holds({"sRGB": srgb_fingerprint}):
+        submissions.append(partial(results.encode_srgb, exposure_stops, srgb_fingerprint))
+    return submissions
+
+
+def intensity_submissions(results: ResultCache, plan: Plan, span: WavelengthSpan) -> list[Submission]:
+    """The submissions that compute the intensities of a span: one for each source."""
+    return [partial(results.accumulate_intensity, replace(span, source=source)) for source in range(len(plan.slopes))]
+
+
+class Submitter:
+    """Submits work to a device. A `timer`, if set, measures the device time of all dispatches."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._slice_dispatches = 1.0
+        self.timer: GpuTimer | None = None
+
+    def submit(self, submission: Submission, *, wait: bool = False) -> None:
+        """Submit all of it at once; with `wait`, return after it has run."""
+        recorder = CommandRecorder(self._device, "frame", self.timer)
+        submission(recorder)
+        recorder.submit(wait=wait)
+
+    def submit_sliced(self, submission: Submission, slice_s: float) -> Iterator[None]:
+        """Submit it in slices, wait for each, and yield between them.
+
+        The number of dispatches in a slice follows the measured time, so that a slice takes about `slice_s` seconds; it
+        changes by a factor of 2 at most from one slice to the next.
+        """
+        recorder = SlicedRecorder(self._device, "frame", self.timer)
+        submission(recorder)
+        while True:
+            count, start = max(min(round(self._slice_dispatches), recorder.remaining), 1), time.perf_counter()
+            recorder.submit_next(count, wait=True)
+            elapsed_s = max(time.perf_counter() - start, 1e-6)
+            least, most = self._slice_dispatches / 2, 2 * self._slice_dispatches
+            self._slice_dispatches = min(max(count * slice_s / elapsed_s, least), most, _MAX_DISPATCHES)
+            if recorder.remaining == 0:
+                return
+            yield

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from holoview.engine.incremental import UpdateProgress
+from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device
 from holoview.gpu.recorder import CommandRecorder
 from holoview.model.system import System
-from holoview.render.progressive_renderer import TimedRenderer
+from holoview.render.progressive_renderer import edit_to_scene, slices
 from holoview.render.quick_system import make_quick_system
 from holoview.render.scene import DeviceImage, Drive, Scene
 from holoview.util.errors import UserError
@@ -30,7 +30,7 @@ class PlanePreviews:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._renderer = TimedRenderer(device)
+        self._renderer: IncrementalRenderer | None = None
         self._requested: tuple[System, Drive] | None = None
         self._stale: list[float] = []
         self._steps: Iterator[UpdateProgress] | None = None
@@ -58,7 +58,9 @@ class PlanePreviews:
         try:
             if self._steps is None:
                 system, drive = self._requested
-                self._steps = self._renderer.start(Scene(make_quick_system(system), drive, plane_m))
+                scene = Scene(make_quick_system(system), drive, plane_m)
+                self._renderer = edit_to_scene(self._renderer, scene, self._device)
+                self._steps = slices(self._renderer)
             if next(self._steps, None) is not None:
                 return False
         except UserError:  # the system can't be simplified: there are no previews
@@ -70,7 +72,7 @@ class PlanePreviews:
 
     def _store_picture(self, plane_m: float) -> None:
         """Copies the renderer's image to a buffer of its own."""
-        renderer = self._renderer.renderer
+        renderer = self._renderer
         assert renderer is not None
         previous = self.pictures.get(plane_m)
         fits = previous is not None and previous.shape == renderer.compositor.shape

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device
 from holoview.render.quick_system import make_quick_system
-from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.scene import DeviceImage, Scene
 from holoview.util.errors import UserError
 
 QUICK_FRAME_ABOVE_S = 0.1
@@ -35,46 +35,18 @@ _MIN_LASERS = 3
 _FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
 
 
-class TimedRenderer:
-    """An `IncrementalRenderer` that is created when it is first needed, with the durations of its steps.
+def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: Device) -> IncrementalRenderer:
+    """The renderer, edited so that it will render a scene; a new one for None. Raises UserError if it is impossible."""
+    if renderer is None:
+        return IncrementalRenderer(scene.system, scene.drive, device, plane_m=scene.plane_m)
+    drive = None if scene.drive is renderer.drive else scene.drive
+    renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
+    return renderer
 
-    step_s: running mean of the time for one step; None before the first. update_s: duration of the last full update.
-    """
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self.renderer: IncrementalRenderer | None = None
-        self.step_s: float | None = None
-        self.update_s = 0.0
-        self._drive: Drive | None = None
-        self._started_at = 0.0
-
-    def start(self, scene: Scene) -> Iterator[UpdateProgress]:
-        """Starts rendering a scene; iterating computes it slice by slice. Raises UserError for an impossible scene."""
-        if self.renderer is None:
-            self.renderer = IncrementalRenderer(scene.system, scene.drive, self._device, plane_m=scene.plane_m)
-        else:
-            drive = None if scene.drive is self._drive else scene.drive
-            self.renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
-        self._drive, self._started_at = scene.drive, time.perf_counter()
-        return self._timed(self.renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S))
-
-    def expected_s(self) -> float | None:
-        """The time that the remaining steps will take; None before any was measured."""
-        if self.renderer is None or self.step_s is None:
-            return None
-        return self.renderer.pending_count(with_srgb=False) * self.step_s
-
-    def _timed(self, steps: Iterator[UpdateProgress]) -> Iterator[UpdateProgress]:
-        before, spent, done = time.perf_counter(), 0.0, 0
-        for step in steps:
-            spent += time.perf_counter() - before
-            if step.done > done:
-                self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
-                done, spent = step.done, 0.0
-            yield step
-            before = time.perf_counter()
-        self.update_s = time.perf_counter() - self._started_at
+def slices(renderer: IncrementalRenderer) -> Iterator[UpdateProgress]:
+    """Renders what is stale, slice by slice."""
+    return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S)
 
 
 class ProgressiveRenderer:
@@ -86,7 +58,8 @@ class ProgressiveRenderer:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._full, self._quick = TimedRenderer(device), TimedRenderer(device)
+        self._full: IncrementalRenderer | None = None
+        self._quick: IncrementalRenderer | None = None
         self._requested: Scene | None = None
         self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
@@ -99,8 +72,7 @@ class ProgressiveRenderer:
         self.quick_gain = 1.0
         self._quick_scene: Scene | None = None
         self._gain_key: object = None
-        self._xyz_cache: tuple[int, NDArray[np.float32]] | None = None
-        self._intensities_cache: tuple[int, NDArray[np.float32]] | None = None
+        self._downloads: dict[str, NDArray[np.float32]] = {}  # of the present picture
 
     @property
     def is_busy(self) -> bool:
@@ -125,17 +97,17 @@ class ProgressiveRenderer:
     @property
     def full_renderer(self) -> IncrementalRenderer | None:
         """The renderer of full frames; None before the first one."""
-        return self._full.renderer
+        return self._full
 
     @property
     def update_s(self) -> float:
         """The duration of the last full frame, from its first slice to its last."""
-        return self._full.update_s
+        return 0.0 if self._full is None else self._full.update_s
 
     @property
     def quick_s(self) -> float:
         """The duration of the last quick frame."""
-        return self._quick.update_s
+        return 0.0 if self._quick is None else self._quick.update_s
 
     @property
     def wait_s(self) -> float:
@@ -215,40 +187,38 @@ class ProgressiveRenderer:
             self.progress = step.done / step.total if self._stage == "full" else 0.0
             if step.done < step.total:
                 return False
-            next(self._steps, None)  # resumes the generator after its last step, where it stores the duration
         self._finish()
         return True
 
     def xyz(self) -> NDArray[np.float32] | None:
         """The full image XYZ (y, x, 3) on the host; None until it is computed."""
-        if not self.is_fresh or self._full.renderer is None or self.full_scene is None:
+        if not self.is_fresh or self._full is None or self.full_scene is None:
             return None
-        if self._xyz_cache is None or self._xyz_cache[0] != self._version:
-            self._xyz_cache = (self._version, self._full.renderer.xyz())
-        return self._xyz_cache[1]
+        if "xyz" not in self._downloads:
+            self._downloads["xyz"] = self._full.xyz()
+        return self._downloads["xyz"]
 
     def poll_strategy(self) -> None:
         """Switches to a faster strategy of the transforms, if the search in the background has found one."""
-        if self._full.renderer is not None:
-            self._full.renderer.poll_strategy()
+        if self._full is not None:
+            self._full.poll_strategy()
 
     def close(self) -> None:
         """Ends the renderers and their search for a faster strategy."""
         if self._first is not None:
             wait([self._first])
-        for timed in (self._full, self._quick):
-            if timed.renderer is not None:
-                timed.renderer.close()
+        for renderer in (self._full, self._quick):
+            if renderer is not None:
+                renderer.close()
 
     def intensities(self) -> NDArray[np.float32] | None:
         """Intensities (wavelength, y, x) of the full image on the host; None until it is computed."""
-        if not self.is_fresh or self._full.renderer is None:
+        if not self.is_fresh or self._full is None:
             return None
-        if self._intensities_cache is None or self._intensities_cache[0] != self._version:
-            count = len(self._full.renderer.system.wavelengths_m)
-            stack = np.stack([self._full.renderer.intensity(i) for i in range(count)])
-            self._intensities_cache = (self._version, stack)
-        return self._intensities_cache[1]
+        if "intensities" not in self._downloads:
+            count = len(self._full.system.wavelengths_m)
+            self._downloads["intensities"] = np.stack([self._full.intensity(i) for i in range(count)])
+        return self._downloads["intensities"]
 
     # --- stages -----------------------------------------------------------------------------------------------------
 
@@ -257,38 +227,40 @@ class ProgressiveRenderer:
 
         Asking prepares the full frame, which during a drag would take longer than what it decides.
         """
-        if self._full.renderer is None or self._full.step_s is None:
+        if self._full is None or self._full.step_s is None:
             return self._device.info.is_cpu
         try:
-            self._full.start(scene)
+            edit_to_scene(self._full, scene, self._device)
         except UserError:
             return False
         return (self._full.expected_s() or 0.0) > QUICK_FRAME_ABOVE_S
 
     def _begin(self, scene: Scene) -> Iterator[UpdateProgress]:
-        if self._stage == "full":
-            return self._full.start(scene)
-        try:
-            quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
-            return self._quick.start(replace(scene, system=quick_system))
-        except UserError:  # the system can't be simplified
-            self._stage = "full"
-            return self._full.start(scene)
+        if self._stage == "quick":
+            try:
+                quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
+                self._quick = edit_to_scene(self._quick, replace(scene, system=quick_system), self._device)
+                return slices(self._quick)
+            except UserError:  # the system can't be simplified
+                self._stage = "full"
+        self._full = edit_to_scene(self._full, scene, self._device)
+        return slices(self._full)
 
     def _quick_laser_count(self, scene: Scene) -> int | None:
         """How many lasers fit into the time for a quick frame; None before any was measured."""
-        if self._quick.step_s is None:
+        if self._quick is None or self._quick.step_s is None:
             return None
         sources = len(scene.system.source.directions_rad)
         return max(int(QUICK_FRAME_BUDGET_S / (self._quick.step_s * sources)), _MIN_LASERS)
 
     def _finish(self) -> None:
-        timed = self._quick if self._stage == "quick" else self._full
-        assert timed.renderer is not None and self._requested is not None
+        is_quick = self._stage == "quick"
+        renderer = self._quick if is_quick else self._full
+        assert renderer is not None and self._requested is not None
         self._version += 1
-        is_quick, shape = self._stage == "quick", timed.renderer.compositor.shape
+        self._downloads.clear()
         gain = self.quick_gain if is_quick else 1.0
-        self.picture = DeviceImage(timed.renderer.xyz_buffer, shape, is_quick, self._version, gain)
+        self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
         self._steps = None
         if is_quick:
             self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
@@ -304,9 +276,9 @@ class ProgressiveRenderer:
         assert self._requested is not None
         system = self._requested.system
         key = (system.modulators, system.sampling, system.gap_m is None)
-        if key == self._gain_key or self._quick_scene is not self._requested or self._quick.renderer is None:
+        if key == self._gain_key or self._quick_scene is not self._requested or self._quick is None:
             return
-        full, quick = self.xyz(), self._quick.renderer.xyz()
+        full, quick = self.xyz(), self._quick.xyz()
         if full is not None and quick[..., 1].any():
             self._gain_key = key
             self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())

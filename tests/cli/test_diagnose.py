@@ -353,6 +353,7 @@ def test_an_own_effect_may_be_the_cause_and_its_file_is_said_to_be_run(
     assert told["causes"][0]["effect"] == "haze" and told["causes"][0]["sentence"].startswith("Haze of 0.1")
 
 
+@pytest.mark.explores
 def test_one_wavelength_says_what_cant_be_known(holoview: Run, tmp_path: Path, measured: Captures) -> None:
     one = measured.subset(np.flatnonzero(measured.wavelength_m == 450e-9))
     write_captures(tmp_path / "one.h5", one)

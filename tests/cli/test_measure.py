@@ -55,7 +55,9 @@ def test_a_dry_run_opens_and_writes_nothing(holoview: Run, tmp_path: Path, monke
     assert "450 nm: 3 captures" in outcome.out and sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.explores)]
+)
 def test_an_interrupted_session_can_be_finished_or_gone_on_with(
     holoview: Run, interrupted: Run, tmp_path: Path, number: int, code: int
 ) -> None:

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from holoview.io.hologram import load_hologram
 
@@ -21,6 +22,7 @@ def _command(picture: Path, output: Path, *more: object) -> list[str]:
     return [str(word) for word in words]
 
 
+@pytest.mark.explores
 def test_after_kill_9_it_resumes_and_ends_the_same(picture: Path, tmp_path: Path) -> None:
     checkpoint = tmp_path / "c.safetensors"
     expected, found = tmp_path / "expected.safetensors", tmp_path / "found.safetensors"

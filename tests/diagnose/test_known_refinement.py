@@ -47,7 +47,9 @@ def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, fl
     return make_captures(system, true | fault, AcquisitionSettings(captures_per_condition=4, seed=2))
 
 
-@pytest.mark.parametrize("fault", [{}, {"stroke": {"stroke_error": -0.03}}])
+@pytest.mark.parametrize(
+    "fault", [pytest.param({}, marks=pytest.mark.explores), {"stroke": {"stroke_error": -0.03}}], ids=["none", "stroke"]
+)
 def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault: dict[str, dict[str, float]]) -> None:
     effects = [get_effect(name) for name in NAMES]
     found = diagnose(_measured(fault, ERRORS), effects, known=KNOWN, uncertain=UNCERTAIN)

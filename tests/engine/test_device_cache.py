@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.engine.compositor import Compositor
-from holoview.engine.device_cache import IntensityCache
+from holoview.engine.result_cache import IntensityMemory
 from holoview.gpu.device import Device
 
 pytestmark = pytest.mark.gpu
@@ -21,7 +21,7 @@ def _compositor(device: Device, buffer_bytes: int) -> Compositor:
 
 
 def test_intensities_that_exceed_one_buffer_are_spread_over_several(device: Device) -> None:
-    cache = IntensityCache(_compositor(device, 5 * INTENSITY_BYTES), KEYS, max_wavelengths=2, budget_bytes=2**20)
+    cache = IntensityMemory(_compositor(device, 5 * INTENSITY_BYTES), KEYS, max_wavelengths=2, budget_bytes=2**20)
     assert [buffer.nbytes for buffer in cache.buffers] == [4 * INTENSITY_BYTES] * 2
     regions = {(id(cache.region(key).buffer), cache.region(key).first) for key in KEYS}
     assert len(regions) == len(KEYS) and all(cache.is_resident(key) for key in KEYS)
@@ -30,7 +30,7 @@ def test_intensities_that_exceed_one_buffer_are_spread_over_several(device: Devi
 
 
 def test_intensities_beyond_the_budget_share_one_region(device: Device) -> None:
-    cache = IntensityCache(_compositor(device, 2**20), KEYS, max_wavelengths=1, budget_bytes=3 * INTENSITY_BYTES + 1)
+    cache = IntensityMemory(_compositor(device, 2**20), KEYS, max_wavelengths=1, budget_bytes=3 * INTENSITY_BYTES + 1)
     assert [cache.is_resident(key) for key in KEYS] == [True] * 3 + [False] * 5
     assert len({cache.region(key).buffer for key in KEYS[3:]}) == 1
     assert cache.memory_bytes == 3 * INTENSITY_BYTES
