@@ -1,4 +1,4 @@
-"""The middle of a session, so that large modulators and long sessions cost no more to compare than small ones.
+"""The middle of captures: large modulators and many captures then cost no more to compare than small ones.
 
 In the near field light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much
 margin around the compared pixels, a crop is predicted like the whole. On a Fourier bench every camera pixel sees all of
@@ -17,7 +17,7 @@ from holoview.captures.dataset import Captures
 
 
 def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Captures:
-    """The session cut to about `side_px` modulator pixels across, with the margin beside.
+    """The captures cut to about `side_px` modulator pixels across, with the margin beside.
 
     further_px: more margin, for light that hard edges of a stop spread beyond its steepest ray. On a Fourier bench the
     pictures are cut to as many speckles of the longest wavelength across, with the margin on either side.
@@ -64,7 +64,7 @@ def _speckles_px(captures: Captures, count: int) -> tuple[int, int]:
 
 
 def _cut_pictures(captures: Captures, shape: tuple[int, int]) -> Captures:
-    """The session with pictures cut to their middle (rows, columns)."""
+    """The captures with pictures cut to their middle (rows, columns)."""
     if shape == captures.shape:
         return captures
     middle = (..., *central_slices(captures.shape, shape))
@@ -72,7 +72,7 @@ def _cut_pictures(captures: Captures, shape: tuple[int, int]) -> Captures:
 
 
 def central_captures(captures: Captures, most: int) -> Captures:
-    """The session without captures at either end, if it has more than about `most`.
+    """The captures without those at either end, if there are more than about `most`.
 
     Neighbours stay neighbours, and a column from the last to the first stays one.
     """

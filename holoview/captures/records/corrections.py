@@ -399,9 +399,9 @@ def unit_candidates(captures: Captures, column: Column) -> list[WrongUnit]:
 
 
 def plausible_units(captures: Captures) -> tuple[WrongUnit, ...]:
-    """The units that must be corrected before the session is plausible; usually none.
+    """The units that must be corrected before the captures are plausible; usually none.
 
-    Raises UserError for a session that is impossible for another reason (`check_captures`).
+    Raises UserError for captures that are impossible for another reason (`check_captures`).
     """
     units = units_of_lengths(captures)
     check_captures(apply_corrections(captures, units))

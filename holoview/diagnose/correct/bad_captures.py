@@ -53,7 +53,7 @@ SATURATED_SHARE = 0.05
 exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times that exposure."""
 
 SATURATED_FACTOR = 5.0
-"""[1] … and so many times the median share of all captures. Evidence: where the zero order or the whole session is
+"""[1] … and so many times the median share of all captures. Evidence: where the zero order or every capture is
 saturated, one capture isn't to blame; the value: none recorded."""
 
 MIN_CAPTURES = 3
@@ -85,11 +85,11 @@ REACH_SIGMAS = 5.0
 """[σ] … if that of the peers exceeds so many of them. Evidence: derivation: otherwise the model resembles nothing."""
 
 FALSE_ALARM = 0.01
-"""[1] Chance that a session without a bad capture gets one blamed for its χ², if the logarithms of the excesses are
+"""[1] Chance that captures without a bad one get one blamed for its χ², if the logarithms of the excesses are
 normally distributed: each capture has this over their number. Evidence: a convention."""
 
 MAX_BAD_SHARE = 0.2
-"""[1] With more than this share of bad captures, a session is neither consistent nor explained. Evidence: derivation:
+"""[1] With more than this share of bad captures, captures are neither consistent nor explained. Evidence: derivation:
 medians and trends of the others bear up to 29 % (Theil–Sen)."""
 
 
@@ -97,7 +97,7 @@ medians and trends of the others bear up to 29 % (Theil–Sen)."""
 class BadCapture:
     """A capture that was left out.
 
-    index: in the session, from 0. why: the reason in a few words. sentence: the same with what was measured.
+    index: in the file, from 0. why: the reason in a few words. sentence: the same with what was measured.
     """
 
     index: int

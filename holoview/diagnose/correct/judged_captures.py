@@ -165,7 +165,7 @@ ANOTHER_PATTERN, MOVED, OUT_OF_FOCUS, NOISY, DISTURBED = (
 
 EXAMINED = 6
 """[captures] Bad captures whose pictures are compared with all other patterns, the worst first. Evidence: the cost must
-not grow with the square of the session; the value: none recorded."""
+not grow with the square of the number of captures; the value: none recorded."""
 
 REASON_MAX_SHARE = 0.5
 """[1] A reason must leave less than this share of a capture's excess. Evidence: none recorded."""
@@ -176,7 +176,7 @@ derivation: speckle decorrelates within one depth, so that steps of half a depth
 a step too much or too little leaves a quarter of the excess."""
 
 BLURS_PX = (0.4, 0.6, 0.8, 1.2, 1.8, 2.7, 4.0)
-"""[px] Blurs that a capture out of focus may have. Evidence: steps of a factor of 1.5, as for `defocus_depths`."""
+"""[px] Blurs that a capture out of focus may have. Evidence: steps of a factor of 1.5, as for `DEFOCUS_DEPTHS`."""
 
 WHITE_CORRELATION = 0.15
 """[1] Residuals of a noisy capture correlate with their neighbours' by less. Evidence: neighbouring pixels of speckle

@@ -163,7 +163,7 @@ def lookalike_correlations(
 
 @dataclass(frozen=True)
 class ProposedCapture:
-    """A capture that could be taken: in words, and as a session of one, whose images are never used."""
+    """A capture that could be taken: in words, and as captures of one, whose images are never used."""
 
     description: str
     captures: Captures

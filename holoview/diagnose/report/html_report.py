@@ -101,9 +101,6 @@ def _notes(found: Diagnosis) -> list[str]:
     ]
 
 
-# --- Figures of a diagnosis, drawn without a window ---
-
-
 _BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
 _SIGMAS = 5.0  # residuals at the ends of the colour scale
 _DPI = 110
