@@ -91,12 +91,12 @@ def export_html(
     if not holograms:
         raise UserError("holograms", "none", expected="at least one")
     first = next(iter(holograms.values()))
+    low, high = plane_range(first.system)
+    if plane_m is not None and not low <= plane_m <= high:
+        raise UserError("plane", f"{plane_m * 1e3:g} mm", expected=f"{low * 1e3:g} to {high * 1e3:g} mm")
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     _check([view.xyz.shape[1:3] for view in views], target, region)
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
-    low, high = plane_range(first.system)
-    if not low <= plane_m <= high:
-        raise UserError("plane", f"{plane_m * 1e3:g} mm", expected=f"{low * 1e3:g} to {high * 1e3:g} mm")
     documents = [page_document(hologram, name, high) for name, hologram in holograms.items()]
     page = _colours() | {
         "shape": list(views[0].xyz.shape[1:3]),

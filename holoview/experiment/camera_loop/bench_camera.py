@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import CameraDevice, Counts, Devices, Levels
+from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera
 from holoview.rig.measure.camera_pictures import range_share, take_dark_frame
 from holoview.rig.measure.capture_plan import CaptureRequest
 from holoview.rig.measure.measurement import Measurement
@@ -68,30 +68,15 @@ class PictureSource(Protocol):
         """Switches the lasers off while nothing is recorded."""
 
 
-@dataclass
-class _CountingCamera:
+@dataclass(eq=False)
+class _CountingCamera(WrappedCamera):
     """A camera that counts its pictures."""
 
-    device: CameraDevice
     taken: int = 0
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.device.shape
-
-    @property
-    def exposures_s(self) -> tuple[float, float]:
-        return self.device.exposures_s
-
-    def set_exposure(self, exposure_s: float) -> float:
-        return self.device.set_exposure(exposure_s)
 
     def take(self) -> Counts:
         self.taken += 1
-        return self.device.take()
-
-    def close(self) -> None:
-        self.device.close()
+        return super().take()
 
 
 @dataclass
