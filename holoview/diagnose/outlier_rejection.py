@@ -12,7 +12,16 @@ from dataclasses import dataclass, replace
 
 from holoview.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
 from holoview.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
-from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
+from holoview.diagnose.judge import (
+    Decision,
+    SearchResult,
+    Verdict,
+    check_noise,
+    decide,
+    limited_by_bad_captures,
+    limited_by_noise,
+    rank_on_held_out,
+)
 from holoview.diagnose.nuisances import drop_sampling_artefacts, excuse_laser_drift
 from holoview.diagnose.search import InitialCandidates, find_causes, refine_candidates
 from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, SearchEnded
@@ -83,6 +92,9 @@ def search_once(
     if initial is None:
         decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
         notes = [*notes, *sampling_notes]
+    if context.missing_light is None:  # which counts as noise as well, and may be overstated
+        decision, noise_notes = limited_by_noise(decision, check_noise(result.comparison, decision.values))
+        notes = [*noise_notes, *notes]
     notes = [*notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
     return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
 

@@ -26,6 +26,7 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effe
 from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
+from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search import InitialCandidates
@@ -264,6 +265,9 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
         search_once, whole, progress=progress, initial=InitialCandidates(fits, found.decision.verdict not in _OPEN)
     )
     outcome = judge(whole, refine(found.context.left_out), refine)
+    if outcome.result.best.causes == found.result.best.causes:
+        unseen = found.result.unseen_rivals
+        outcome = dataclasses.replace(outcome, result=dataclasses.replace(outcome.result, unseen_rivals=unseen))
     notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
     return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
 
@@ -300,6 +304,7 @@ def prepare_search(
     properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
     visible = {e.id: e for e in effects if not unmet[e.id]}
+    unseen = {e.id: e for e in effects if unmet[e.id] and not changes_only_power(e)}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
     if properties.wavelengths == 1:
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
@@ -318,6 +323,7 @@ def prepare_search(
         config=config,
         sampling=sampling,
         equivalents=equivalent_effects(visible, properties),
+        unseen=unseen,
         left_out=left_out,
     )
     return context, notes

@@ -235,7 +235,8 @@ class SearchContext:
     parallel. variances: of the noise, from the captures. config: settings of all stages. field_budget: after so many
     fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
     has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
-    equivalents: for each effect the others that are the same physics on this bench. left_out: captures that no fit
+    equivalents: for each effect the others that are the same physics on this bench. unseen: effects by id that such
+    captures can't tell from others, and that aren't candidates. left_out: captures that no fit
     uses, by index. end: when the search has to end. best_so_far: what it has found until then. missing_light:
     (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut;
     None for whole ones.
@@ -243,7 +244,7 @@ class SearchContext:
 
     data: PreparedCaptures
     system: System
-    effects: Mapping[str, Effect]
+    effects: dict[str, Effect]
     split: CaptureSplit
     predictor: PerThreadPredictor
     workers: WorkerPool
@@ -254,6 +255,7 @@ class SearchContext:
     prnu: float = 0.0
     has_camera_jitter: bool = False
     equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    unseen: dict[str, Effect] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
     end: SearchEnd = NEVER
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
@@ -284,7 +286,7 @@ class SearchContext:
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
-        effects = {f"effect {name}": effect for name, effect in self.effects.items()}
+        effects = {f"effect {name}": effect for name, effect in (self.effects | self.unseen).items()}
         return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
 
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
