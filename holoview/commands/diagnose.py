@@ -92,8 +92,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--time",
         metavar="TIME",
         type=parse_duration,
-        help="search for at most so long, e.g. 10min, then tell the best that was found (default: a minute, up to five "
-        "minutes for large modulators; up to four times as long beside other programs that use the processor)",
+        help="search to the end, but for at most so long, e.g. 10min, then tell the best that was found (default: as "
+        "much work as two cores do in about a minute, up to five for large modulators)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
     _add_sampling(parser)
