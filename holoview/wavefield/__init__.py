@@ -5,4 +5,5 @@ reading     anyone's hologram from its file: a field, or a camera's recording
 request     what a user knows of a file and wants from it
 readers     one module for each file format; other packages can add their own
 interpret   what the arrays of a file mean: axes, quantities, scales, pitch, wavelengths
+exchange    fields from other running programs: a listener on this machine and `push`
 """
