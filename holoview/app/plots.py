@@ -13,7 +13,7 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.document.focus import dioptres_text, pupil_diameter_m
-from holoview.document.retinal_curve import RetinalCurve
+from holoview.document.speckle_jobs import RetinalCurve
 from holoview.metrics.speckle import independent_patterns
 
 HEIGHT_EM = 9.5

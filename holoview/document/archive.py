@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.document import Document, HistoryStep, as_readonly_drive
-from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
+from holoview.document.editing_session import OptimisationChoices, choices_from_table
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.document.target import TargetSpec, example_target
 from holoview.model import preset

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from holoview.document.document import Document
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.optimisation_choices import START_PATTERNS, OptimisationChoices
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState

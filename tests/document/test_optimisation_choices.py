@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import EditingSession, OptimisationChoices, choices_from_table
 from holoview.document.files import target_from_pixels
 from holoview.document.focus import toggle_eye
-from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
 from holoview.document.optimisation_job import OptimisationRequest, chosen_optimisation, start_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.optimise.eyes import OptimisedEyes

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from holoview.app.panels.camera import CameraPanel
-from holoview.app.panels.rig import RigPanel, open_rig
-from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
+from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel, open_rig
 from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.rig_bench import rig_system
 from holoview.rig import live_devices

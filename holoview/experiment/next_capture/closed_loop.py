@@ -22,9 +22,16 @@ from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.known_alignment import diagnosis_options
-from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
+from holoview.experiment.next_capture.capture_choice import (
+    START_COUNT,
+    BenchTime,
+    CaptureChooser,
+    Choice,
+    Proposal,
+    draw_proposals,
+    starting_proposals,
+)
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.experiment.next_capture.proposals import START_COUNT, Proposal, draw_proposals, starting_proposals
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription

@@ -10,8 +10,7 @@ from typing import cast
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.experiment.live.bench_state import random_pattern
-from holoview.experiment.live.rig_session import RigSession
+from holoview.experiment.live.rig_session import RigSession, random_pattern
 from holoview.experiment.rig_bench import rig_system
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.experiment.live.bench_state import drive_pattern, file_pattern, flat_pattern, random_pattern
+from holoview.experiment.live.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.experiment.rig_bench import rig_system
 from holoview.io.hologram import Hologram
 from holoview.rig.description import RigDescription, read_rig

@@ -13,9 +13,11 @@ from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.search_context import NEVER
 from holoview.experiment.next_capture.capture_choice import (
+    START_COUNT,
     BenchTime,
     CaptureChooser,
     ProposalPrediction,
+    draw_proposals,
     expected_delta_chi2,
     improve_pattern,
 )
@@ -29,7 +31,6 @@ from holoview.experiment.next_capture.closed_loop import (
     RandomPlanner,
 )
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.experiment.next_capture.proposals import START_COUNT, draw_proposals
 from holoview.model.effects.registry import get_effect
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
