@@ -3,7 +3,8 @@
 One thread owns a session. Worker threads deliver results with `call_on_owner`; these take effect when the owner calls
 `poll`. The function `wake` tells the owner, from any thread, that there is something to poll.
 
-A user's choices for the next optimisation (`OptimisationChoices`) are saved with the session, but no step of its history.
+A user's choices for the next optimisation (`OptimisationChoices`) are saved with the session, but are no step of its
+history.
 """
 
 from __future__ import annotations
