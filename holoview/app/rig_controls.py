@@ -34,7 +34,7 @@ from holoview.experiment.live.rig_session import (
     flat_pattern,
     random_pattern,
 )
-from holoview.experiment.rig_bench import rig_system
+from holoview.experiment.rig_bench import system_of_rig
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import ViewSettings
 from holoview.rig.description import RigDescription
@@ -194,7 +194,7 @@ class PatternSection:
         """Makes the nominal bench of the rig the document's, with random patterns if those it has don't fit."""
         if context.rig.rig is None:
             return
-        system, session = rig_system(context.rig.rig), context.session
+        system, session = system_of_rig(context.rig.rig), context.session
         fits = session.drive.shape == system.drive_shape
         session.edit(
             "Bench of the rig",

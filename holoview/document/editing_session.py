@@ -15,7 +15,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -78,17 +78,6 @@ class OptimisationChoices:
     def eyes_for(self, system: System) -> OptimisedEyes:
         """For which eyes a system is optimised; without an eye, none of them is moved and nothing is ignored."""
         return OptimisedEyes() if system.eye is None else OptimisedEyes.from_text(self.pupils or None, self.chromatic)
-
-
-def choices_from_table(table: Mapping[str, Any]) -> OptimisationChoices:
-    """Choices from their JSON, in which any may be missing. Raises UserError for a value of another kind."""
-    given = asdict(OptimisationChoices())
-    for key, usual in given.items():
-        value, kind = table.get(key, usual), type(usual)
-        if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
-            raise UserError(key, f"{value!r}", expected=f"a {kind.__name__}")
-        given[key] = kind(value)
-    return OptimisationChoices(**given)
 
 
 _KEPT_BY_UNDO = ("zoom", "centre")

@@ -20,7 +20,7 @@ from holoview.benchmark.machine import probe_device
 from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, VIEWER, Measurement, ReportRun
 from holoview.benchmark.report_text import report_data, report_markdown, results
 from holoview.cli import main
-from holoview.commands import bench
+from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
 from holoview.util.processes import Interruption
@@ -48,8 +48,8 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_run, "_POWER_S", 0.0)
     monkeypatch.setattr(report_run, "first_image_criterion", lambda *_: Criterion("first image", 2.5, 5.0, 3.0, "s"))
     monkeypatch.setattr(report_run, "probe_device", partial(probe_device, copy_bytes=2**16))
-    monkeypatch.setattr(bench, "_WINDOW", (320, 200))
-    monkeypatch.setattr(bench, "_VIEWER_ROUNDS", 2)
+    monkeypatch.setattr(bench_report, "_WINDOW", (320, 200))
+    monkeypatch.setattr(bench_report, "_VIEWER_ROUNDS", 2)
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_ctrl_c_keeps_what_was_measured(
         interruption.ask()
         yield interruption
 
-    monkeypatch.setattr(bench, "deferred_interrupt", pressed)
+    monkeypatch.setattr(bench_report, "deferred_interrupt", pressed)
     code, text = report()
     data = report_data(text)
     assert code == 130 and not data["is_complete"] and text.count("interrupted") == 2
@@ -145,7 +145,7 @@ import json
 from pathlib import Path
 from holoview.benchmark import report_run
 from holoview.benchmark.machine import probe_device
-from holoview.commands.bench import measurements_of
+from holoview.commands.bench_report import measurements_of
 from holoview.gpu.device import open_device
 from holoview.model import preset
 report_run.STRATEGIES = ("workgroup",)
