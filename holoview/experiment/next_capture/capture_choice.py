@@ -323,12 +323,6 @@ def expected_information(probabilities: Floats, delta_chi2: Floats) -> float:
     return max(0.0, float(-(probabilities[known] @ np.log(mixture[known]))))
 
 
-def entropy(probabilities: Floats) -> float:
-    """−Σ p ln p, in nats."""
-    p = probabilities[probabilities > 0]
-    return max(0.0, float(-(p @ np.log(p))))
-
-
 @dataclass
 class BenchTime:
     """Seconds of a capture: move + settle + exposure + readout.

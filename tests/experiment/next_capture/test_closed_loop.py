@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.rig_adaptive import FixedPlanner, RandomPlanner
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
@@ -23,12 +24,10 @@ from holoview.experiment.next_capture.capture_choice import (
 )
 from holoview.experiment.next_capture.closed_loop import (
     ClosedLoop,
-    FixedPlanner,
     InformedPlanner,
     LoopResult,
     LoopSettings,
     PlannerState,
-    RandomPlanner,
 )
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
 from holoview.model.effects.registry import get_effect
