@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measure import luminance_of, measure_region
 from holoview.document.optimisation_job import with_lasers_of
-from holoview.metrics.speckle import RetinalContrast, default_pupils, independent_contrast, pupils_of, retinal_contrast
+from holoview.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.memory import with_compact_grid
@@ -27,18 +28,6 @@ from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
 from holoview.view import random_drive
 
 _ANY_PUPIL_M = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class RetinalCurve:
-    """Contrasts for pupils of rising diameter, and the contrast of independent patterns of the same lasers.
-
-    has_target: whether the structure of the target was divided out.
-    """
-
-    contrasts: tuple[RetinalContrast, ...]
-    independent: float
-    has_target: bool
 
 
 class RetinalCurveJob(BackgroundJob):
@@ -113,15 +102,11 @@ def _with_any_pupil(system: System) -> System:
 
 
 def _measure(document: Document, systems: Sequence[System], control: JobControl) -> RetinalCurve:
-    plane_m, region, contrasts = document.view_settings.plane_m, document.measured_region, []
+    plane_m = document.view_settings.plane_m
     images = render_each([(system, plane_m) for system in systems], document.drive, control.check)
-    has_target = False
-    for number, (system, xyz) in enumerate(zip(systems, images, strict=True)):
-        target = _target_luminance(document, system)
-        has_target |= target is not None
-        contrasts.append(retinal_contrast(system, xyz[..., 1], region, target))
-        control.report(number + 1, len(systems), f"{contrasts[-1].pupil_m * 1e3:.3g} mm")
-    return RetinalCurve(tuple(contrasts), independent_contrast(document.system), has_target)
+    return retinal_curve(
+        systems, images, document.measured_region, control.report, partial(_target_luminance, document)
+    )
 
 
 def _target_luminance(document: Document, system: System) -> NDArray[np.floating] | None:
