@@ -61,8 +61,9 @@ def _difference(found: np.ndarray, expected: np.ndarray) -> float:
 # one has an amplitude of √(1/600/9) = 0.014 of the peak, which shifts its maximum by about as many bins.
 #
 # Noise of σ levels and rounding of 1/12 level² leave, within a disc of radius r of the spectrum, π·r² of their
-# variance; divided by |R|, that is the field's. A camera's picture ends sharply, so that the other order, of amplitude 3
-# and 0.46 cycles a sample away, leaks in as 3/(2π·0.46·d) at d samples from an edge: 0.02 r.m.s. in the middle 200 rows.
+# variance; divided by |R|, that is the field's. A camera's picture ends sharply, so that the other order, of amplitude
+# 3 and 0.46 cycles a sample away, leaks in as 3/(2π·0.46·d) at d samples from an edge: 0.02 r.m.s. in the middle 200
+# rows.
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0])
@@ -156,8 +157,8 @@ def test_a_phase_shifting_set_gives_the_object_wave_down_to_the_cameras_noise(st
 
 
 # The method takes the object's cosine and sine for uncorrelated. Of n = π·0.2²·76 800 = 9 650 modes of random phase
-# they are correlated by ρ = |Σu²|/Σ|u|² = √(2/n) = 0.014 r.m.s., which shears the circle of the pictures by ρ. Phases that
-# go all around it are off by about as much, and the field with them; 5 of these allow for any seed.
+# they are correlated by ρ = |Σu²|/Σ|u|² = √(2/n) = 0.014 r.m.s., which shears the circle of the pictures by ρ. Phases
+# that go all around it are off by about as much, and the field with them; 5 of these allow for any seed.
 @pytest.mark.parametrize("shifts", [(0, 1.9, 4.1), (0, 1.4, 2.9, 4.4), (0, 1.9, 1.1, 4.5, 5.3)], ids=len)
 def test_unknown_steps_are_found(shifts: tuple[float, ...]) -> None:
     wave = _object(11, 0.0, band=0.2)
