@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret.assemble import PlacedArray
+from holoview.wavefield.interpret.assemble import PlacedArray, check_finite
 from holoview.wavefield.interpret.axes import arrange
 from holoview.wavefield.interpret.candidates import (
     PAIRS,
@@ -184,7 +184,10 @@ def _sample(part: PlacedArray) -> np.ndarray:
     """The middle of the array, at most `MOST_SAMPLE` rows and columns, (frame, colour, y, x)."""
     _, _, rows, columns = part.sizes
     height, width = min(rows, MOST_SAMPLE), min(columns, MOST_SAMPLE)
-    return part.load(((columns - width) // 2, (rows - height) // 2, width, height))
+    region = ((columns - width) // 2, (rows - height) // 2, width, height)
+    values = part.load(region)
+    check_finite(part.component.array.name or "field", values, region)
+    return values
 
 
 def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:

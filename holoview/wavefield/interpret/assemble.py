@@ -97,8 +97,10 @@ def assemble(
             target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
             for part, first in _strips(region, strip):
                 values = _combine(parts, part, as_field)
-                _check_finite(where, values, part)
-                target[:, :, first // decimate : (first + part[3]) // decimate] = _mean(values, decimate)
+                check_finite(where, values, part)
+                target[:, :, first // decimate : (first + part[3]) // decimate] = _narrowed(
+                    where, values, decimate, dtype
+                )
     return result
 
 
@@ -141,6 +143,15 @@ def _root(intensity: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(intensity)
 
 
+def _narrowed(where: str, values: NDArray[Any], decimate: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The means of blocks in the type of the result. Raises UserError for numbers beyond its range."""
+    with np.errstate(over="ignore"):
+        narrow = _mean(values, decimate).astype(dtype)
+    if not np.isfinite(narrow).all():
+        raise UserError(where, "numbers beyond 1e38", expected="numbers that 32 bits can hold", remedy="rescale them")
+    return narrow
+
+
 def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
     if decimate == 1:
         return values
@@ -168,7 +179,8 @@ def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
     return result
 
 
-def _check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+def check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+    """Raises UserError, with the first place, for NaN and infinity among the numbers (frame, colour, y, x)."""
     finite = np.isfinite(values)
     if not finite.all():
         place = np.unravel_index(int(np.argmin(finite)), finite.shape)

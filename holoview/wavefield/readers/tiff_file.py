@@ -75,7 +75,6 @@ def _stack(path: Path, pages: Sequence[tifffile.TiffPage]) -> StoredArray:
             dtype = page.dtype.newbyteorder(page.parent.byteorder)
             return np.memmap(path, dtype, "r", page.dataoffsets[0], tuple(page.shape))
         if number not in decoded:
-            decoded.clear()
             require_page_memory(path, page)
             require_memory(str(path), 3 * size)
             with naming_missing_codecs(path):
@@ -89,7 +88,7 @@ def _stack(path: Path, pages: Sequence[tifffile.TiffPage]) -> StoredArray:
         return np.stack([page_values(number)[window[1:]] for number in chosen])
 
     axes = "f" * (len(pages) > 1) + first.axes.lower().replace("s", "c")
-    return StoredArray("", shape, first.dtype, load, axes=axes, whole_bytes=0 if is_plain else 3 * size)
+    return StoredArray("", shape, first.dtype, load, axes=axes, whole_bytes=0 if is_plain else (len(pages) + 2) * size)
 
 
 def _is_plain(page: tifffile.TiffPage, size: int) -> bool:
