@@ -49,7 +49,7 @@ from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label
 from holoview.model.pupil_path import views_along
 from holoview.model.system import System
-from holoview.render.plane_images import render_each
+from holoview.render.planes import render_each
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder

@@ -198,7 +198,6 @@ def _title(names: str | Path | Sequence[str | Path]) -> str:
 # picture, stack     the target                         CSV          the path of the pupil
 
 
-CONTENT_KINDS = ("hologram", "page", "preset", "patterns", "picture", "stack", "pupil path")
 _EXPECTED = (
     "a preset, a hologram file or page, pattern PNGs, a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
 )
@@ -206,8 +205,9 @@ _EXPECTED = (
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user.
+    """The content of a file: its kind, a title, the parts of a document, notes for the user.
 
+    kind: "hologram", "page", "preset", "patterns", "picture", "stack" or "pupil path".
     plane_m: the focal plane that it is to be shown at; None for that of the viewer.
     """
 
