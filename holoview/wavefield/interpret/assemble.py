@@ -112,7 +112,7 @@ def _strips(region: Region, rows: int) -> Iterator[tuple[Region, int]]:
 
 
 def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> NDArray[Any]:
-    values = {part.component.role: part.load(region) * _scalar(part) for part in parts}
+    values = {part.component.role: _scaled(part.load(region), part.scale) for part in parts}
     if not as_field:
         return next(iter(values.values())).astype(np.float64)
     match values:
@@ -132,9 +132,11 @@ def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> ND
             return next(iter(values.values())) + 0j
 
 
-def _scalar(part: PlacedArray) -> Any:
-    """The scale in a type that makes floats of integers and leaves complex64 as it is."""
-    return np.float64(part.scale) if part.component.array.dtype.kind in "biu" else part.scale
+def _scaled(values: NDArray[Any], scale: float) -> NDArray[Any]:
+    """Integers become float64, floats and complex numbers keep their type."""
+    if values.dtype.kind in "biu":
+        return values * np.float64(scale)
+    return values if scale == 1 else values * scale
 
 
 def _root(intensity: NDArray[Any]) -> NDArray[Any]:
@@ -153,11 +155,12 @@ def _narrowed(where: str, values: NDArray[Any], decimate: int, dtype: np.dtype[A
 
 
 def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
+    """The means of blocks, rows first, because sums along rows of memory are the fast ones."""
     if decimate == 1:
         return values
     frames, colours, rows, columns = values.shape
-    blocks = values.reshape(frames, colours, rows // decimate, decimate, columns // decimate, decimate)
-    return blocks.mean(axis=(3, 5))
+    sums = values.reshape(frames, colours, rows // decimate, decimate, columns).sum(axis=3)
+    return sums.reshape(frames, colours, rows // decimate, columns // decimate, decimate).mean(axis=4) / decimate
 
 
 def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:

@@ -45,8 +45,8 @@ class NpyReader:
             order: Literal["F", "C"] = "F" if is_fortran else "C"
             if wanted == 0:
                 raise UserError(str(path), f"an array of shape {shape}", expected="at least one number")
-            values = np.memmap(path, dtype, "r", file.tell(), shape, order)
-        yield Contents.of([StoredArray.of("", np.atleast_1d(values))])
+            array = StoredArray.mapped(path, dtype, shape, file.tell(), order)
+        yield Contents.of([array])
 
 
 class NpzReader:
