@@ -103,7 +103,7 @@ class Registration:
         return (distance_m - self["stage_offset"]) / (1 + self["stage_scale"])
 
     def known_effects(self) -> dict[str, dict[str, float]]:
-        """What the rectified pictures still have, {effect: {parameter: value}}; without what may as well be zero."""
+        """Effects that rectified pictures still have, {effect: {parameter: value}}; without values that may be zero."""
         known: dict[str, dict[str, float]] = {}
         for name, effect in _EFFECTS.items():
             found = self.values.get(name)

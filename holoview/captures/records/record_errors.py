@@ -200,7 +200,7 @@ class RecordFindings:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know beside the corrections, in sentences."""
+        """Rivals and undecided corrections, in sentences for people."""
         found = [
             f"{_PREFIX}{' and '.join(c.label for c in rival)} would predict the same as "
             f"{' and '.join(c.label for c in self.corrections)}; these captures can't tell which."
@@ -428,7 +428,7 @@ class _Search:
         return list(result)
 
     def _best_order(self, others: Sequence[Correction], column: Column) -> Hypothesis | None:
-        """The one-to-one order of a column's values that maximises Σ z; None if it is the recorded one."""
+        """The order of a column's values that maximises Σ z; None if the recorded order does."""
         captures, tested = self.trials.captures, self._chosen.tested
         orders = cyclic_orders(captures, column)
         recorded = np.array(value_indices(captures, column, tested))

@@ -276,7 +276,7 @@ class Trials:
 def _predict_contrasts(
     effects: Values, comparison: SpeckleComparison, rows: Sequence[Captures]
 ) -> list[Contrast | None]:
-    """What each row should look like; None for a wavelength or distance that no bench can have."""
+    """The predicted picture of each row; None for a wavelength or distance that no bench can have."""
     predictor = Predictor(_stack(rows), cache_mb=_CACHE_MB)
     contrasts: list[Contrast | None] = []
     for number in range(len(rows)):

@@ -42,7 +42,7 @@ def parse_options(
 
 
 def require_device(rig: RigDescription, spec: DeviceSpec, offered: Mapping[str, Any]) -> Any:
-    """What is offered for this device. offered: by its table in rig.toml. Raises UserError if there is nothing."""
+    """The driver that is offered for a device. offered: drivers by table of rig.toml. Raises UserError for none."""
     name = "slm" if spec.name in ("slm1", "slm2") else spec.name
     if name not in offered:
         where, expected = f"{option_place(rig, spec)}.device", ", ".join(offered)

@@ -152,7 +152,7 @@ def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], me
 
 
 def _or_close(device: Any, wrap: Any) -> Any:
-    """What `wrap` makes of an open device, which is closed if it doesn't fit."""
+    """The device that `wrap` makes of an open one; the open one is closed if it doesn't fit."""
     try:
         return wrap()
     except UserError:

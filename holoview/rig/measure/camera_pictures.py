@@ -67,7 +67,7 @@ def take_exposed(
 
 
 def range_share(picture: Counts, facts: Camera, bright_quantile: float = BRIGHT_QUANTILE) -> float:
-    """What the brightest pixels reach of the range above the black level."""
+    """The share of the range above the black level that the brightest pixels reach."""
     bright = float(np.quantile(picture, bright_quantile))
     return (bright - facts.black_level) / (facts.saturation - facts.black_level)
 

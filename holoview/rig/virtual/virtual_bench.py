@@ -268,7 +268,7 @@ class VirtualBench:
         self._shown[slm] = _Shown(own, self.levels_now(slm), self.time_s)
 
     def levels_now(self, slm: int) -> NDArray[np.float64]:
-        """What a modulator really shows (y, x), in levels, while it relaxes exponentially to its pattern."""
+        """The levels (y, x) that a modulator really shows while it relaxes exponentially to its pattern."""
         shown = self._shown[slm]
         share = self._share_before(shown, self.time_s)
         return (1 - share) * shown.levels + share * shown.before
