@@ -241,7 +241,7 @@ class WrappedStage:
 def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:
     """The value that `call` returns; any exception of a device's library becomes a DeviceError.
 
-    name: the device in rig.toml, such as "camera". action: what was asked of it, as in "didn't …".
+    name: the device in rig.toml, such as "camera". action: the request, as in "didn't …".
     """
     try:
         return call()

@@ -43,7 +43,7 @@ class RigConnection:
     """The devices of a rig, from opening to closing.
 
     deliver: has the owner make a call. open_devices: opens the devices. before: a connection to the same rig that is
-    closed before this one is opened. watch: what the thread waits for.
+    closed before this one is opened. watch: notes the device that the thread is waiting for.
     """
 
     def __init__(

@@ -72,7 +72,7 @@ def table(value: Any, where: str) -> dict[str, Any]:
 def find_class(path: str, where: str) -> Any:
     """The class of a dotted path. Raises UserError where a module or the class is missing or can't be loaded.
 
-    What libraries warn of while they are imported, mostly that other makers' hardware isn't there, isn't shown.
+    Warnings of libraries while they are imported, mostly of other makers' missing hardware, aren't shown.
     """
     module_name, _, name = path.rpartition(".")
     if not module_name:
