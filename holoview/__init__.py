@@ -43,6 +43,7 @@ TYPE_CHECKING = False  # type checkers know the name; importing `typing` would t
 if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
+    from holoview.io.load_field import load_field
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
     from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
     from holoview.model.plan import Plan, make_plan
@@ -77,6 +78,7 @@ _MODULES = {
     "export_html": "holoview.page.page",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
+    "load_field": "holoview.io.load_field",
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
     "natural_pupil_diameter": "holoview.model.eye",
@@ -106,6 +108,7 @@ __all__ = [
     "export_html",
     "iterate",
     "load",
+    "load_field",
     "load_hologram",
     "make_plan",
     "natural_pupil_diameter",

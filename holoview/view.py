@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
+from holoview.io.hologram import Hologram
 from holoview.model.eye import sample_degrees
 from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
+from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
@@ -134,25 +136,26 @@ class View:
         return replace(self, intensity=self.intensity * factor, xyz=self.xyz * factor)
 
 
-def random_drive(system: System, seed: int = 0) -> NDArray[np.float32]:
+def random_drive(system: System, seed: int = 0) -> NDArray[Any]:
     """Independent random patterns, uniform over the stroke, which show as speckle.
 
-    system: the display whose `drive_shape` the patterns have.
+    system: the display whose `drive_shape` the patterns have; a field gets random phases.
     seed: the same seed gives the same patterns.
 
-    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke.
+    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke; of a field complex64 (frame, wavelength, y, x).
 
     >>> import holoview as hv
     >>> hv.random_drive(hv.load("holochrome-8").with_(shape=[48, 64]), seed=1).shape
     (1, 2, 48, 64)
     """
     require_memory("patterns", math.prod(system.drive_shape) * _DRIVE_BYTES, remedy="lower shape or frames")
-    return np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
+    drive = np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
+    return np.exp(2j * np.pi * drive).astype(np.complex64) if system.is_field else drive
 
 
 def simulate(
-    system: System,
-    drive: Any,
+    system: System | Hologram,
+    drive: Any = None,
     planes: Sequence[float | str] | NDArray[np.float64] | None = None,
     backend: str = "auto",
     *,
@@ -161,8 +164,9 @@ def simulate(
 ) -> View:
     """What an observer sees of a hologram at each focal plane.
 
-    system: the display.
-    drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`.
+    system: the display; or a hologram, which holds its own drive.
+    drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`; of the
+    plane of a field the complex field (frame, wavelength, y, x).
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
     when None. With an eye, the planes on which it is focused at its reference wavelength; its accommodations when None.
     backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), or "auto": wgpu where an adapter is
@@ -184,12 +188,16 @@ def simulate(
     >>> view.srgb8[0].shape
     (96, 128, 3)
     """
+    if isinstance(system, Hologram):
+        system, drive = system.system, system.drive if drive is None else drive
+    if drive is None:
+        raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
     plan = make_plan(system, planes)
     needed = simulation_bytes(plan, double=backend == "torch64")
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
-    focus_m, eye = focused_planes(system) if planes is None else parse_planes(planes), system.eye
+    focus_m, eye = focused_planes(system) if planes is None else parse_planes(system, planes), system.eye
     return View(
         intensity=intensity,
         xyz=xyz,

@@ -2,7 +2,8 @@
 
 It has one sample for each modulator pixel and no padding, which takes a sixteenth of the work or less: light of higher
 diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other. If that isn't fast
-enough it has three lasers only, with amplitudes that preserve the mean colour.
+enough it has three lasers only, with amplitudes that preserve the mean colour. A field keeps its padding: its planes are
+often so far away that light would re-enter many times.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from holoview.model.system import System
 def make_quick_system(system: System, most_lasers: int | None = None) -> System:
     """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three."""
     amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
-    return system.edit({"upsample": 1, "propagation": "periodic", "amplitudes": amplitudes})
+    sampling = {} if system.is_field else {"upsample": 1, "propagation": "periodic"}
+    return system.edit({**sampling, "amplitudes": amplitudes})
 
 
 def reduced_amplitudes(system: System, most: int) -> NDArray[np.float64]:
