@@ -189,7 +189,8 @@ def simulate(
     (96, 128, 3)
     """
     if isinstance(system, Hologram):
-        system, drive = system.system, system.drive if drive is None else drive
+        hologram, system = system, system.system
+        drive = hologram.drive if drive is None else drive
     if drive is None:
         raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
     plan = make_plan(system, planes)

@@ -100,7 +100,9 @@ class Hologram:
         """
         system = self.system
         if not system.is_field:
-            raise UserError("hologram", "patterns of a modulator", expected="a field", remedy="`holoview export --field`")
+            raise UserError(
+                "hologram", "patterns of a modulator", expected="a field", remedy="`holoview export --field`"
+            )
         pitch_m = system.modulators[0].pitch_m
         planes_m = system.planes_m
         distance_m = float(planes_m[len(planes_m) // 2])

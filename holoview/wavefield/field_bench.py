@@ -44,7 +44,7 @@ def bench_of_field(field: Wavefield) -> System:
         wavelengths_m=λ,
         amplitudes=white * power,
         modulators=(Modulator(field.pitch_m[0], field.shape, content="field"),),
-        planes_m=[field.distance_m],
+        planes_m=np.array([field.distance_m]),
         observer=observer,
         sampling=Sampling(upsample=1),
         name=field.name,

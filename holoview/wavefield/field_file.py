@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.util import units
 from holoview.util.file_schema import ArraySchema
@@ -38,7 +40,7 @@ _FILE = TensorFormat(
 
 def save_field(path: str | os.PathLike[str], field: Wavefield, texts: Mapping[str, str]) -> None:
     """Writes a field to a file, atomically. texts: further metadata. Raises UserError when it can't be written."""
-    tensors = {
+    tensors: dict[str, NDArray[Any]] = {
         "real": field.values.real,
         "imaginary": field.values.imag,
         "wavelengths": field.wavelengths_m,
