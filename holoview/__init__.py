@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
     from holoview.view import View, random_drive, simulate
+    from holoview.wavefield.exchange import push
 
 _MODULES = {
     "Eye": "holoview.model.eye",
@@ -82,6 +83,7 @@ _MODULES = {
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
     "natural_pupil_diameter": "holoview.model.eye",
+    "push": "holoview.wavefield.exchange",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
@@ -112,6 +114,7 @@ __all__ = [
     "load_hologram",
     "make_plan",
     "natural_pupil_diameter",
+    "push",
     "random_drive",
     "show",
     "simulate",

@@ -15,8 +15,8 @@ import tifffile
 from PIL import Image
 
 import holoview as hv
-from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
-from holoview.calibrate.settings import CalibrationSettings
+from holoview.calibrate.train import CalibrationCheckpoint, TrainingProgress
+from holoview.calibrate.training_plan import CalibrationSettings
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
 from holoview.io.pictures import write_pattern

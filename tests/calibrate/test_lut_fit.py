@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.calibrate.efficiency_sweep import EfficiencySweep, read_sweep
-from holoview.calibrate.lut import fit_lut
+from holoview.calibrate.lut_fit import EfficiencySweep, fit_lut, read_sweep
 from holoview.util.errors import UserError
 
 REAL = Path(__file__).resolve().parents[1] / "data" / "lcos_820nm_first_order_power.csv"

@@ -1,7 +1,14 @@
 """Fits a monotone phase look-up table to a diffraction-efficiency sweep, with the stroke's 95 % interval.
 
-A binary phase grating with equal bars of phases 0 and φ sends the share (4/π²)·sin²(φ/2) of the light into each first
-order (Goodman, Introduction to Fourier Optics, 3rd ed., sec. 4.4.3). With x the grey level scaled to 0 … 1,
+read_sweep                    the sweep from a CSV file
+fit_lut                       the table
+save_lut, with_lut            the table as TOML, and in a bench
+format_lut, plot_lut          the table for people
+
+A binary grating of equal bars is shown. One half of the bars stays at the lowest grey level, the other half steps
+through all grey levels; the power in the first diffraction order is measured at each step. A binary phase grating with
+equal bars of phases 0 and φ sends the share (4/π²)·sin²(φ/2) of the light into each first order (Goodman, Introduction
+to Fourier Optics, 3rd ed., sec. 4.4.3). With x the grey level scaled to 0 … 1,
 
     P(x) = b + a·(1 + c·x)·sin²(φ(x)/2),   φ(0) = 0,   φ monotone
 
@@ -16,17 +23,108 @@ monotone path of phases with the lowest cost among all, which dynamic programmin
 from __future__ import annotations
 
 import math
+import os
+import re
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
-from holoview.calibrate.efficiency_sweep import EfficiencySweep
+from holoview.model.system import System
+from holoview.report.images import label, png_figure
+from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
+from holoview.util.files import read_text
 
 Floats = NDArray[np.float64]
+
+_EXPECTED = "two columns, grey level and power, separated by comma, semicolon or space"
+_MIN_ROWS = 12
+_MIN_CONTRAST = 0.2  # (highest − lowest power) / highest power
+
+
+@dataclass(frozen=True)
+class EfficiencySweep:
+    """The first-order power of a grating whose bars are at two grey levels.
+
+    levels: (n,), grey level of every other bar, strictly ascending; the bars between them are at levels[0].
+    power: (n,), power in the first order, in any unit.
+    """
+
+    levels: Floats
+    power: Floats
+
+    @property
+    def relative_levels(self) -> Floats:
+        """The levels scaled linearly to 0 … 1, (n,)."""
+        return (self.levels - self.levels[0]) / (self.levels[-1] - self.levels[0])
+
+
+def read_sweep(path: str | os.PathLike[str]) -> EfficiencySweep:
+    """Reads the columns grey level and power, separated by comma, semicolon, tab or space.
+
+    The first line may hold headings, lines that begin with # are comments, and the rows may have any order.
+
+    Raises UserError when the file is missing or a line isn't two finite numbers (it names the line), and when there are
+    fewer than 12 levels, a level occurs twice, or the power hardly changes.
+    """
+    file = Path(path)
+    lines = read_text(file, f"a CSV file of {_EXPECTED}").splitlines()
+    rows = [(number, line.strip()) for number, line in enumerate(lines, 1) if line.strip() and line.strip()[0] != "#"]
+    if rows and not any(_is_number(cell) for cell in _split_cells(rows[0][1])):
+        rows = rows[1:]
+    try:
+        table = np.array([_parse_row(number, line) for number, line in rows], dtype=np.float64).reshape(-1, 2)
+        return _validated_sweep(table)
+    except UserError as error:
+        raise error.inside(f"{file}: ") from error
+
+
+def _split_cells(line: str) -> list[str]:
+    return re.split(r"\s*[,;\t]\s*|\s+", line)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _parse_row(number: int, line: str) -> tuple[float, float]:
+    cells = _split_cells(line)
+    if len(cells) != 2:
+        raise UserError(f"line {number}", f'"{line[:40]}", {len(cells)} columns', expected=_EXPECTED)
+    for cell in cells:
+        if not _is_number(cell) or not math.isfinite(float(cell)):
+            raise UserError(f"line {number}", f'"{cell[:40]}" isn\'t a finite number', expected=_EXPECTED)
+    return float(cells[0]), float(cells[1])
+
+
+def _validated_sweep(table: Floats) -> EfficiencySweep:
+    """The sweep of a table (n, 2) of levels and powers, sorted by level. Raises UserError if it can't be one."""
+    if len(table) < _MIN_ROWS:
+        raise UserError("sweep", f"{len(table)} rows", expected=f"at least {_MIN_ROWS} grey levels")
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    levels, power = table[:, 0], table[:, 1]
+    repeated = np.flatnonzero(np.diff(levels) == 0)
+    if len(repeated):
+        raise UserError("sweep", f"grey level {levels[repeated[0]]:g} occurs twice", expected="each grey level once")
+    if levels[0] < 0:
+        raise UserError("sweep", f"grey level {levels[0]:g}", expected="levels from 0")
+    if power.max() <= 0 or power.max() - power.min() < _MIN_CONTRAST * power.max():
+        found = f"power from {power.min():g} to {power.max():g}"
+        remedy = "the columns are grey level, then power; the first level must leave the grating flat"
+        raise UserError("sweep", found, expected="power that rises from almost none", remedy=remedy)
+    return EfficiencySweep(levels, power)
+
 
 KNOTS = 16
 _OTHER_KNOTS = (12, 24)  # the spread of the stroke over the numbers of knots is part of its interval
@@ -219,3 +317,87 @@ def _relative_rms(sweep: EfficiencySweep, phase: Floats) -> float:
     expected = np.sin(phase / 2) ** 2
     scale = float(expected @ sweep.power) / float(expected @ expected)
     return float(np.sqrt(np.mean((sweep.power - scale * expected) ** 2)) / sweep.power.max())
+
+
+FORMAT, VERSION = "holoview-lut", 1
+
+
+def lut_table(lut: Lut, source: str, wavelength_m: float | None = None) -> dict[str, Any]:
+    """The look-up table as keys and values for TOML or JSON.
+
+    source: name of the file with the sweep.
+    wavelength_m: of the sweep; with it the table states strokes as lengths.
+
+    `levels` and `stroke` have the form of a preset's `[[modulators]]`.
+    """
+    low, high = lut.stroke_interval
+    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": source}
+    table["model"] = "power = b + a (1 + c x) sin(phase(x) / 2)^2, phase monotone; binary grating with equal bars"
+    table["stroke_pi"] = lut.fit.stroke / math.pi
+    table["stroke_pi_interval"] = [low / math.pi, high / math.pi]
+    if wavelength_m is not None:
+        per_radian = wavelength_m / (2 * math.pi)
+        table["wavelength"] = units.format_exact(wavelength_m, "nm")
+        table["stroke"] = units.format_rounded(lut.stroke_m(wavelength_m), "nm", 6)
+        table["stroke_interval"] = [units.format_rounded(bound * per_radian, "nm", 6) for bound in (low, high)]
+    table["contrast_slope"] = lut.fit.contrast_slope
+    table["residual"] = {
+        "monotone": lut.fit.relative_rms,
+        "linear_free_stroke": lut.rms_linear_free,
+        "linear_2pi": lut.rms_linear_2pi,
+    }
+    table["sent"] = lut.sweep.levels.tolist()
+    table["levels"] = lut.stroke_fractions.tolist()
+    return table
+
+
+def save_lut(path: str | os.PathLike[str], lut: Lut, source: str, wavelength_m: float | None = None) -> None:
+    """Writes `lut_table` as TOML. An existing file is replaced only by a complete one. Raises UserError."""
+    write_file(path, tomli_w.dumps(lut_table(lut, source, wavelength_m)))
+
+
+def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
+    """A bench whose modulators have this look-up table and stroke. Raises UserError if `wavelength_m` is None."""
+    if wavelength_m is None:
+        expected = "the wavelength of the sweep, e.g. --wavelength 820nm"
+        raise UserError("--wavelength", "is missing", expected=expected, remedy="a stroke is a length")
+    levels = lut.stroke_fractions.copy()
+    levels[0], levels[-1] = 0.0, 1.0
+    return system.edit({"stroke": lut.stroke_m(wavelength_m), "levels": levels})
+
+
+def format_lut(lut: Lut, wavelength_m: float | None) -> list[str]:
+    """Stroke, linearity and residuals as lines of text."""
+    low, high = (bound / math.pi for bound in lut.stroke_interval)
+    stroke = f"stroke {lut.fit.stroke / math.pi:.3g} π (95 %: {low:.3g} to {high:.3g} π)"
+    if wavelength_m is not None:
+        stroke += (
+            f" = {units.format_rounded(lut.stroke_m(wavelength_m), 'nm')} at {units.format_rounded(wavelength_m, 'nm')}"
+        )
+    half = float(np.interp(0.5, lut.sweep.relative_levels, lut.stroke_fractions))
+    lines = [stroke, f"half drive gives {half:.2f} of it, a linear response would give 0.5"]
+    lines.append(
+        f"residual {lut.fit.relative_rms:.3g} of the highest power; "
+        f"a straight line leaves {lut.rms_linear_free:.3g} with a free stroke and {lut.rms_linear_2pi:.3g} with 2 π"
+    )
+    if lut.fit.contrast_slope:
+        lines.append(
+            f"the order's full power changes by {100 * lut.fit.contrast_slope:+.0f} % along the sweep (fitted)"
+        )
+    return lines
+
+
+def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
+    """Writes a PNG with two plots against grey level: measured and fitted power, and the fitted phase."""
+    x = lut.sweep.levels
+    with png_figure(path, (10.0, 4.2)) as figure:
+        power, phase = figure.subplots(1, 2)
+        power.plot(x, lut.sweep.power, ".", markersize=4, label="measured")
+        power.plot(x, lut.fit.power, label="monotone LUT")
+        power.set(xlabel="grey level", ylabel="first-order power", title=label(title))
+        power.legend()
+        phase.plot(x, lut.fit.phase / math.pi, label="fitted")
+        phase.plot(x, lut.sweep.relative_levels * lut.fit.stroke / math.pi, "--", label="linear")
+        phase.axhspan(*(bound / math.pi for bound in lut.stroke_interval), alpha=0.2, label="stroke, 95 %")
+        phase.set(xlabel="grey level", ylabel="phase / π", title="phase of each level")
+        phase.legend()

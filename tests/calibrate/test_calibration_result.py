@@ -12,12 +12,15 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.calibrate.forward_model import CalibrationModel
-from holoview.calibrate.laser_response import fit_laser_response
+from holoview.calibrate.calibration_result import (
+    CalibrationResult,
+    PredictionScore,
+    fit_laser_response,
+    score_predictions,
+    starting_bench,
+)
 from holoview.calibrate.map_plots import plot_calibration
-from holoview.calibrate.prediction_score import PredictionScore, score_predictions
-from holoview.calibrate.result import CalibrationResult, starting_bench
-from holoview.calibrate.training_data import TrainingData
+from holoview.calibrate.train import CalibrationModel, TrainingData
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
 from holoview.model import preset

@@ -1,0 +1,190 @@
+"""How the arrays of one or several files make a field or a recording: by frame, colour and quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holoview.util.errors import UserError
+from holoview.wavefield.interpret.assemble import PlacedArray
+from holoview.wavefield.interpret.axes import arrange
+from holoview.wavefield.interpret.candidates import (
+    PAIRS,
+    Candidate,
+    Component,
+    choose,
+    list_candidates,
+    name_colour,
+    name_role,
+)
+from holoview.wavefield.interpret.properties import Findings
+from holoview.wavefield.interpret.quantities import MOST_SAMPLE, full_scale, judge, phase_levels
+from holoview.wavefield.readers.contents import Contents
+from holoview.wavefield.request import ReadRequest
+
+_COLOUR_PARTS = ("r", "g", "b")
+Files = Sequence[tuple[Path, Contents]]
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """What was arranged.
+
+    groups: by frame and colour of separate files, the arrays that are parts of one field.
+    candidates: of the first file.
+    """
+
+    groups: list[list[list[PlacedArray]]]
+    candidates: list[Candidate]
+    is_recording: bool
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Frames, colours, rows and columns of all."""
+        frames, colours, rows, columns = self.groups[0][0][0].sizes
+        return len(self.groups) * frames, len(self.groups[0]) * colours, rows, columns
+
+
+def arrange_files(files: Files, request: ReadRequest, findings: Findings) -> Arrangement:
+    """The parts of a field or a recording in one or several files; how they were recognised goes to `findings`.
+
+    Raises UserError for files that don't belong together.
+    """
+    grid, candidates = _components(files, request, findings)
+    placed = [[[_place(c, files, request) for c in parts] for parts in row] for row in grid]
+    _check_sizes(placed, files)
+    first = placed[0][0][0]
+    if first.axes.reason:
+        findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
+    is_recording, quantity = _recognise(placed, files, request, findings)
+    scaled = [[[_scaled(part, quantity, request, findings) for part in parts] for parts in row] for row in placed]
+    return Arrangement(scaled, candidates, is_recording)
+
+
+def _components(
+    files: Files, request: ReadRequest, findings: Findings
+) -> tuple[list[list[tuple[Component, ...]]], list[Candidate]]:
+    """By frame and colour of separate files, the arrays that make a field."""
+    path, contents = files[0]
+    if len(files) == 1:
+        candidate, candidates = choose(path, contents, request)
+        if len(candidates) > 1 or candidate.name:
+            others = [c.name for c in candidates if c is not candidate]
+            reason = "as given" if request.variable else "by kind and size"
+            more = f"; others: {', '.join(others[:6])}" if others else ""
+            findings.add("variable", candidate.name, "given" if request.variable else "guessed", reason + more)
+        return [[candidate.components]], candidates
+    singles = [_single(p, c, request) for p, c in files]
+    roles: list[str] = list(request.parts) or [name_role(p.stem) or name_colour(p.stem) or "frame" for p, _ in files]
+    if len(roles) != len(files):
+        found = f"{len(roles)} parts for {len(files)} files"
+        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    if not request.parts:
+        findings.add("parts", ", ".join(roles), "guessed", "the names of the files")
+    pairs = list(zip(roles, singles, strict=True))
+    return _grid(pairs, files), list_candidates(contents)
+
+
+def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
+    candidate, _ = choose(path, contents, replace(request, parts=(), quantity=request.quantity or "intensity"))
+    if len(candidate.components) != 1:
+        raise UserError(str(path), "holds more than one part of a field", expected="one part in each file")
+    return candidate.components[0]
+
+
+def _grid(pairs: Sequence[tuple[str, Component]], files: Files) -> list[list[tuple[Component, ...]]]:
+    roles = [role for role, _ in pairs]
+    for pair in PAIRS:
+        if sorted(roles) == sorted(pair):
+            return [[tuple(Component(role, c.array, "one of several files") for role, c in pairs)]]
+    if sorted(roles) == sorted(_COLOUR_PARTS):
+        return [[(next(c for role, c in pairs if role == colour),) for colour in _COLOUR_PARTS]]
+    if set(roles) <= {"frame"} or len(set(roles)) == 1:
+        return [[(replace(c, role=c.role if role == "frame" else role),)] for role, c in pairs]
+    raise UserError(
+        str(files[0][0]),
+        f"the parts {', '.join(roles)} don't make a field",
+        expected="real,imaginary or amplitude,phase or r,g,b, or frames",
+        remedy="state them with --parts",
+    )
+
+
+def _place(component: Component, files: Files, request: ReadRequest) -> PlacedArray:
+    where = component.array.name or str(files[0][0])
+    return PlacedArray(component, arrange(component.array.shape, request, len(request.wavelengths_m), where))
+
+
+def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files) -> None:
+    sizes = {part.sizes for row in placed for parts in row for part in parts}
+    if len(sizes) > 1:
+        words = " and ".join(f"{x} × {y} samples, {c} colours, {f} frames" for f, c, y, x in sorted(sizes))
+        raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
+
+
+def _axes_words(part: PlacedArray) -> str:
+    names = {part.axes.y: "y", part.axes.x: "x"}
+    for name, axis in (("colour", part.axes.colour), ("frame", part.axes.frame)):
+        if axis is not None:
+            names[axis] = name
+    return "(" + ", ".join(names.get(axis, "1") for axis in range(len(part.component.array.shape))) + ")"
+
+
+def _recognise(
+    placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files, request: ReadRequest, findings: Findings
+) -> tuple[bool, str]:
+    """Whether it is a recording, and the quantity of single parts."""
+    parts = placed[0][0]
+    roles = [part.component.role for part in parts]
+    if request.recording not in (None, "none"):
+        findings.add("recording", str(request.recording), "given", "as given or remembered")
+        return True, "intensity"
+    if roles == ["complex"] or len(parts) > 1:
+        findings.add("quantity", " and ".join(roles), "file", parts[0].component.reason or "its numbers are complex")
+        return False, ""
+    if request.quantity is not None:
+        findings.add("quantity", request.quantity, "given", "as given or remembered")
+        return False, request.quantity
+    for role, reason in (
+        (roles[0], f'the variable is named "{parts[0].component.array.name}"'),
+        (name_role(files[0][0].stem), "the file's name says it"),
+    ):
+        if role in ("amplitude", "phase", "intensity", "bilevel"):
+            findings.add("quantity", role, "guessed", reason)
+            return False, role
+    judgement = judge(_sample(parts[0]))
+    if judgement.quantity == "recording" and request.recording == "none":
+        findings.add("quantity", "amplitude", "guessed", "it is no recording, as given, and not spread as phases are")
+        return False, "amplitude"
+    findings.add("quantity", judgement.quantity, "guessed", judgement.reason)
+    return judgement.quantity == "recording", judgement.quantity
+
+
+def _sample(part: PlacedArray) -> np.ndarray:
+    """The middle of the array, at most `MOST_SAMPLE` rows and columns, (frame, colour, y, x)."""
+    _, _, rows, columns = part.sizes
+    height, width = min(rows, MOST_SAMPLE), min(columns, MOST_SAMPLE)
+    return part.load(((columns - width) // 2, (rows - height) // 2, width, height))
+
+
+def _scaled(part: PlacedArray, quantity: str, request: ReadRequest, findings: Findings) -> PlacedArray:
+    """The part with its role and the scale of its numbers."""
+    role = part.component.role
+    if role in ("", *_COLOUR_PARTS) or (quantity and role != "complex"):
+        role = quantity
+    named = replace(part, component=replace(part.component, role=role))
+    dtype = part.component.array.dtype
+    if role == "phase":
+        sample = _sample(part)
+        levels, reason = phase_levels(dtype, float(sample.min()), float(sample.max()))
+        origin = "guessed"
+        if request.phase_levels is not None:
+            levels, reason, origin = request.phase_levels, "as given or remembered", "given"
+        if not any(p.key == "phase levels" for p in findings.provenance):
+            findings.add("phase levels", f"{levels:.6g}", origin, reason)  # type: ignore[arg-type]
+        return replace(named, scale=2 * np.pi / levels)
+    if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
+        return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))
+    return named

@@ -1,0 +1,159 @@
+"""Parts of arrays as complex amplitudes, strip by strip, so that nothing but the result is held in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.numerics.tensors import Region
+from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
+from holoview.wavefield.interpret.axes import Axes
+from holoview.wavefield.interpret.candidates import Component
+
+_STRIP_BYTES = 32 << 20
+_STRIP_COPIES = 6  # in complex128 and in the file's type, while a strip is converted
+
+
+@dataclass(frozen=True)
+class PlacedArray:
+    """A component with the meaning of its axes. scale: what its numbers are multiplied by: to rad for phases.
+
+    one_colour: whether its colours are copies of one, of which the first is taken.
+    """
+
+    component: Component
+    axes: Axes
+    scale: float = 1.0
+    one_colour: bool = False
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Frames, colours, rows, columns."""
+        frames, colours, rows, columns = self.axes.sizes(self.component.array.shape)
+        return frames, 1 if self.one_colour else colours, rows, columns
+
+    def load(self, region: Region) -> NDArray[Any]:
+        """The numbers of a region, (frame, colour, y, x), as they stand in the file."""
+        x, y, width, height = region
+        axes, array = self.axes, self.component.array
+        window = [slice(0, 1)] * len(array.shape)
+        window[axes.y], window[axes.x] = slice(y, y + height), slice(x, x + width)
+        for axis in (axes.frame, axes.colour):
+            if axis is not None:
+                window[axis] = slice(0, array.shape[axis])
+        if self.one_colour and axes.colour is not None:
+            window[axes.colour] = slice(0, 1)
+        loaded = array.load(tuple(window))
+        if loaded.shape != tuple(w.stop - w.start for w in window):
+            raise UserError(array.name, f"{loaded.shape} read of {array.shape}", expected="all of the wanted part")
+        order = [axis for axis in (axes.frame, axes.colour) if axis is not None]
+        rest = [a for a in range(loaded.ndim) if a not in (*order, axes.y, axes.x)]
+        moved = loaded.transpose(*rest, *order, axes.y, axes.x)
+        return moved.reshape(
+            -1 if axes.frame is not None else 1,
+            moved.shape[-3] if axes.colour is not None else 1,
+            *moved.shape[-2:],
+        )
+
+
+def check_region(region: Region | None, rows: int, columns: int, decimate: int) -> Region:
+    """The region that is read, cut to whole blocks of `decimate` samples. Raises UserError unless it lies inside."""
+    x, y, width, height = region or (0, 0, columns, rows)
+    if x + width > columns or y + height > rows:
+        found = f"{width} × {height} at ({x}, {y})"
+        raise UserError("region", found, expected=f"a part of the {columns} × {rows} samples")
+    if min(width, height) < decimate:
+        raise UserError("decimate", f"{decimate} for {width} × {height} samples", expected="at most their number")
+    return x, y, width // decimate * decimate, height // decimate * decimate
+
+
+def assemble(
+    groups: Sequence[Sequence[Sequence[PlacedArray]]], region: Region, decimate: int, where: str, as_field: bool
+) -> NDArray[Any]:
+    """The samples (frame, colour, y, x) of a region: complex64 amplitudes, or float32 as they stand in the file.
+
+    groups: by frame and colour of separate files, the arrays that are parts of one field.
+    decimate: the mean of so many samples in both directions becomes one.
+    Raises UserError for values that aren't finite, and when memory doesn't suffice.
+    """
+    _, _, width, height = region
+    inner_frames, inner_colours, _, _ = groups[0][0][0].sizes
+    frames, colours = len(groups) * inner_frames, len(groups[0]) * inner_colours
+    dtype = np.dtype(np.complex64 if as_field else np.float32)
+    size = frames * colours * (height // decimate) * (width // decimate) * dtype.itemsize
+    row_bytes = inner_frames * inner_colours * width * 16
+    strip = max(_STRIP_BYTES // row_bytes // decimate, 1) * decimate
+    whole = max(placed.component.array.whole_bytes for row in groups for parts in row for placed in parts)
+    needed = 1.2 * size + _STRIP_COPIES * min(strip, height) * row_bytes + whole
+    require_memory(where, needed, remedy="read a region of it, or decimate it")
+    result = np.empty((frames, colours, height // decimate, width // decimate), dtype)
+    for f, row in enumerate(groups):
+        for c, parts in enumerate(row):
+            target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
+            for part, first in _strips(region, strip):
+                values = _combine(parts, part, as_field)
+                _check_finite(where, values, part)
+                target[:, :, first // decimate : (first + part[3]) // decimate] = _mean(values, decimate)
+    return result
+
+
+def _strips(region: Region, rows: int) -> Iterator[tuple[Region, int]]:
+    """Parts of the region with so many rows at most, and the first row of each counted in the region."""
+    x, y, width, height = region
+    for first in range(0, height, rows):
+        yield (x, y + first, width, min(rows, height - first)), first
+
+
+def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> NDArray[Any]:
+    values = {part.component.role: part.load(region) * _scalar(part) for part in parts}
+    if not as_field:
+        return next(iter(values.values())).astype(np.float64)
+    match values:
+        case {"complex": u}:
+            return u
+        case {"real": a, "imaginary": b}:
+            return a + 1j * b
+        case {"amplitude": a, "phase": b}:
+            return a * np.exp(1j * b)
+        case {"intensity": a, "phase": b}:
+            return _root(a) * np.exp(1j * b)
+        case {"phase": b}:
+            return np.exp(1j * b)
+        case {"intensity": a}:
+            return _root(a) + 0j
+        case _:
+            return next(iter(values.values())) + 0j
+
+
+def _scalar(part: PlacedArray) -> Any:
+    """The scale in a type that makes floats of integers and leaves complex64 as it is."""
+    return np.float64(part.scale) if part.component.array.dtype.kind in "biu" else part.scale
+
+
+def _root(intensity: NDArray[Any]) -> NDArray[Any]:
+    if intensity.size and float(intensity.min()) < 0:
+        raise UserError("intensity", f"values down to {float(intensity.min()):g}", expected="values from 0")
+    return np.sqrt(intensity)
+
+
+def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
+    if decimate == 1:
+        return values
+    frames, colours, rows, columns = values.shape
+    blocks = values.reshape(frames, colours, rows // decimate, decimate, columns // decimate, decimate)
+    return blocks.mean(axis=(3, 5))
+
+
+def _check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+    finite = np.isfinite(values)
+    if not finite.all():
+        place = np.unravel_index(int(np.argmin(finite)), finite.shape)
+        y, x = int(place[2]) + region[1], int(place[3]) + region[0]
+        count = finite.size - int(np.count_nonzero(finite))
+        found = f"{values[place]} at row {y}, column {x}, and {count - 1} more values that aren't finite nearby"
+        raise UserError(where, found, expected="finite numbers")
