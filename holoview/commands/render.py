@@ -1,10 +1,12 @@
-"""`holoview render PRESET`: renders what an observer sees of a hologram at focal planes, as PNG."""
+"""`holoview render PRESET|FILE…`: renders what an observer sees of a hologram at focal planes, as PNG."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 from holoview.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
 from holoview.commands.arguments import (
     add_backend,
-    add_system,
+    add_changes,
+    add_effects,
     check_adapter_applies,
     default_output,
     number,
@@ -29,6 +32,13 @@ from holoview.commands.arguments import (
     with_effects,
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
+from holoview.commands.hologram_files import (
+    add_field_options,
+    check_no_field_options,
+    is_preset,
+    open_files,
+    reading_as_json,
+)
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.pictures import (
@@ -58,7 +68,15 @@ from holoview.view import View, random_drive, simulate
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_system(parser, optional=True)
+    add_input(
+        parser,
+        "names",
+        nargs="*",
+        metavar="PRESET|FILE",
+        help="a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts",
+    )
+    add_changes(parser)
+    add_effects(parser, dest="switched_on")
     add_input(parser, "--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
     several: dict[str, Any] = {"nargs": "+", "action": "extend"}
     add_input(
@@ -82,7 +100,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
     )
     parser.add_argument("--frames", metavar="N", type=whole(0), help="with --pupil-path: how many pictures (24)")
-    parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
+    parser.add_argument(
+        "--exposure",
+        metavar="STOPS",
+        type=_exposure,
+        help='brighten by 2^STOPS; "auto": until the brightest hundredth is white, as for fields if absent',
+    )
     parser.add_argument(
         "--colour-space",
         choices=list(COLOUR_SPACES),
@@ -97,12 +120,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         suffix="",
         help="several planes are numbered: OUT-10mm.png; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
     )
-    parser.add_argument("--json", action="store_true", help="print what was made as JSON")
+    parser.add_argument("--json", action="store_true", help="print what was made as JSON; of a file, what was read")
+    add_field_options(parser)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A system and the drive that it shows. read: what was read of files, for JSON; empty without files."""
+
+    system: System
+    drive: NDArray[Any]
+    read: dict[str, Any] = field(default_factory=dict)
 
 
 def run(args: argparse.Namespace) -> int:
     """Renders, writes a PNG for each plane, and prints their names with the speckle contrast."""
-    system, drive = _system_and_drive(args)
+    shown = _shown(args)
+    system, drive = shown.system, shown.drive
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
     if args.pupil_path is not None:
@@ -116,7 +150,6 @@ def run(args: argparse.Namespace) -> int:
     paths = _plane_paths(output, planes_m)
     check_files(args, {"-o": paths})
     check_adapter_applies(args)
-    check_exposure(args.exposure)
     started = time.perf_counter()
     with progress_bar("rendering") as progress:
         view = simulate(
@@ -131,12 +164,16 @@ def run(args: argparse.Namespace) -> int:
     warn_of_limits(view.notes)
     saver = ResultSaver()
     space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
-    files = _write_planes(view.exposed(args.exposure), system, paths, args.exposure, space, saver)
+    stops = _stops(args.exposure, view, system)
+    files = _write_planes(view.exposed(stops), system, paths, stops, space, saver)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
-        print_json(result | {"notes": view.notes})
+        read = {"read": shown.read} if shown.read else {}
+        print_json(result | {"exposure_stops": round(stops, 3), "notes": view.notes} | read)
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
+        if stops and args.exposure in (None, "auto"):
+            print(f"exposure: {stops:+.2f} stops")
         for entry in files:
             contrast = entry["speckle_contrast"]
             speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
@@ -144,20 +181,42 @@ def run(args: argparse.Namespace) -> int:
     return saver.exit_code
 
 
-def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+def _shown(args: argparse.Namespace) -> _Shown:
     """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
         raise UserError(f"--{named[0]} with --{named[1]}", "contradict each other", expected="one of them")
     if args.slm2 and not args.slm1:
         raise UserError("--slm2", "without --slm1", expected="a pattern for each modulator")
+    args.preset = None
+    if args.names and not (len(args.names) == 1 and is_preset(args.names[0])):
+        if named:
+            raise UserError(f"--{named[0]}", f"with {args.names[0]}", expected="one of them")
+        return _shown_files(args)
+    args.preset = args.names[0] if args.names else None
+    check_no_field_options(args, f"the preset {args.preset}" if args.preset else "no file")
+    return _Shown(*_system_and_drive(args))
+
+
+def _shown_files(args: argparse.Namespace) -> _Shown:
+    """The hologram of FILE…, with the changes of --set and --effects."""
+    if args.scheme is not None:
+        raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
+    effects = parse_effects(args.switched_on)  # first: the hologram's bench may name effects of the user's files
+    opened = open_files(args.names, args)
+    system = with_changes(with_effects(opened.hologram.system, effects), args.changes)
+    return _Shown(system, Hologram(opened.hologram.drive, system).drive, reading_as_json(opened, args.names))
+
+
+def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+    """The bench and its patterns (frame, modulator, y, x), of a preset or --hologram."""
     if args.hologram:
         return _system_and_drive_of_hologram(args)
     if args.preset is None:
         raise UserError(
             "PRESET",
             "is missing",
-            expected="a preset's name or file, or --hologram FILE",
+            expected="a preset's name or file, or the file of a hologram",
             remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
         )
     system = system_from_args(args)
@@ -266,10 +325,27 @@ _SHORTEST_S = 0.1
 _MAX_STOPS = 60  # 2^60 exceeds any brightness to see, and its square is still far inside the range of float64
 
 
-def check_exposure(stops: float) -> None:
-    """Raises UserError for an exposure that no picture needs."""
+_BRIGHTEST = 99.0  # percentile of the samples that becomes white; speckle has a long tail
+
+
+def _exposure(text: str) -> float | str:
+    """An argparse type: stops, or "auto"."""
+    if text == "auto":
+        return text
+    stops = number()(text)
     if not abs(stops) <= _MAX_STOPS:
-        raise UserError("--exposure", f"{stops:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+        raise argparse.ArgumentTypeError(f"{stops:g}; expected from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+    return stops
+
+
+def _stops(exposure: float | str | None, view: View, system: System) -> float:
+    """The stops of --exposure; of "auto", and where a field has none, those that make the brightest samples white."""
+    if exposure is None and not system.is_field:
+        return 0.0
+    if isinstance(exposure, float):
+        return exposure
+    white = float(np.percentile(view.rgb.max(axis=-1), _BRIGHTEST))
+    return math.log2(1 / white) if white > 0 else 0.0
 
 
 def render_path(
@@ -285,7 +361,7 @@ def render_path(
     output = args.output or default_output(system.name, "path", ".png")
     write = _open_output(args, output, count, max(path.duration_s, _SHORTEST_S))
     texts = {"holoview.preset": system.name, "holoview.path": args.pupil_path.name}
-    texts |= {"holoview.exposure": f"{args.exposure:g} stops", "holoview.system": preset.dumps(system)}
+    texts |= {"holoview.exposure": f"{_path_stops(args):g} stops", "holoview.system": preset.dumps(system)}
     started = time.perf_counter()
     frames = _frames(args, views, drive)
     if write is not None:
@@ -302,7 +378,8 @@ def _check_path_arguments(
 ) -> None:
     """Raises UserError for arguments that contradict the path or each other."""
     check_adapter_applies(args)
-    check_exposure(args.exposure)
+    if args.exposure == "auto":
+        raise UserError("--exposure", "auto with --pupil-path", expected="stops, the same for all pictures")
     if not 1 <= count <= MAX_FRAMES:
         raise UserError("--frames", str(count), expected=f"1 to {MAX_FRAMES}")
     if tells_focus and args.plane:
@@ -311,6 +388,10 @@ def _check_path_arguments(
         )
     if len(planes_m) > 1:
         raise UserError("--plane", f"{len(planes_m)} planes", expected="one, with --pupil-path")
+
+
+def _path_stops(args: argparse.Namespace) -> float:
+    return args.exposure or 0.0
 
 
 def _open_output(args: argparse.Namespace, output: Path, count: int, duration_s: float) -> Encoder | None:
@@ -333,7 +414,7 @@ def _frames(
     with progress_bar("rendering") as progress:
         rendered = render_each(views, drive, backend=args.backend, adapter=args.adapter)
         for number, xyz in enumerate(rendered, start=1):
-            yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0**args.exposure))
+            yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0 ** _path_stops(args)))
             progress(number, len(views), "pictures")
 
 

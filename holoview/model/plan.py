@@ -151,8 +151,8 @@ class Plan:
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
         wavelength: index of the wavelength in `system`.
-        distance_m: distance in metres; negative before the plane of a field. With an eye, that of the plane on which it is focused at its
-        reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
+        distance_m: distance in metres; negative before the plane of a field. With an eye, that of the plane on which it
+        is focused at its reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
         eye: of the plane; that of `nominal` when None.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
@@ -242,9 +242,9 @@ def make_plan(
     when empty.
 
     Returns a `Plan`. `holoview.model.validity` tells whether the model is true of it; a plan that leaves nothing to see
-    is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range
-    (0 to 1 m, of a field -2 m to 2 m), for an eye that is focused at such a distance at any wavelength, or so far away that the grid holds none of its
-    light, for places without an eye, and for effects that such a system can't have.
+    is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range (0 to
+    1 m, of a field -2 m to 2 m), for an eye that is focused at such a distance at any wavelength, or so far away that
+    the grid holds none of its light, for places without an eye, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()

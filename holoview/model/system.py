@@ -70,9 +70,10 @@ class System(Description):
     `holoview.effects`.
     name, description: of the preset.
 
-    Lengths are metres or text such as "2 mm", at most 1 m; planes of a field lie from -2 m to 2 m. Arrays are read-only. Two systems are equal, and have equal
-    hashes, when all values are. Raises UserError, with the key, the value and a remedy, when a value is out of range
-    or values contradict each other. Usually made by `load` and changed by `with_`:
+    Lengths are metres or text such as "2 mm", at most 1 m; planes of a field lie from -2 m to 2 m. Arrays are
+    read-only. Two systems are equal, and have equal hashes, when all values are. Raises UserError, with the key, the
+    value and a remedy, when a value is out of range or values contradict each other. Usually made by `load` and changed
+    by `with_`:
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[48, 64], planes=["5 mm", "10 mm"])

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class FrameInputs:
     """What the frames of a plan are computed from.
 
-    drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex. An
-    array, or a tensor, which may require a gradient. Raises UserError when it has another shape than
+    drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex.
+    An array, or a tensor, which may require a gradient. Raises UserError when it has another shape than
     `plan.nominal.drive_shape`, or values outside 0…1, of a field such that aren't finite.
     """
 

@@ -2,8 +2,8 @@
 
 It has one sample for each modulator pixel and no padding, which takes a sixteenth of the work or less: light of higher
 diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other. If that isn't fast
-enough it has three lasers only, with amplitudes that preserve the mean colour. A field keeps its padding: its planes are
-often so far away that light would re-enter many times.
+enough it has three lasers only, with amplitudes that preserve the mean colour. A field keeps its padding: its planes
+are often so far away that light would re-enter many times.
 """
 
 from __future__ import annotations
