@@ -67,6 +67,11 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     )
 
 
+def has_field_options(args: argparse.Namespace) -> bool:
+    """Whether an option says something of a file of another program."""
+    return any(getattr(args, name) not in (None, False) for name in _OPTIONS)
+
+
 def check_no_field_options(args: argparse.Namespace, where: str) -> None:
     """Raises UserError if an option says something of a file, beside `where`, which isn't one."""
     for name in _OPTIONS:

@@ -216,7 +216,7 @@ def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.floa
         raise UserError(
             "PRESET",
             "is missing",
-            expected="a preset's name or file, or the file of a hologram",
+            expected="a preset's name or file, or a hologram's file, also by --hologram FILE",
             remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
         )
     system = system_from_args(args)

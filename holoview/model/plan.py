@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.eye import Eye
 from holoview.model.focus import eyes_at, focus_shift, focused_planes, parse_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.system import System
 from holoview.model.transfer import Transfer, check_eye_sampled
 from holoview.numerics.sampling import is_fast_length, next_fast_length
-from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
 
@@ -280,13 +278,6 @@ def make_plan(
 def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
     """The system with its effects, and the factors of the optical paths that an exposure averages over."""
     active = ActiveEffects(system.effect_values)
-    if system.is_field and (of_pixels := active.with_hooks(*MODULATOR_HOOKS, "exposure_samples")):
-        raise UserError(
-            f"effects.{of_pixels[0][0].id}",
-            "with a field",
-            expected="effects behind its plane: a field has no modulator",
-            remedy="switch it off",
-        )
     return active.as_built(system), tuple(factor for _, factor in active.exposure_samples())
 
 

@@ -111,7 +111,7 @@ class ViewPanel(Panel):
         tooltip("An exposure at which only the brightest hundredth of the image is beyond white.")
 
     def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
-        frames, modulators = context.session.system.drive_shape[:2]
+        frames, modulators = context.session.system.frames, len(context.session.system.modulators)
         for name, value, count in (("modulator", view.modulator, modulators), ("frame", view.frame, frames)):
             if count > 1:
                 changed, value_shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
