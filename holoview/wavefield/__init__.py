@@ -6,4 +6,5 @@ request     what a user knows of a file and wants from it
 readers     one module for each file format; other packages can add their own
 interpret   what the arrays of a file mean: axes, quantities, scales, pitch, wavelengths
 exchange    fields from other running programs: a listener on this machine and `push`
+propagation  a field at any distance, by a method that is chosen by a stated criterion
 """
