@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
-    from holoview.view import View, random_drive, simulate
+    from holoview.view import View, field_at, random_drive, simulate
     from holoview.wavefield.exchange import push
 
 _MODULES = {
@@ -77,6 +77,7 @@ _MODULES = {
     "__version__": "holoview.util.packages",
     "chromatic_refraction": "holoview.model.eye",
     "export_html": "holoview.page.page",
+    "field_at": "holoview.view",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
     "load_field": "holoview.io.load_field",
@@ -108,6 +109,7 @@ __all__ = [
     "__version__",
     "chromatic_refraction",
     "export_html",
+    "field_at",
     "iterate",
     "load",
     "load_field",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from holoview.model.validity import exceeded_limits
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
+
+if TYPE_CHECKING:
+    from holoview.engine.stage_fields import StageField
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32
 
@@ -153,6 +156,49 @@ def random_drive(system: System, seed: int = 0) -> NDArray[Any]:
     return np.exp(2j * np.pi * drive).astype(np.complex64) if system.is_field else drive
 
 
+def field_at(
+    system: System | Hologram,
+    drive: Any = None,
+    *,
+    stage: str = "plane",
+    plane: float | str | None = None,
+    laser: int = 0,
+    frame: int = 0,
+    source: int = 0,
+) -> StageField:
+    """The complex field of one laser at a stage of a frame, in complex128.
+
+    system, drive: as of `simulate`.
+    stage: "light", "slm1" (of a field "field"), "gap", "slm2", "stop", "plane", and with an eye "pupil" and "retina".
+    plane: the focal plane, metres or text; the middle one of the system when None.
+    laser, frame, source: their indices.
+
+    Returns a `StageField` with `values` (y, x), without the carrier exp(2πi·z/λ) and the power of the laser. Raises
+    UserError for a stage that the system doesn't have, and as `simulate` does.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> behind = hv.field_at(system, hv.random_drive(system), stage="slm1")
+    >>> abs(behind.values).round(6).min(), behind.step
+    (np.float64(1.0), (4e-06, 4e-06))
+    """
+    system, drive = _with_drive(system, drive)
+    planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
+    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+
+    plane_m = float(planes_m[len(planes_m) // 2])
+    return stage_field(system, drive, stage, plane_m, laser=laser, frame=frame, source=source)
+
+
+def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
+    """A system and its drive, of which a hologram has both. Raises UserError without a drive."""
+    if isinstance(system, Hologram):
+        return system.system, system.drive if drive is None else drive
+    if drive is None:
+        raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
+    return system, drive
+
+
 def simulate(
     system: System | Hologram,
     drive: Any = None,
@@ -188,11 +234,7 @@ def simulate(
     >>> view.srgb8[0].shape
     (96, 128, 3)
     """
-    if isinstance(system, Hologram):
-        hologram, system = system, system.system
-        drive = hologram.drive if drive is None else drive
-    if drive is None:
-        raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
+    system, drive = _with_drive(system, drive)
     plan = make_plan(system, planes)
     needed = simulation_bytes(plan, double=backend == "torch64")
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")

@@ -7,29 +7,41 @@ field of another program, which several files may be the parts of.
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
-from holoview.commands.arguments import number
+from holoview.commands.arguments import number, parse_effects, system_from_args, with_changes, with_effects
 from holoview.commands.console import print_stderr
+from holoview.io.hologram import Hologram
 from holoview.io.load_field import OpenedHologram, open_hologram
 from holoview.model import preset
+from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.wavefield.reading import ReadRequest, remember
 from holoview.wavefield.request import Part, Quantity, RecordingKind
 
+_NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
+NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
 _OPTIONS = ("wavelength", "pitch", "distance", "recording", "quantity", "variable", "index", "parts", "conjugate")
 
 
-def add_field_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that say what is known of a file of another program; see `request_from_args`."""
+def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True) -> None:
+    """Adds the options that say what is known of a file of another program; see `request_from_args`.
+
+    has_plane: whether the command has --plane, whose first one is the distance where nothing else tells it; otherwise
+    it is another name of --distance.
+    """
+    parser._negative_number_matcher = _NEGATIVE  # so that "--plane -10cm" isn't taken for an option
     group = parser.add_argument_group("of a file of another program, what it doesn't say itself")
     several: dict[str, Any] = {"nargs": "+", "action": "extend"}
     group.add_argument("--wavelength", metavar="LENGTH", **several, help="of each colour in the file's order")
     group.add_argument("--pitch", metavar="LENGTH", nargs="+", help="between samples, e.g. 8um; two of them: y, then x")
-    group.add_argument("--distance", metavar="LENGTH", help="to the image; negative where it lies before the plane")
+    names = ["--distance"] if has_plane else ["--distance", "--plane"]
+    group.add_argument(*names, metavar="LENGTH", help="to the image; negative where it lies before the plane")
     group.add_argument("--quantity", choices=get_args(Quantity), help="what the numbers are")
     group.add_argument("--variable", metavar="NAME", help="which array, where a file holds several")
     group.add_argument(
@@ -49,6 +61,9 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     pitch = None if args.pitch is None else [units.parse(text, "--pitch") for text in args.pitch]
     if pitch is not None and len(pitch) > 2:
         raise UserError("--pitch", f"{len(pitch)} lengths", expected="one, or two: along y and along x")
+    planes = getattr(args, "plane", None) or []
+    first = planes if isinstance(planes, str) else next(iter(planes), None)
+    distance = args.distance or (None if first is None or first == "all" or first.rstrip().endswith("D") else first)
     parts = tuple(part.strip() for part in args.parts.split(",")) if args.parts else ()
     for part in parts:
         if part not in get_args(Part):
@@ -56,7 +71,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     return ReadRequest(
         pitch_m=None if pitch is None else (pitch[0], pitch[-1]),
         wavelengths_m=tuple(units.parse(text, "--wavelength") for text in args.wavelength or ()),
-        distance_m=None if args.distance is None else units.parse(args.distance, "--distance"),
+        distance_m=None if distance is None else units.parse(distance, "--distance"),
         quantity=args.quantity,
         variable=args.variable,
         parts=parts,
@@ -107,13 +122,40 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     return opened
 
 
+@dataclass(frozen=True)
+class Shown:
+    """A system and the drive that it shows; None of a preset. read: what was read of files, for JSON; else empty."""
+
+    system: System
+    drive: Any
+    read: dict[str, Any] = field(default_factory=dict)
+
+
+def shown_by_args(args: argparse.Namespace) -> Shown:
+    """What PRESET|FILE… of `args.names` stands for, with the changes of --set, --scheme and --effects.
+
+    The name of a preset becomes `args.preset`. Raises UserError as `open_files` and `system_from_args` do.
+    """
+    names = args.names
+    if len(names) == 1 and is_preset(names[0]):
+        args.preset = names[0]
+        check_no_field_options(args, f"the preset {names[0]}")
+        return Shown(system_from_args(args), None)
+    if args.scheme is not None:
+        raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
+    effects = parse_effects(getattr(args, "switched_on", []))  # first: a bench may name effects of the user's files
+    opened = open_files(names, args)
+    system = with_changes(with_effects(opened.hologram.system, effects), args.changes)
+    return Shown(system, Hologram(opened.hologram.drive, system).drive, reading_as_json(opened, names))
+
+
 def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:
     """What was read, guessed and why, for --json."""
-    field = opened.hologram.field() if opened.hologram.system.is_field else None
+    system = opened.hologram.system
     return {
         "files": list(names),
-        "kind": "patterns" if field is None else "field",
-        "what": opened.hologram.system.description if field is None else field.describe(),
+        "kind": "field" if system.is_field else "patterns",
+        "what": opened.hologram.field().describe() if system.is_field else system.description,
         "properties": [
             {"name": known.key, "value": known.value, "origin": known.origin, "reason": known.reason}
             for known in opened.provenance

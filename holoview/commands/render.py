@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,11 +31,12 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import (
+    NAMES_HELP,
+    Shown,
     add_field_options,
     check_no_field_options,
     is_preset,
-    open_files,
-    reading_as_json,
+    shown_by_args,
 )
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.io.hologram import Hologram, load_hologram
@@ -59,11 +58,13 @@ from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label
 from holoview.model.pupil_path import views_along
 from holoview.model.system import System
+from holoview.render.field_picture import QUANTITIES, field_picture
 from holoview.render.plane_images import render_each
+from holoview.render.tone_mapping import fitting_stops
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.view import View, random_drive, simulate
+from holoview.view import View, field_at, random_drive, simulate
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +74,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="PRESET|FILE",
-        help="a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts",
+        help=NAMES_HELP,
     )
     add_changes(parser)
     add_effects(parser, dest="switched_on")
@@ -111,6 +112,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=list(COLOUR_SPACES),
         help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent",
     )
+    _add_show(parser)
     add_backend(parser)
     add_output(
         parser,
@@ -124,13 +126,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_field_options(parser)
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """A system and the drive that it shows. read: what was read of files, for JSON; empty without files."""
-
-    system: System
-    drive: NDArray[Any]
-    read: dict[str, Any] = field(default_factory=dict)
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("the field itself, of one laser, in place of what an observer sees")
+    group.add_argument("--show", choices=QUANTITIES, help="a picture of this quantity of the complex field")
+    group.add_argument(
+        "--stage",
+        metavar="NAME",
+        help="light, slm1 (of a field: field), gap, slm2, stop, plane; with an eye pupil, retina; plane if absent",
+    )
+    group.add_argument("--laser", metavar="N", type=whole(1), help="which laser, counted from 1; the first if absent")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -145,6 +149,11 @@ def run(args: argparse.Namespace) -> int:
         return render_path(args, system, drive, planes_m)
     if args.frames is not None:
         raise UserError("--frames", "without --pupil-path", expected="both, or neither")
+    if args.show is not None:
+        return _show_field(args, shown, planes_m)
+    if args.stage is not None or args.laser is not None:
+        flag = "--stage" if args.stage is not None else "--laser"
+        raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
     output = args.output or default_output(system.name, "", ".png")
     check_suffix(output, ".png")
     paths = _plane_paths(output, planes_m)
@@ -181,7 +190,36 @@ def run(args: argparse.Namespace) -> int:
     return saver.exit_code
 
 
-def _shown(args: argparse.Namespace) -> _Shown:
+def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64]) -> int:
+    """Writes a PNG of the field at a stage for each plane, and prints what its colours mean."""
+    system, stage, laser = shown.system, args.stage or "plane", (args.laser or 1) - 1
+    output = args.output or default_output(system.name, "", ".png")
+    check_suffix(output, ".png")
+    paths = _plane_paths(output, planes_m)
+    check_files(args, {"-o": paths})
+    saver, files = ResultSaver(), []
+    for plane_m, path in zip(planes_m.tolist(), paths, strict=True):
+        field = field_at(system, shown.drive, stage=stage, plane=plane_m, laser=laser)
+        picture, plane = field_picture(field.values, args.show), plane_label(system, plane_m)
+        texts = {"holoview.preset": system.name, "holoview.plane": plane, "holoview.stage": stage}
+        texts |= {
+            "holoview.quantity": args.show,
+            "holoview.scale": picture.scale,
+            "holoview.system": preset.dumps(system),
+        }
+        written = saver.save(path, partial(write_png, pixels=picture.srgb8, texts=texts))
+        step = f"a direction sine of {field.step[1]:.4g}" if field.is_by_direction else f"{field.step[1] * 1e6:.4g} um"
+        entry = {"plane": plane, "file": str(written), "stage": stage, "quantity": args.show, "scale": picture.scale}
+        most = float(np.abs(field.values).max())
+        files.append(entry | {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m})
+    if args.json:
+        print_json({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
+    for entry in [] if args.json else files:
+        print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}")
+    return saver.exit_code
+
+
+def _shown(args: argparse.Namespace) -> Shown:
     """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
@@ -192,20 +230,10 @@ def _shown(args: argparse.Namespace) -> _Shown:
     if args.names and not (len(args.names) == 1 and is_preset(args.names[0])):
         if named:
             raise UserError(f"--{named[0]}", f"with {args.names[0]}", expected="one of them")
-        return _shown_files(args)
+        return shown_by_args(args)
     args.preset = args.names[0] if args.names else None
     check_no_field_options(args, f"the preset {args.preset}" if args.preset else "no file")
-    return _Shown(*_system_and_drive(args))
-
-
-def _shown_files(args: argparse.Namespace) -> _Shown:
-    """The hologram of FILE…, with the changes of --set and --effects."""
-    if args.scheme is not None:
-        raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
-    effects = parse_effects(args.switched_on)  # first: the hologram's bench may name effects of the user's files
-    opened = open_files(args.names, args)
-    system = with_changes(with_effects(opened.hologram.system, effects), args.changes)
-    return _Shown(system, Hologram(opened.hologram.drive, system).drive, reading_as_json(opened, args.names))
+    return Shown(*_system_and_drive(args))
 
 
 def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
@@ -325,9 +353,6 @@ _SHORTEST_S = 0.1
 _MAX_STOPS = 60  # 2^60 exceeds any brightness to see, and its square is still far inside the range of float64
 
 
-_BRIGHTEST = 99.0  # percentile of the samples that becomes white; speckle has a long tail
-
-
 def _exposure(text: str) -> float | str:
     """An argparse type: stops, or "auto"."""
     if text == "auto":
@@ -344,8 +369,7 @@ def _stops(exposure: float | str | None, view: View, system: System) -> float:
         return 0.0
     if isinstance(exposure, float):
         return exposure
-    white = float(np.percentile(view.rgb.max(axis=-1), _BRIGHTEST))
-    return math.log2(1 / white) if white > 0 else 0.0
+    return fitting_stops(view.xyz)
 
 
 def render_path(

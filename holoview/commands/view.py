@@ -55,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="end when the first image is displayed, and say so",
     )
-    add_field_options(parser)
+    add_field_options(parser, has_plane=False)
     parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     add_input(parser, "--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     add_output(parser, "--screenshot", metavar="PNG", suffix=".png", help="a picture of the window; with --offscreen")

@@ -31,6 +31,7 @@ from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
+from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import ViewSettings
 from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
@@ -39,10 +40,11 @@ from holoview.util.errors import UserError
 from holoview.util.files import expand_home, read_text
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
-from holoview.view import random_drive
+from holoview.view import random_drive, simulate
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest
 
+_MOST_FITTED = 1 << 24  # values of a field whose picture is computed before it is shown, to fit its exposure
 _RETRY_FOR_S = 10.0
 """How long a watched file may stay unreadable, being half written, before an error is reported."""
 
@@ -104,6 +106,8 @@ class FileLoader:
         view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
         if content.plane_m is not None:
             view_settings = view_settings.with_(plane_m=content.plane_m)
+        if content.exposure_stops is not None:
+            view_settings = view_settings.with_(exposure_stops=content.exposure_stops)
         target_spec = None if has_example_target(session) and not is_preset else session.target_spec
         if system.is_field != session.system.is_field:
             target_spec = None
@@ -218,7 +222,7 @@ _EXPECTED = (
 class FileContent:
     """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user.
 
-    plane_m: the focal plane that it is to be shown at; None for that of the viewer.
+    plane_m, exposure_stops: the focal plane and the exposure that it is to be shown at; None for those of the viewer.
     """
 
     kind: str
@@ -229,6 +233,7 @@ class FileContent:
     pupil_path: PupilPath | None = None
     path: Path | None = None
     plane_m: float | None = None
+    exposure_stops: float | None = None
     notes: tuple[str, ...] = field(default=())
 
 
@@ -299,10 +304,13 @@ def _file(path: Path, system: System) -> FileContent:
 
 
 def _field(paths: list[Path], request: ReadRequest) -> FileContent:
-    """A field of another program; what nothing tells is guessed, which the notes say."""
+    """A field of another program, with an exposure that fits it; what nothing tells is guessed, which the notes say."""
     opened = open_hologram(paths, replace(request, accept_guesses=True))
-    hologram = opened.hologram
-    return FileContent("field", paths[0].name, hologram.system, hologram.drive, path=paths[0], notes=opened.notes)
+    system, drive = opened.hologram.system, opened.hologram.drive
+    stops = 0.0
+    if drive.size <= _MOST_FITTED:
+        stops = round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
+    return FileContent("field", paths[0].name, system, drive, path=paths[0], exposure_stops=stops, notes=opened.notes)
 
 
 def _page(path: Path, state: str) -> FileContent:

@@ -230,6 +230,25 @@ class System(Description):
         return self.modulators[0].is_field
 
     @property
+    def stages(self) -> tuple[str, ...]:
+        """Where a frame's light can be looked at, in the order in which it passes.
+
+        "light": what lights the first modulator, or the field. "slm1": behind modulator 1; of a field "field". "gap":
+        at modulator 2, before it. "slm2": behind modulator 2. "stop": in the Fourier plane of relay 2, behind its
+        stops, by direction. "plane": in the focal plane. With an eye "pupil": in its pupil, by direction, with the
+        phase that its focus on the plane leaves; "retina": on the retina.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").stages
+        ('light', 'slm1', 'gap', 'slm2', 'stop', 'plane')
+        """
+        if self.is_field:
+            before: tuple[str, ...] = ("light", "field")
+        else:
+            before = ("light", "slm1") if self.gap_m is None else ("light", "slm1", "gap", "slm2")
+        return (*before, "stop", "plane", *(() if self.eye is None else ("pupil", "retina")))
+
+    @property
     def plane_type(self) -> Array:
         """Field type of the distances of its focal planes, with their range."""
         return FIELD_DISTANCES if self.is_field else PLANE_DISTANCES
