@@ -133,22 +133,17 @@ def report_markdown(data: Values) -> str:
         ["## Viewer", "", *_viewer(data)],
         ["## Power", "", *_power(data)],
         ["## Not measured", "", *_problems(data)],
-        ["<details><summary>All numbers as JSON</summary>", "", "```json", _json(data), "```", "", "</details>"],
+        [
+            "<details><summary>All numbers as JSON</summary>",
+            "",
+            "```json",
+            json.dumps(data, indent=1, ensure_ascii=False),
+            "```",
+            "",
+            "</details>",
+        ],
     ]
     return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
-
-
-def report_data(markdown: str) -> Values:
-    """The numbers of a report that `report_markdown` wrote. Raises ValueError for another text."""
-    _, found, rest = markdown.rpartition("```json\n")
-    if not found:
-        raise ValueError("the text is no report of holoview bench")
-    data: Values = json.loads(rest.partition("\n```")[0])
-    return data
-
-
-def _json(data: Values) -> str:
-    return json.dumps(data, indent=1, ensure_ascii=False)
 
 
 def results(data: Values, section: str) -> list[Values]:

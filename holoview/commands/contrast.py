@@ -25,11 +25,10 @@ from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import (
-    RetinalContrast,
-    independent_contrast,
+    RetinalCurve,
     independent_patterns,
     pupils_of,
-    retinal_contrast,
+    retinal_curve,
     speckle_contrast,
 )
 from holoview.model.focus import parse_plane, plane_label
@@ -141,9 +140,9 @@ def run(args: argparse.Namespace) -> int:
     }
     draw = speckle_figure(image.luminance, region, speckle.contrast)
     if shown is not None and pupils_m:
-        table = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
-        result |= {"pupils": table.rows, "independent_contrast": table.independent}
-        draw = table.figure()
+        curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
+        result |= {"pupils": _rows(curve), "independent_contrast": curve.independent}
+        draw = _plot(curve)
     if args.plot is not None:
         write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
@@ -245,46 +244,36 @@ def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
 # --- `--pupils`: speckle contrast on the retina against the pupil ---
 
 
-@dataclass(frozen=True)
-class ContrastByPupil:
-    """Contrasts of a region for some pupils, and that of independent patterns of the same lasers."""
-
-    contrasts: tuple[RetinalContrast, ...]
-    independent: float
-
-    @property
-    def rows(self) -> list[dict[str, Any]]:
-        """The contrasts as JSON values."""
-        return [
-            {
-                "pupil_mm": round(found.pupil_m * 1e3, 6),
-                "contrast": found.contrast,
-                "cone_contrast": found.cone_contrast,
-                "grain_arcmin": found.grain_arcmin,
-            }
-            for found in self.contrasts
-        ]
-
-    def figure(self) -> Callable[[Figure], None]:
-        """A function that draws the contrasts against the pupil."""
-        x = [row["pupil_mm"] for row in self.rows]
-        curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
-            "every sample": (x, [found.contrast for found in self.contrasts]),
-            "as cones see it": (x, [found.cone_contrast for found in self.contrasts]),
-            "independent patterns": (x, [self.independent] * len(x)),
-        }
-        return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
-
-
-def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> ContrastByPupil:
+def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> RetinalCurve:
     """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
-    found, systems = [], pupils_of(hologram.system, pupils_m)
+    systems = pupils_of(hologram.system, pupils_m)
+    images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
     with progress_bar("pupils") as progress:
-        for number, system in enumerate(systems, start=1):
-            view = simulate(system, hologram.drive, [plane_m], backend="torch")
-            found.append(retinal_contrast(system, view.xyz[0, ..., 1], region))
-            progress(number, len(systems), f"{found[-1].pupil_m * 1e3:.3g} mm")
-    return ContrastByPupil(tuple(found), independent_contrast(hologram.system))
+        return retinal_curve(systems, images, region, progress)
+
+
+def _rows(curve: RetinalCurve) -> list[dict[str, Any]]:
+    """The contrasts as JSON values."""
+    return [
+        {
+            "pupil_mm": round(found.pupil_m * 1e3, 6),
+            "contrast": found.contrast,
+            "cone_contrast": found.cone_contrast,
+            "grain_arcmin": found.grain_arcmin,
+        }
+        for found in curve.contrasts
+    ]
+
+
+def _plot(curve: RetinalCurve) -> Callable[[Figure], None]:
+    """A function that draws the contrasts against the pupil."""
+    x = [row["pupil_mm"] for row in _rows(curve)]
+    curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+        "every sample": (x, [found.contrast for found in curve.contrasts]),
+        "as cones see it": (x, [found.cone_contrast for found in curve.contrasts]),
+        "independent patterns": (x, [curve.independent] * len(x)),
+    }
+    return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
 
 
 def format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:

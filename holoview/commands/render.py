@@ -59,7 +59,7 @@ from holoview.model.focus import focused_planes, parse_plane, plane_label
 from holoview.model.pupil_path import views_along
 from holoview.model.system import System
 from holoview.render.field_picture import QUANTITIES, field_picture
-from holoview.render.plane_images import render_each
+from holoview.render.planes import render_each
 from holoview.render.tone_mapping import fitting_stops
 from holoview.util import units
 from holoview.util.errors import UserError

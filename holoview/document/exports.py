@@ -26,7 +26,7 @@ from holoview.model.focus import with_pupil_at
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
-from holoview.render.plane_images import render_each, render_planes
+from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
 from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units

@@ -211,7 +211,6 @@ def _title(names: str | Path | Sequence[str | Path]) -> str:
 # .npy, .mat, …      a field of another program
 
 
-CONTENT_KINDS = ("hologram", "page", "preset", "patterns", "picture", "stack", "pupil path", "field")
 _EXPECTED = (
     "a preset, a hologram file or page, a field of another program, pattern PNGs, "
     "a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
@@ -220,8 +219,9 @@ _EXPECTED = (
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user.
+    """The content of a file: its kind, a title, the parts of a document, notes for the user.
 
+    kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
     plane_m, exposure_stops: the focal plane and the exposure that it is to be shown at; None for those of the viewer.
     """
 

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from holoview.document.document import Document
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.optimisation_choices import START_PATTERNS, OptimisationChoices
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
@@ -27,7 +26,7 @@ from holoview.optimise.settings import Settings
 from holoview.render.scene import Drive
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.tables import read_record
+from holoview.util.tables import read_record, record_from_table
 
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
@@ -310,7 +309,7 @@ class UnfinishedOptimisation:
 
 def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
     """What was left, from its table. Raises UserError for another table."""
-    return None if table is None else read_record(RestOfOptimisation, json.dumps(table), "unfinished", _WHAT)
+    return None if table is None else record_from_table(RestOfOptimisation, table, "unfinished: ", expected=_WHAT)
 
 
 def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation | None:

@@ -28,7 +28,7 @@ from PIL import Image
 
 from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, to_srgb8
 from holoview.io.hologram import Hologram
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off

@@ -128,6 +128,8 @@ class ViewSettings:
             raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        if min(self.frame, self.modulator, self.solo or 0, *self.muted) < 0:
+            raise UserError("frame, modulator and lasers", "a negative number", expected="whole numbers from 0")
         if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
             raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
 

@@ -88,7 +88,6 @@ def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
     return " x ".join(str(2 * n) for n in reversed(shape)) + " samples", f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
-THREE_SCENES = ("still-life", "night", "bright")
 QUICK = StudyScale("quick", (48, 64), 40, 1, ("still-life",), 3)
 FULL = StudyScale("full", (384, 512), 100, 1, ("still-life",), 5)
 MIDDLE = StudyScale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)

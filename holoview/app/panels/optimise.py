@@ -13,8 +13,7 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.document.editing_session import EditingSession
-from holoview.document.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
+from holoview.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
 from holoview.document.optimisation_job import (
     OptimisationJob,
     chosen_optimisation,

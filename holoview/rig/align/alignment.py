@@ -21,19 +21,22 @@ from holoview.captures.orientations import (
     oriented_shape,
     undone,
 )
-from holoview.rig.align.dots import DotPicture, brightest_dot, dot_bias, find_dots
-from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
-from holoview.rig.align.probes import (
+from holoview.rig.align.dots import (
     DOTS_ACROSS,
     FEWEST_PX,
+    DotPicture,
     Optics,
     Probes,
+    brightest_dot,
+    dot_bias,
+    find_dots,
     flat_levels,
     grating,
     lens_array,
     optics_of,
     single_lens,
 )
+from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
 from holoview.rig.measure.camera_pictures import take_exposed

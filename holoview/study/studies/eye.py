@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import to_srgb8
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.eye import chromatic_refraction
 from holoview.model.system import System
 from holoview.study.hologram_study import (

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
