@@ -425,6 +425,7 @@ def add_general_commands(context: AppContext) -> None:
         lambda: _randomise(context),
         "Edit",
         help="Others each time: another speckle on every modulator.",
+        is_enabled=lambda: not session.system.is_field,
     )
     add(
         "Still life",

@@ -212,6 +212,14 @@ CHANGES: dict[str, dict[str, Any]] = {
         },
         "relay2.square": "first order",
     },
+    "a field, planes before and behind it": {
+        "modulators": [{"pitch": "8 um", "shape": [100, 128], "content": "field"}],
+        "gap": None,
+        "upsample": 1,
+        "planes": ["-40 mm", "0 mm", "60 mm"],
+        "source": SOURCES,
+        "relay2.iris_na": 0.02,
+    },
     "no gap, planes at zero and far": {"gap": 0.0, "planes": [0.0, "50 mm"], "propagation": "periodic"},
 }
 """The changes of `parity_bench` that make each bench, by its name."""

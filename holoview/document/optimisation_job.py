@@ -182,9 +182,12 @@ class OptimisationJob(BackgroundJob):
 def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
     """Starts an optimisation of the session's patterns for its target; the low exposure of random patterns is reset.
 
-    Raises UserError without a target, while another optimisation runs, and for an invalid scheme or settings.
+    Raises UserError for a field, without a target, while another optimisation runs, and for an invalid scheme or
+    settings.
     """
     request = request or OptimisationRequest()
+    if session.system.is_field:
+        raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
     if session.target_spec is None:
         raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
     if running_optimisation(session) is not None:

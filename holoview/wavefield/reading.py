@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
-from holoview.wavefield.interpret.assemble import assemble, check_region
+from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
 from holoview.wavefield.interpret.candidates import Candidate
+from holoview.wavefield.interpret.known_files import find_known_file
 from holoview.wavefield.interpret.properties import (
     Findings,
     Known,
@@ -97,18 +98,26 @@ def read_wavefield(
     with ExitStack() as stack:
         opened = [(path, *stack.enter_context(open_file(path, merged))) for path in files]
         findings.add("format", opened[0][1].name, "file", "its first bytes")
+        findings.notes += [note for _, _, content in opened for note in content.notes]
         contents = [(path, content) for path, _, content in opened]
-        arrangement = arrange_files(contents, merged, findings)
-        known = _known(files[0], contents, merged, given)
-        _describe_request(known, findings)
+        known = _known(files[0], contents, merged, given, findings)
+        arrangement = arrange_files(contents, known, findings)
+        _describe_request(known, arrangement, findings)
         return _read(known, arrangement, findings)
 
 
-def _known(path: Path, contents: Sequence[tuple[Path, Contents]], request: ReadRequest, given: ReadRequest) -> Known:
+def _known(
+    path: Path, contents: Sequence[tuple[Path, Contents]], request: ReadRequest, given: ReadRequest, findings: Findings
+) -> Known:
+    """All that tells properties of a field."""
     numbers: dict[str, tuple[float, ...]] = {}
     for _, content in reversed(contents):
         numbers |= content.numbers
-    return Known(request, given, contents[0][1].facts, numbers, Facts(), "", path.name)
+    table = find_known_file(path.name)
+    facts, reason = (table.facts, table.reason) if table else (Facts(), "")
+    if table:
+        findings.notes.append(table.note)
+    return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name)
 
 
 def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading:
@@ -143,10 +152,15 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
 
 
 def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:
+    """The field that a bilevel pattern carries, and with the sign of the phase that the request states."""
+    if arrangement.quantity == "bilevel":
+        if request.decimate > 1:
+            raise UserError("decimate", "a bilevel pattern", expected="1", remedy="read a region of it")
+        values = half_spectrum(values)
     return np.conj(values) if request.conjugated else values
 
 
-def _describe_request(known: Known, findings: Findings) -> None:
+def _describe_request(known: Known, arrangement: Arrangement, findings: Findings) -> None:
     request = known.request
     if request.refractive_index is not None:
         reason = "wavelengths are divided by it"
@@ -154,7 +168,7 @@ def _describe_request(known: Known, findings: Findings) -> None:
     if request.conjugated is not None:
         sign = "exp(−iφ)" if request.conjugated else "exp(+iφ)"
         findings.add("sign of the phase", sign, known.origin("conjugated"), "as given or remembered")
-    else:
+    elif not arrangement.is_recording:
         findings.add("sign of the phase", "exp(+iφ)", "guessed", "the usual sign; the other one mirrors the distance")
 
 

@@ -8,5 +8,6 @@ quantities   what real numbers are: amplitude, phase, intensity, a bilevel patte
 arrangement  how the arrays of one or several files make a field or a recording
 assemble     parts of arrays as complex amplitudes, strip by strip
 properties   pitch, wavelengths, distance: given, remembered, of the file, or guessed
+known_files  published test sets: what is known of a file of this name (jpeg_pleno.toml)
 remembered   the notes beside a file, FILE.holoview.toml
 """

@@ -19,11 +19,13 @@ from holoview.wavefield.interpret.candidates import (
     list_candidates,
     name_colour,
     name_role,
+    partner_of,
 )
-from holoview.wavefield.interpret.properties import Findings
+from holoview.wavefield.interpret.properties import Findings, Known, count_wavelengths
 from holoview.wavefield.interpret.quantities import MOST_SAMPLE, full_scale, judge, phase_levels
 from holoview.wavefield.readers.contents import Contents
 from holoview.wavefield.request import ReadRequest
+from holoview.wavefield.wavefield import Origin
 
 _COLOUR_PARTS = ("r", "g", "b")
 Files = Sequence[tuple[Path, Contents]]
@@ -34,12 +36,13 @@ class Arrangement:
     """What was arranged.
 
     groups: by frame and colour of separate files, the arrays that are parts of one field.
-    candidates: of the first file.
+    candidates: of the first file. quantity: of single real arrays, "" for others.
     """
 
     groups: list[list[list[PlacedArray]]]
     candidates: list[Candidate]
     is_recording: bool
+    quantity: str
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
@@ -48,20 +51,24 @@ class Arrangement:
         return len(self.groups) * frames, len(self.groups[0]) * colours, rows, columns
 
 
-def arrange_files(files: Files, request: ReadRequest, findings: Findings) -> Arrangement:
+def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement:
     """The parts of a field or a recording in one or several files; how they were recognised goes to `findings`.
 
     Raises UserError for files that don't belong together.
     """
+    request, wavelengths = known.request, count_wavelengths(known)
     grid, candidates = _components(files, request, findings)
-    placed = [[[_place(c, files, request) for c in parts] for parts in row] for row in grid]
+    placed = [[[_place(c, files, request, wavelengths) for c in parts] for parts in row] for row in grid]
     _check_sizes(placed, files)
+    if all(_is_grey(part) for row in placed for parts in row for part in parts):
+        placed = [[[replace(part, one_colour=True) for part in parts] for parts in row] for row in placed]
+        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
     first = placed[0][0][0]
-    if first.axes.reason:
+    if first.axes.reason and not first.one_colour:
         findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
     is_recording, quantity = _recognise(placed, files, request, findings)
-    scaled = [[[_scaled(part, quantity, request, findings) for part in parts] for parts in row] for row in placed]
-    return Arrangement(scaled, candidates, is_recording)
+    scaled = [[[_scaled(part, quantity, known, findings) for part in parts] for parts in row] for row in placed]
+    return Arrangement(scaled, candidates, is_recording, quantity)
 
 
 def _components(
@@ -71,6 +78,9 @@ def _components(
     path, contents = files[0]
     if len(files) == 1:
         candidate, candidates = choose(path, contents, request)
+        partner = partner_of(path)
+        if partner is not None:
+            findings.notes.append(f'"{partner.name}" beside it is another part by its name: name both files')
         if len(candidates) > 1 or candidate.name:
             others = [c.name for c in candidates if c is not candidate]
             reason = "as given" if request.variable else "by kind and size"
@@ -112,9 +122,9 @@ def _grid(pairs: Sequence[tuple[str, Component]], files: Files) -> list[list[tup
     )
 
 
-def _place(component: Component, files: Files, request: ReadRequest) -> PlacedArray:
+def _place(component: Component, files: Files, request: ReadRequest, wavelengths: int) -> PlacedArray:
     where = component.array.name or str(files[0][0])
-    return PlacedArray(component, arrange(component.array.shape, request, len(request.wavelengths_m), where))
+    return PlacedArray(component, arrange(component.array, request, wavelengths, where))
 
 
 def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files) -> None:
@@ -122,6 +132,14 @@ def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files
     if len(sizes) > 1:
         words = " and ".join(f"{x} × {y} samples, {c} colours, {f} frames" for f, c, y, x in sorted(sizes))
         raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
+
+
+def _is_grey(part: PlacedArray) -> bool:
+    """Whether a picture has three equal channels in its middle."""
+    if part.axes.colour is None or part.sizes[1] != 3 or part.component.array.dtype.kind not in "iu":
+        return False
+    sample = _sample(part)
+    return bool((sample == sample[:, :1]).all())
 
 
 def _axes_words(part: PlacedArray) -> str:
@@ -169,7 +187,7 @@ def _sample(part: PlacedArray) -> np.ndarray:
     return part.load(((columns - width) // 2, (rows - height) // 2, width, height))
 
 
-def _scaled(part: PlacedArray, quantity: str, request: ReadRequest, findings: Findings) -> PlacedArray:
+def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:
     """The part with its role and the scale of its numbers."""
     role = part.component.role
     if role in ("", *_COLOUR_PARTS) or (quantity and role != "complex"):
@@ -179,11 +197,14 @@ def _scaled(part: PlacedArray, quantity: str, request: ReadRequest, findings: Fi
     if role == "phase":
         sample = _sample(part)
         levels, reason = phase_levels(dtype, float(sample.min()), float(sample.max()))
-        origin = "guessed"
-        if request.phase_levels is not None:
-            levels, reason, origin = request.phase_levels, "as given or remembered", "given"
+        origin: Origin = "guessed"
+        if known.facts.phase_levels is not None:
+            levels, reason, origin = known.facts.phase_levels, "as the file says", "file"
+        if known.request.phase_levels is not None:
+            levels, reason = known.request.phase_levels, "as given or remembered"
+            origin = known.origin("phase_levels")
         if not any(p.key == "phase levels" for p in findings.provenance):
-            findings.add("phase levels", f"{levels:.6g}", origin, reason)  # type: ignore[arg-type]
+            findings.add("phase levels", f"{levels:.6g}", origin, reason)
         return replace(named, scale=2 * np.pi / levels)
     if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
         return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))

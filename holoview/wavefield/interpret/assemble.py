@@ -149,6 +149,25 @@ def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
     return blocks.mean(axis=(3, 5))
 
 
+def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
+    """The part of bilevel patterns (…, y, x) whose frequencies along y are above 0.
+
+    A real pattern holds its field at frequencies of one sign and the conjugate field at those of the other, on
+    either side of a carrier along y (JPEG Pleno's bilevel holograms); the other half is that of the conjugated field.
+    """
+    result = np.empty(values.shape, np.complex64)
+    rows = values.shape[-2]
+    step = max(_STRIP_BYTES // (rows * 16), 1)
+    for plane in np.ndindex(values.shape[:-2]):
+        for first in range(0, values.shape[-1], step):
+            columns = slice(first, first + step)
+            spectrum = np.fft.fft(values[plane][:, columns], axis=0)
+            spectrum[0] = 0
+            spectrum[(rows + 1) // 2 :] = 0
+            result[plane][:, columns] = np.fft.ifft(spectrum, axis=0)
+    return result
+
+
 def _check_finite(where: str, values: NDArray[Any], region: Region) -> None:
     finite = np.isfinite(values)
     if not finite.all():

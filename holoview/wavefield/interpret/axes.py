@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from holoview.util.errors import UserError
+from holoview.wavefield.readers.contents import StoredArray
 from holoview.wavefield.request import ReadRequest
 
 _MOST_COLOURS = 4
@@ -31,13 +32,18 @@ class Axes:
         return frames, colours, shape[self.y], shape[self.x]
 
 
-def arrange(shape: Sequence[int], request: ReadRequest, wavelengths: int, where: str) -> Axes:
-    """The meaning of each axis of an array.
+def arrange(array: StoredArray, request: ReadRequest, wavelengths: int, where: str) -> Axes:
+    """The meaning of each axis of an array, as its format says or by the sizes.
 
     Of three long axes, those of the picture are the last two, unless the last axis is as short as a number of colours.
     wavelengths: how many are known, 0 if unknown; an axis of that size is that of the colours.
     Raises UserError unless there are two to four axes beside those of size 1.
     """
+    shape = array.shape
+    if array.axes:
+        places = {letter: axis for axis, letter in enumerate(array.axes)}
+        axes = Axes(places["y"], places["x"], places.get("c"), places.get("f"))
+        return replace(axes, y=axes.x, x=axes.y) if request.transposed else axes
     long = [axis for axis, size in enumerate(shape) if size > 1]
     if len(long) < 2:  # a picture of one row or column
         long = sorted(sorted(range(len(shape)), key=lambda axis: (shape[axis], axis))[-2:])
@@ -71,7 +77,8 @@ def _colour_axis(
         for axis in choices:
             if shape[axis] == wavelengths:
                 return axis, f"axis {axis} has the size {wavelengths}, as many as there are wavelengths"
-    if wavelengths == 1 and len(long) == 3:
+    colours_last = shape[long[-1]] <= _MOST_COLOURS < min(shape[long[0]], shape[long[-2]])
+    if wavelengths == 1 and len(long) == 3 and not colours_last:
         return None, f"one wavelength, so that the {shape[long[0]]} pictures are frames"
     for axis in choices:
         if shape[axis] <= _MOST_COLOURS and shape[axis] == min(shape[a] for a in long):

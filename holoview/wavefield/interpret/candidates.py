@@ -72,6 +72,26 @@ def name_colour(name: str) -> str:
     return next((colour for colour, pattern in _COLOURS if pattern.search(name)), "")
 
 
+_PARTNERS = (
+    ("ampli", "phase"),
+    ("amp", "phase"),
+    ("amplitude", "phase"),
+    ("real", "imag"),
+    ("re", "im"),
+    ("_R", "_G"),
+)
+
+
+def partner_of(path: Path) -> Path | None:
+    """A file beside this one whose name says that it is another part of the same field; None if there is none."""
+    for pair in _PARTNERS:
+        for this, other in (pair, pair[::-1]):
+            name = re.sub(rf"(?<![a-zA-Z]){this}(?![a-zA-Z])", other, path.name)
+            if name != path.name and (partner := path.with_name(name)).is_file():
+                return partner
+    return None
+
+
 def list_candidates(contents: Contents) -> list[Candidate]:
     """Every array or pair of arrays that can be a field, the likeliest first."""
     complex_ones = [Candidate.of(Component("complex", a)) for a in contents.arrays if a.dtype.kind == "c"]

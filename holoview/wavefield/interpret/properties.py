@@ -128,6 +128,13 @@ def _length(number: str, unit: str) -> float:
     return units.parse(f"{number.replace('p', '.').replace('P', '.')} {unit.lower()}", "the file's name")
 
 
+def count_wavelengths(known: Known) -> int:
+    """How many wavelengths the file, its table or the user states, 0 if none does."""
+    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES, "wavelength"):
+        return len(guess.value)
+    return 0
+
+
 def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
     """A wavelength for each colour, in vacuum, m; the origin or the question goes to `findings`."""
     for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES, "wavelength"):

@@ -22,10 +22,10 @@ _EVEN = 0.15
 Speckle's amplitudes and intensities (Rayleigh's and exponential distributions over their range) have 0.5 and more, a
 camera's sinusoidal fringes of full contrast 0.21."""
 
-_ALTERNATING = 0.25
-"""Least share of the variance in the highest half of frequencies on both axes in double-phase patterns.
+_ALTERNATING = 0.2
+"""Least share of a chessboard's pattern in double-phase patterns, which take φ + acos(a) and φ − acos(a) in turn.
 
-White noise has a quarter: its phases are spread evenly, so that they don't come here."""
+It is below 0.02 in eleven public recordings, off-axis ones with fringes of two pixels among them."""
 
 MOST_SAMPLE = 1024
 """Rows and columns of the middle of an array by which its values are judged."""
@@ -67,13 +67,10 @@ def unevenness(values: NDArray[np.float64], full: float) -> float:
 
 
 def alternation(values: NDArray[np.float64]) -> float:
-    """The share of the variance of (…, y, x) in the upper half of frequencies on both axes, by Haar wavelets."""
-    rows, columns = values.shape[-2] // 2 * 2, values.shape[-1] // 2 * 2
-    v = values[..., :rows, :columns]
-    if v.size == 0 or (variance := float(v.var())) == 0:
-        return 0.0
-    detail = (v[..., ::2, ::2] - v[..., ::2, 1::2] - v[..., 1::2, ::2] + v[..., 1::2, 1::2]) / 4
-    return float((detail**2).mean()) / variance
+    """The mean of (…, y, x) with the signs of a chessboard, in standard deviations: of N random values 1/√N or so."""
+    deviation = float(values.std())
+    signs = (-1.0) ** np.add.outer(np.arange(values.shape[-2]), np.arange(values.shape[-1]))
+    return float(abs((values * signs).mean(axis=(-2, -1))).max()) / deviation if deviation > 0 else 0.0
 
 
 def _full_scale(dtype: np.dtype[Any], high: float) -> float:

@@ -32,6 +32,7 @@ class StoredArray:
     name: of the variable, with the names of the structures around it ("CGH.Hol"); "" where a file holds one array.
     shape, dtype: as `load` returns them. load: reads a window.
     role: what the format says the numbers are ("phase", "real", "r" …), "" where it doesn't.
+    axes: what the format says the axes are, a letter for each of frame, colour, y and x ("yxc"), "" where it doesn't.
     whole_bytes: memory that `load` takes besides its result, such as of an array that can only be decompressed whole.
     """
 
@@ -40,6 +41,7 @@ class StoredArray:
     dtype: np.dtype[Any]
     load: Load
     role: str = ""
+    axes: str = ""
     whole_bytes: int = 0
 
     @property
@@ -48,9 +50,9 @@ class StoredArray:
         return math.prod(self.shape) * self.dtype.itemsize
 
     @staticmethod
-    def of(name: str, values: NDArray[Any], role: str = "") -> StoredArray:
+    def of(name: str, values: NDArray[Any], role: str = "", axes: str = "") -> StoredArray:
         """An array that is in memory already, or mapped into it."""
-        return StoredArray(name, values.shape, values.dtype, lambda window: values[window], role)
+        return StoredArray(name, values.shape, values.dtype, lambda window: values[window], role, axes)
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,15 @@ class Contents:
 
 
 class Reader(Protocol):
-    """A reader of one file format. Laboratories add their own as entry points of the group `holoview.readers`.
+    """A reader of one file format. Laboratories add their own as entry points of the group `holoview.readers`."""
 
-    name: of the format, for messages. suffixes: usual endings of names, in lower case with the dot.
-    """
+    @property
+    def name(self) -> str:
+        """Of the format, for messages."""
 
-    name: str
-    suffixes: tuple[str, ...]
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Usual endings of names, in lower case with the dot."""
 
     def recognises(self, head: bytes) -> bool:
         """Whether a file that begins with these bytes (at most `HEAD_BYTES`) has the format."""

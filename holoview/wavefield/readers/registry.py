@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
+from holoview.wavefield.readers.binary_dump import BinaryReader
 from holoview.wavefield.readers.contents import HEAD_BYTES, Contents, Load, Reader, Window
 from holoview.wavefield.request import ReadRequest
 
@@ -30,6 +31,15 @@ GROUP = "holoview.readers"
 _BUILT_IN = (
     "numpy_file:NpyReader",
     "numpy_file:NpzReader",
+    "matlab5:Matlab5Reader",
+    "hdf5_file:Hdf5Reader",
+    "tiff_file:TiffReader",
+    "exr_file:ExrReader",
+    "pictures:PictureReader",
+    "openholo:OpenHoloReader",
+    "safetensors_reader:SafetensorsReader",
+    "torch_file:TorchReader",
+    "text_table:TextReader",
 )
 """Module and class of each reader, in the order in which they are asked. They are imported when a file is read."""
 
@@ -53,14 +63,16 @@ def all_readers() -> tuple[Reader, ...]:
     return tuple(found)
 
 
-def reader_for(path: Path) -> Reader:
-    """The first reader that recognises the file's content.
+def reader_for(path: Path, request: ReadRequest) -> Reader:
+    """The first reader that recognises the file's content; of files whose layout the request states, that of dumps.
 
     Raises UserError when the file is missing, empty or no regular file, or no reader recognises it.
     """
     head = read_bytes(path, EXPECTED, most=HEAD_BYTES, missing="check the name and the folder")
     if not head:
         raise UserError(str(path), "the file is empty", expected=EXPECTED)
+    if request.binary is not None:
+        return BinaryReader()
     for reader in all_readers():
         if reader.recognises(head):
             return reader
@@ -70,13 +82,22 @@ def reader_for(path: Path) -> Reader:
     raise UserError(str(path), found, expected=known, remedy="for a dump of plain numbers, state its layout")
 
 
+def is_readable(path: Path) -> bool:
+    """Whether a reader recognises the file's content."""
+    try:
+        reader_for(path, ReadRequest())
+    except UserError:
+        return False
+    return True
+
+
 @contextmanager
 def open_file(path: Path, request: ReadRequest) -> Iterator[tuple[Reader, Contents]]:
     """The contents of a file and the reader that opened it; arrays are read inside the block.
 
     Raises UserError for whatever is wrong with the file, also when an array is loaded.
     """
-    reader = reader_for(path)
+    reader = reader_for(path, request)
     with ExitStack() as stack:
         with _naming_file(path, reader):
             contents = stack.enter_context(reader.open(path, request))
