@@ -31,9 +31,13 @@ from holoview.util.errors import UserError
 
 
 def make_quick_system(system: System, most_lasers: int | None = None) -> System:
-    """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three."""
+    """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three.
+
+    A field keeps its padding: its planes are often so far away that light would re-enter many times.
+    """
     amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
-    return system.edit({"upsample": 1, "propagation": "periodic", "amplitudes": amplitudes})
+    sampling = {} if system.is_field else {"upsample": 1, "propagation": "periodic"}
+    return system.edit({**sampling, "amplitudes": amplitudes})
 
 
 def reduced_amplitudes(system: System, most: int) -> NDArray[np.float64]:

@@ -67,7 +67,7 @@ NOW, TARGET, ACHROMATIC = ComparisonSide("now"), ComparisonSide("target"), Compa
 class ViewSettings:
     """How a document is displayed.
 
-    plane_m: distance of the focal plane behind the last modulator, in metres.
+    plane_m: distance of the focal plane behind the last modulator, in metres; negative before a field.
     exposure_stops: a factor 2^stops on the light. gamma: an exponent 1/gamma after the sRGB transfer function.
     channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
     low, high: values of the channel, after exposure, that are shown black and white.
@@ -114,8 +114,8 @@ class ViewSettings:
             ("score", SCORES),
         ):
             _check_choice(key, getattr(self, key), options)
-        if not 0 <= self.plane_m < math.inf:
-            raise UserError("plane", f"{self.plane_m:g} m", expected="a distance of 0 or more behind the modulator")
+        if not math.isfinite(self.plane_m):
+            raise UserError("plane", f"{self.plane_m:g} m", expected="a finite distance")
         if not abs(self.exposure_stops) <= MAX_EXPOSURE_STOPS:
             raise UserError(
                 "exposure",

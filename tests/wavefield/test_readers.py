@@ -425,3 +425,26 @@ def test_a_laboratory_adds_a_reader_by_an_entry_point(tmp_path: Path, monkeypatc
         np.testing.assert_array_equal(_values(reading)[0, 0], np.arange(12).reshape(3, 4))
     finally:
         registry.all_readers.cache_clear()
+
+
+def test_six_files_are_two_parts_in_three_colours(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    files: dict[str, NDArray[np.uint8]] = {}
+    for name in [f"{part}_{nm}nm.png" for part in ("phase", "ampli") for nm in (450, 638, 520)]:
+        files[name] = rng.integers(0, 256, (20, 30)).astype("u1")
+        Image.fromarray(files[name]).save(tmp_path / name)
+    reading = read_wavefield([tmp_path / name for name in files], ReadRequest(pitch_m=PITCH))
+    assert _said(reading, "wavelengths") == ("638 nm, 520 nm, 450 nm", "guessed")
+    for index, nm in enumerate((638, 520, 450)):
+        phase, amplitude = files[f"phase_{nm}nm.png"], files[f"ampli_{nm}nm.png"]
+        expected = amplitude / 255 * np.exp(2j * np.pi * phase / 255)
+        np.testing.assert_allclose(_values(reading)[0, index], expected, atol=8 * 2.0**-24)
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    for name, shape in (("real", (8, 9)), ("phase", (8, 9)), ("imag", (9, 8))):
+        np.save(tmp_path / f"{name}.npy", np.random.default_rng(0).normal(size=shape))
+    with pytest.raises(UserError, match=r"the parts real, phase don't make a field.*--parts"):
+        read_wavefield([tmp_path / "real.npy", tmp_path / "phase.npy"], ONE)
+    with pytest.raises(UserError, match="its parts have different sizes"):
+        read_wavefield([tmp_path / "real.npy", tmp_path / "imag.npy"], ONE)

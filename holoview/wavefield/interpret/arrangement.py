@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret.assemble import PlacedArray
+from holoview.wavefield.interpret.assemble import PlacedArray, check_finite
 from holoview.wavefield.interpret.axes import arrange
 from holoview.wavefield.interpret.candidates import (
     PAIRS,
@@ -19,6 +19,7 @@ from holoview.wavefield.interpret.candidates import (
     list_candidates,
     name_colour,
     name_role,
+    name_wavelength,
     partner_of,
 )
 from holoview.wavefield.interpret.properties import Findings, Known, count_wavelengths
@@ -87,15 +88,41 @@ def _components(
             more = f"; others: {', '.join(others[:6])}" if others else ""
             findings.add("variable", candidate.name, "given" if request.variable else "guessed", reason + more)
         return [[candidate.components]], candidates
-    singles = [_single(p, c, request) for p, c in files]
-    roles: list[str] = list(request.parts) or [name_role(p.stem) or name_colour(p.stem) or "frame" for p, _ in files]
-    if len(roles) != len(files):
-        found = f"{len(roles)} parts for {len(files)} files"
-        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    parts = _name_parts(files, request)
     if not request.parts:
-        findings.add("parts", ", ".join(roles), "guessed", "the names of the files")
-    pairs = list(zip(roles, singles, strict=True))
-    return _grid(pairs, files), list_candidates(contents)
+        findings.add("parts", ", ".join(map(str, parts)), "guessed", "the names of the files")
+    return _grid(parts, path), list_candidates(contents)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One of several files: what its numbers are, "" if unknown; its colour, "" if it isn't one of several."""
+
+    quantity: str
+    colour: str
+    component: Component
+
+    def __str__(self) -> str:
+        return " ".join(word for word in (self.quantity, self.colour) if word) or "frame"
+
+
+def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
+    """What each of several files is, as stated or by its name; colours only if there are several."""
+    stated = request.parts or ("frame",) * len(files)
+    if len(stated) != len(files):
+        found = f"{len(stated)} parts for {len(files)} files"
+        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    colours = [w if w in _COLOUR_PARTS else name_colour(path.stem) for w, (path, _) in zip(stated, files, strict=True)]
+    if set(colours) != set(_COLOUR_PARTS):
+        nm = [name_wavelength(path.stem) for path, _ in files]
+        colours = nm if len(set(nm)) > 1 and all(nm) else [""] * len(files)
+    parts = []
+    for word, colour, (path, contents) in zip(stated, colours, files, strict=True):
+        component = _single(path, contents, request)
+        is_stated = word not in ("frame", *_COLOUR_PARTS)
+        quantity = word if is_stated else component.role or name_role(path.stem)
+        parts.append(_Part(quantity, colour, replace(component, role=quantity, reason="one of several files")))
+    return parts
 
 
 def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
@@ -105,21 +132,28 @@ def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
     return candidate.components[0]
 
 
-def _grid(pairs: Sequence[tuple[str, Component]], files: Files) -> list[list[tuple[Component, ...]]]:
-    roles = [role for role, _ in pairs]
-    for pair in PAIRS:
-        if sorted(roles) == sorted(pair):
-            return [[tuple(Component(role, c.array, "one of several files") for role, c in pairs)]]
-    if sorted(roles) == sorted(_COLOUR_PARTS):
-        return [[(next(c for role, c in pairs if role == colour),) for colour in _COLOUR_PARTS]]
-    if set(roles) <= {"frame"} or len(set(roles)) == 1:
-        return [[(replace(c, role=c.role if role == "frame" else role),)] for role, c in pairs]
+def _grid(parts: Sequence[_Part], path: Path) -> list[list[tuple[Component, ...]]]:
+    """The components by frame and colour. Raises UserError unless each colour has the same parts."""
+    colours = sorted({part.colour for part in parts}, key=_colour_order)
+    by_colour = [[part for part in parts if part.colour == colour] for colour in colours]
+    quantities = [sorted(part.quantity for part in group) for group in by_colour]
+    if all(found == quantities[0] for found in quantities):
+        if tuple(quantities[0]) in map(tuple, map(sorted, PAIRS)):
+            return [[tuple(part.component for part in group) for group in by_colour]]
+        if len(set(quantities[0])) == 1:
+            frames = zip(*by_colour, strict=True)
+            return [[(part.component,) for part in frame] for frame in frames]
     raise UserError(
-        str(files[0][0]),
-        f"the parts {', '.join(roles)} don't make a field",
+        str(path),
+        f"the parts {', '.join(map(str, parts))} don't make a field",
         expected="real,imaginary or amplitude,phase or r,g,b, or frames",
         remedy="state them with --parts",
     )
+
+
+def _colour_order(colour: str) -> float:
+    """Red, green and blue in this order; other colours by falling wavelength."""
+    return float(_COLOUR_PARTS.index(colour)) if colour in _COLOUR_PARTS else -float(colour or 0)
 
 
 def _place(component: Component, files: Files, request: ReadRequest, wavelengths: int) -> PlacedArray:
@@ -184,7 +218,10 @@ def _sample(part: PlacedArray) -> np.ndarray:
     """The middle of the array, at most `MOST_SAMPLE` rows and columns, (frame, colour, y, x)."""
     _, _, rows, columns = part.sizes
     height, width = min(rows, MOST_SAMPLE), min(columns, MOST_SAMPLE)
-    return part.load(((columns - width) // 2, (rows - height) // 2, width, height))
+    region = ((columns - width) // 2, (rows - height) // 2, width, height)
+    values = part.load(region)
+    check_finite(part.component.array.name or "field", values, region)
+    return values
 
 
 def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:

@@ -97,8 +97,10 @@ def assemble(
             target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
             for part, first in _strips(region, strip):
                 values = _combine(parts, part, as_field)
-                _check_finite(where, values, part)
-                target[:, :, first // decimate : (first + part[3]) // decimate] = _mean(values, decimate)
+                check_finite(where, values, part)
+                target[:, :, first // decimate : (first + part[3]) // decimate] = _narrowed(
+                    where, values, decimate, dtype
+                )
     return result
 
 
@@ -110,7 +112,7 @@ def _strips(region: Region, rows: int) -> Iterator[tuple[Region, int]]:
 
 
 def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> NDArray[Any]:
-    values = {part.component.role: part.load(region) * _scalar(part) for part in parts}
+    values = {part.component.role: _scaled(part.load(region), part.scale) for part in parts}
     if not as_field:
         return next(iter(values.values())).astype(np.float64)
     match values:
@@ -130,9 +132,11 @@ def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> ND
             return next(iter(values.values())) + 0j
 
 
-def _scalar(part: PlacedArray) -> Any:
-    """The scale in a type that makes floats of integers and leaves complex64 as it is."""
-    return np.float64(part.scale) if part.component.array.dtype.kind in "biu" else part.scale
+def _scaled(values: NDArray[Any], scale: float) -> NDArray[Any]:
+    """Integers become float64, floats and complex numbers keep their type."""
+    if values.dtype.kind in "biu":
+        return values * np.float64(scale)
+    return values if scale == 1 else values * scale
 
 
 def _root(intensity: NDArray[Any]) -> NDArray[Any]:
@@ -141,12 +145,22 @@ def _root(intensity: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(intensity)
 
 
+def _narrowed(where: str, values: NDArray[Any], decimate: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The means of blocks in the type of the result. Raises UserError for numbers beyond its range."""
+    with np.errstate(over="ignore"):
+        narrow = _mean(values, decimate).astype(dtype)
+    if not np.isfinite(narrow).all():
+        raise UserError(where, "numbers beyond 1e38", expected="numbers that 32 bits can hold", remedy="rescale them")
+    return narrow
+
+
 def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
+    """The means of blocks, rows first, because sums along rows of memory are the fast ones."""
     if decimate == 1:
         return values
     frames, colours, rows, columns = values.shape
-    blocks = values.reshape(frames, colours, rows // decimate, decimate, columns // decimate, decimate)
-    return blocks.mean(axis=(3, 5))
+    sums = values.reshape(frames, colours, rows // decimate, decimate, columns).sum(axis=3)
+    return sums.reshape(frames, colours, rows // decimate, columns // decimate, decimate).mean(axis=4) / decimate
 
 
 def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
@@ -168,7 +182,8 @@ def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
     return result
 
 
-def _check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+def check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+    """Raises UserError, with the first place, for NaN and infinity among the numbers (frame, colour, y, x)."""
     finite = np.isfinite(values)
     if not finite.all():
         place = np.unravel_index(int(np.argmin(finite)), finite.shape)
