@@ -18,6 +18,7 @@ from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
 from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.page.recording import record_frames, unpack_content
 
@@ -35,7 +36,7 @@ def page_document(
     system = hologram.system
     plan = make_plan(system, [*focused_planes(system), farthest_m])
     inputs = FrameInputs(plan, hologram.drive)
-    patterns = np.ascontiguousarray(hologram.drive, dtype=np.float32)
+    patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(system))
     pixels = patterns.reshape(-1, *patterns.shape[2:])
     recordings = record_frames(plan, inputs, [pattern.tobytes() for pattern in pixels])
     document = {
@@ -55,9 +56,15 @@ def read_document(document: dict[str, Any], data: bytes) -> Hologram:
     parts, numbers, shape = document["contents"], document["patterns"], system.drive_shape
     if len(numbers) != shape[0] * shape[1]:
         raise ValueError(f"{len(numbers)} patterns, expected {shape[0] * shape[1]}")
-    size = 4 * shape[2] * shape[3]
+    dtype = _drive_type(system)
+    size = dtype.itemsize * shape[2] * shape[3]
     patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in numbers]
-    return Hologram(np.frombuffer(b"".join(patterns), np.float32).reshape(shape), system)
+    return Hologram(np.frombuffer(b"".join(patterns), dtype).reshape(shape), system)
+
+
+def _drive_type(system: System) -> np.dtype[Any]:
+    """The type of the numbers of a drive: of patterns, or of a complex field."""
+    return np.dtype(np.complex64 if system.is_field else np.float32)
 
 
 def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
