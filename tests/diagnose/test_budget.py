@@ -100,7 +100,7 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
         assert tried, "nothing else was tried"
         return lambda effect: []
 
-    monkeypatch.setattr("holoview.diagnose.starts.by_kind.StuckStarts", look)
+    monkeypatch.setattr("holoview.diagnose.screening.StuckStarts", look)
     effects = [context.effects[name] for name in ("slm1_stuck", "gap", "stroke", "aberration1")]
     for stage in screen_effects(context, {}, effects, lambda *_: None, ""):
         for batch in stage:
