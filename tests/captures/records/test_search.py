@@ -188,8 +188,9 @@ def test_one_capture_is_enough_to_name_an_orientation(right: Captures) -> None:
     assert names(find_record_errors(spoiled(one, turn("images", "flip_y")))) == [("camera_orientation", "flip_y")]
 
 
-def test_powers_in_any_order_are_found_and_put_right(right: Captures) -> None:
-    wrong = spoiled(right, shuffle("power", 2))
+@pytest.mark.parametrize("seed", explored(list(range(2, 10)), 1))
+def test_powers_in_any_order_are_found_and_put_right(right: Captures, seed: int) -> None:
+    wrong = spoiled(right, shuffle("power", seed))
     found = find_record_errors(wrong)
     assert [c.effect for c in found.corrections] == ["power_order"]
     assert found.corrected(wrong).power == pytest.approx(right.power, abs=0.02)  # captures of nearly equal power
