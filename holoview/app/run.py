@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from holoview.app.serve import serve
 from holoview.app.serve_guard import Address, ServeOptions
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import shows_example
+from holoview.document.files import NO_FILES, FilesToOpen
 from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost
 from holoview.io.hologram import Hologram
@@ -69,10 +70,10 @@ def run_offscreen(
     script: str = "",
     where: str = "script",
     picture: Path | None = None,
-    names: Sequence[str] = (),
+    files: FilesToOpen = NO_FILES,
     rig: Path | None = None,
 ) -> None:
-    """Draws an off-screen window of `size` (x, y) pixels, opens `names`, runs a script and writes a screenshot.
+    """Draws an off-screen window of `size` (x, y) pixels, opens `files`, runs a script and writes a screenshot.
 
     where: names the script in errors. picture: the path of the screenshot; None for none. rig: rig.toml of the devices
     to open. Raises UserError also where the lasers of these may be on at the end.
@@ -83,8 +84,8 @@ def run_offscreen(
     try:
         driver = InputDriver(app)
         driver.draw_frames(3)
-        if names:
-            app.context.loader.open(list(names))
+        if files.names:
+            app.context.loader.open(files.names, files.request)
         if rig is not None:
             open_rig(app.context, rig)
         wait_until_idle(driver)
@@ -104,7 +105,7 @@ def run_on_screen(
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
     store: SessionStore,
-    names: Sequence[str] = (),
+    files: FilesToOpen = NO_FILES,
     on_image: Callable[[], None] | None = None,
     rig: Path | None = None,
 ) -> None:
@@ -120,7 +121,7 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = open_app(session, device, canvas, store, names, renderer, rig=rig)
+    app = open_app(session, device, canvas, store, files, renderer, rig=rig)
     connect_desktop(app.context, glfw, canvas._window)
     if on_image is not None:
         loop.add_task(_close_after_image, app, on_image, name="until image")
@@ -133,7 +134,7 @@ def run_in_browser(
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
     store: SessionStore | None,
-    names: Sequence[str],
+    files: FilesToOpen,
     address: Address,
     options: ServeOptions,
     began: Callable[[str], None],
@@ -146,7 +147,7 @@ def run_in_browser(
     from holoview.app import served_canvas
 
     canvas = served_canvas.ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, names, renderer, options.is_read_only, rig)
+    app = open_app(session, device, canvas, store, files, renderer, options.is_read_only, rig)
     _run_loop(app, store, served_canvas.loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
@@ -155,12 +156,12 @@ def open_app(
     device: Device,
     canvas: Any,
     store: SessionStore | None,
-    names: Sequence[str],
+    files: FilesToOpen,
     renderer: ProgressiveRenderer | None = None,
     is_read_only: bool = False,
     rig: Path | None = None,
 ) -> App:
-    """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
+    """The viewer with the user's preferences, opening `files`; a user who hasn't seen the tour gets it or a hint.
 
     The tour is of the example; who begins with something else is told where help is. store: None where nothing is
     stored, nor the tour remembered. is_read_only: see `App`. rig: rig.toml of devices to open, without the tour.
@@ -168,13 +169,13 @@ def open_app(
     app = App(
         session, device, canvas, store=store, tunes=not is_read_only, renderer=renderer, is_read_only=is_read_only
     )
-    if names:
-        app.context.attempt(app.context.loader.open, list(names))
+    if files.names:
+        app.context.attempt(app.context.loader.open, files.names, files.request)
     if rig is not None:
         app.context.attempt(open_rig, app.context, rig)
     if store is None or app.tour.was_seen or rig is not None:
         return app
-    if shows_example(session) and not names:
+    if shows_example(session) and not files.names:
         app.tour.start()
     elif not store.preferences.get("has_begun", False):
         session.messages.post(
@@ -232,7 +233,7 @@ async def _close_at_signal(app: App, interruption: Interruption, take_signals: C
 
 
 def _unsaved_error(session: EditingSession, unsaved: Exception) -> UserError:
-    """What is told at last when the session couldn't be saved; its hologram is kept at another place."""
+    """The last message when the session couldn't be saved; its hologram is kept at another place."""
     document = session.document
     name = f"{plain_name(document.system.name, 'hologram')}.safetensors"
     kept = save_elsewhere(state_folder() / name, Hologram(document.drive, document.system).save)

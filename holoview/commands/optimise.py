@@ -32,11 +32,19 @@ from holoview.commands.arguments import (
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import LoopState, ModelUpdates, load_loop_checkpoint
-from holoview.experiment.camera_loop.rig_job import STEP_RAD, RigJob, RigOutcome, run_on_rig, started_in_model
+from holoview.experiment.camera_loop.loop import (
+    STEP_RAD,
+    LoopState,
+    ModelUpdates,
+    RigJob,
+    RigOutcome,
+    load_loop_checkpoint,
+    run_on_rig,
+    started_in_model,
+)
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.metrics.hologram_scores import PLACE_SCORES, render_for_score, score_hologram, score_places
+from holoview.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
 from holoview.model.focus import parse_plane, plane_label, required_eye
 from holoview.model.plan import make_plan

@@ -26,7 +26,7 @@ from holoview.model.focus import with_pupil_at
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
-from holoview.render.plane_images import render_each, render_planes
+from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
 from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
@@ -273,7 +273,7 @@ def _views(document: Document, count: int) -> list[Document]:
 
 
 def _path_frames(views: list[Document], control: JobControl) -> Iterator[Pixels]:
-    """What is seen, 8-bit sRGB, with the tone mapping of the view settings."""
+    """The image as it is displayed, 8-bit sRGB, with the tone mapping of the view settings."""
     systems = [(view.system, view.view_settings.plane_m) for view in views]
     for done, xyz in enumerate(render_each(systems, views[0].drive, check=control.check), start=1):
         yield tone_map(xyz, views[0].view_settings)

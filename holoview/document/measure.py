@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
-from holoview.metrics.delta_e import delta_e_linear_srgb
-from holoview.metrics.psnr import psnr, psnr_linear_srgb
+from holoview.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.metrics.speckle import (
     RetinalContrast,
     SpeckleHistogram,

@@ -36,11 +36,11 @@ def page_document(
     """
     plan = make_plan(hologram.system, [*focused_planes(hologram.system), farthest_m])
     inputs = FrameInputs(plan, hologram.drive)
-    quick = _quick_plan(plan, farthest_m)
+    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, farthest_m)
     frames = strategies(Frame(plan, inputs, plane_m))
     if quick is not None:
         frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), plane_m, is_quick=True))
-    patterns = np.ascontiguousarray(hologram.drive, dtype=np.float32)
+    patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(hologram.system))
     pixels = patterns.reshape(-1, *patterns.shape[2:])
     recordings = record_frames(frames, [pattern.tobytes() for pattern in pixels])
     document = {
@@ -71,9 +71,15 @@ def read_document(document: dict[str, Any], data: bytes) -> Hologram:
     parts, numbers, shape = document["contents"], document["patterns"], system.drive_shape
     if len(numbers) != shape[0] * shape[1]:
         raise ValueError(f"{len(numbers)} patterns, expected {shape[0] * shape[1]}")
-    size = 4 * shape[2] * shape[3]
+    dtype = _drive_type(system)
+    size = dtype.itemsize * shape[2] * shape[3]
     patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in numbers]
-    return Hologram(np.frombuffer(b"".join(patterns), np.float32).reshape(shape), system)
+    return Hologram(np.frombuffer(b"".join(patterns), dtype).reshape(shape), system)
+
+
+def _drive_type(system: System) -> np.dtype[Any]:
+    """The type of the numbers of a drive: of patterns, or of a complex field."""
+    return np.dtype(np.complex64 if system.is_field else np.float32)
 
 
 def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:

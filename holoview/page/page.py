@@ -28,7 +28,7 @@ from PIL import Image
 
 from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, to_srgb8
 from holoview.io.hologram import Hologram
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
@@ -98,7 +98,8 @@ def export_html(
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     _check([view.xyz.shape[1:3] for view in views], target, region)
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
-    documents = [page_document(hologram, name, plane_m, high) for name, hologram in holograms.items()]
+    farthest_m = max((low, high), key=abs)
+    documents = [page_document(hologram, name, plane_m, farthest_m) for name, hologram in holograms.items()]
     page = _colours() | {
         "shape": list(views[0].xyz.shape[1:3]),
         "plane_m": plane_m,
@@ -153,12 +154,13 @@ def _check(shapes: Sequence[tuple[int, ...]], target: Target | None, region: Reg
 def plane_range(system: System) -> tuple[float, float]:
     """The nearest and the farthest focal plane that a page can show, m: half the stack beyond its ends.
 
-    Of a bench with one plane, half of its distance to either side; never before the last modulator.
+    Of a bench with one plane, half of its distance to either side; never before the last modulator, but before a field.
     """
     planes = focused_planes(system)
     low, high = float(planes.min()), float(planes.max())
-    margin = (high - low) / 2 or low / 2 or 1e-3
-    return max(low - margin, 0.0), high + margin
+    margin = (high - low) / 2 or abs(low) / 2 or 1e-3
+    nearest, farthest = system.plane_type.item.low, system.plane_type.item.high
+    return max(low - margin, nearest), min(high + margin, farthest)
 
 
 def gap_range(system: System) -> list[float] | None:

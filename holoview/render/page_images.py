@@ -83,7 +83,14 @@ def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
-    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn."""
+    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn.
+
+    Of a field the phase of its values there; modulator is 0.
+    """
+    if system.is_field:
+        middle = int(np.argsort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
+        turns_of_field: NDArray[np.float32] = (np.angle(drive[frame, middle]) / (2 * np.pi) % 1.0).astype(np.float32)
+        return turns_of_field
     import torch  # slow start: a viewer begins with neither image
 
     from holoview.optics.slm import optical_path

@@ -67,7 +67,7 @@ NOW, TARGET, ACHROMATIC = ComparisonSide("now"), ComparisonSide("target"), Compa
 class ViewSettings:
     """How a document is displayed.
 
-    plane_m: distance of the focal plane behind the last modulator, in metres.
+    plane_m: distance of the focal plane behind the last modulator, in metres; negative before a field.
     exposure_stops: a factor 2^stops on the light. gamma: an exponent 1/gamma after the sRGB transfer function.
     channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
     low, high: values of the channel, after exposure, that are shown black and white.
@@ -114,8 +114,8 @@ class ViewSettings:
             ("score", SCORES),
         ):
             _check_choice(key, getattr(self, key), options)
-        if not 0 <= self.plane_m < math.inf:
-            raise UserError("plane", f"{self.plane_m:g} m", expected="a distance of 0 or more behind the modulator")
+        if not math.isfinite(self.plane_m):
+            raise UserError("plane", f"{self.plane_m:g} m", expected="a finite distance")
         if not abs(self.exposure_stops) <= MAX_EXPOSURE_STOPS:
             raise UserError(
                 "exposure",
@@ -128,6 +128,8 @@ class ViewSettings:
             raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        if min(self.frame, self.modulator, self.solo or 0, *self.muted) < 0:
+            raise UserError("frame, modulator and lasers", "a negative number", expected="whole numbers from 0")
         if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
             raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
 

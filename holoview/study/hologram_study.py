@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
 from holoview.io.hologram import Hologram
+from holoview.metrics.fidelity import psnr, psnr_linear_srgb
 from holoview.metrics.image_quality import (
     central_region,
     eyebox_uniformity_of,
@@ -36,7 +37,6 @@ from holoview.metrics.image_quality import (
 )
 from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
-from holoview.metrics.psnr import psnr, psnr_linear_srgb
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme

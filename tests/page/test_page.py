@@ -17,7 +17,7 @@ from PIL import Image
 import holoview as hv
 from holoview.colour import COLOUR_SPACES, srgb_decode
 from holoview.gpu.device import Device
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.page.page import export_html, read_page
 from holoview.targets.focal_stack import Target

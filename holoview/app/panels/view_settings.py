@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.model import preset
+from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import (
     ACHROMATIC,
     CHANNELS,
@@ -26,7 +26,6 @@ from holoview.render.view_settings import (
 )
 
 _STOP = 0.25
-_BRIGHT_PERCENT = 99.0
 _PAGE_DOCS = {
     "image": "What is seen at the focal plane.",
     "planes": "All focal planes of the bench beside each other.",
@@ -111,7 +110,7 @@ class ViewPanel(Panel):
         tooltip("An exposure at which only the brightest hundredth of the image is beyond white.")
 
     def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
-        frames, modulators = context.session.system.drive_shape[:2]
+        frames, modulators = context.session.system.frames, len(context.session.system.modulators)
         for name, value, count in (("modulator", view.modulator, modulators), ("frame", view.frame, frames)):
             if count > 1:
                 changed, value_shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
@@ -215,9 +214,7 @@ def _fit_brightness(context: AppContext) -> None:
     if xyz is None:
         context.session.messages.post("the full image isn't there yet: try again in a moment")
         return
-    bright = float(np.percentile(xyz[..., 1], _BRIGHT_PERCENT))
-    if bright > 0:
-        context.edit_view("Exposure", exposure_stops=round(-float(np.log2(bright)), 2))
+    context.edit_view("Exposure", exposure_stops=round(fitting_stops(xyz), 2))
 
 
 def _cycle(context: AppContext, field: str, options: tuple[str, ...]) -> None:

@@ -21,19 +21,22 @@ from holoview.captures.orientations import (
     oriented_shape,
     undone,
 )
-from holoview.rig.align.dots import DotPicture, brightest_dot, dot_bias, find_dots
-from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
-from holoview.rig.align.probes import (
+from holoview.rig.align.dots import (
     DOTS_ACROSS,
     FEWEST_PX,
+    DotPicture,
     Optics,
     Probes,
+    brightest_dot,
+    dot_bias,
+    find_dots,
     flat_levels,
     grating,
     lens_array,
     optics_of,
     single_lens,
 )
+from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
 from holoview.rig.measure.camera_pictures import take_exposed
@@ -57,11 +60,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """Where everything is. Turns are those of `captures.orientations`, against what modulator 1 displays.
+    """The geometry as found. Turns are those of `captures.orientations`, against the picture on modulator 1.
 
-    slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
-    the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
-    excess_px: how far dots lie from where the geometry puts them, beyond what noise explains (r.m.s. along an axis).
+    slm2_turn: of the picture on modulator 2; None with one modulator. camera_turn: of the recorded picture. geometry:
+    in the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
+    excess_px: distance of dots from their places by the geometry, beyond that by noise (r.m.s. along an axis).
     """
 
     slm2_turn: str | None

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Levels
-from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
-from holoview.rig.virtual.wire import Message
+from holoview.rig.virtual.client import Message, VirtualBenchProcess, ask, connect
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 

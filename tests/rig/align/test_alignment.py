@@ -11,7 +11,7 @@ import pytest
 from holoview.captures.orientations import ORIENTATIONS
 from holoview.rig import read_rig
 from holoview.rig.align.alignment import find_geometry, find_roughly
-from holoview.rig.align.probes import flat_levels, optics_of
+from holoview.rig.align.dots import flat_levels, optics_of
 from holoview.rig.align.result import doubt, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values

@@ -1,0 +1,12 @@
+"""Complex fields on a plane, without a modulator: other programs' holograms and recordings of cameras.
+
+wavefield   the field with its sampling, wavelengths and distance, and what is known of it and why
+reading     anyone's hologram from its file: a field, or a camera's recording
+request     what a user knows of a file and wants from it
+readers     one module for each file format; other packages can add their own
+interpret   what the arrays of a file mean: axes, quantities, scales, pitch, wavelengths
+exchange    fields from other running programs: a listener on this machine and `push`
+propagation  a field at any distance, by a method that is chosen by a stated criterion
+focus        the distance of best focus by two published measures, with its curve
+demodulation  the field of a camera's recording: off-axis, in-line, phase-shifting sets
+"""
