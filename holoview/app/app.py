@@ -215,7 +215,7 @@ _DOCK_NAMES = {"Centre": "MainDockSpace"}
 
 @dataclass(frozen=True)
 class LayoutCallbacks:
-    """What HelloImGui calls: once to apply the theme, then in each frame for menus, status bar, and around panels."""
+    """Functions for HelloImGui: called once for the theme, then each frame for menus, status bar, and around panels."""
 
     apply_theme: Callable[[], None]
     draw_menus: Callable[[], None]

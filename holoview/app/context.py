@@ -45,7 +45,7 @@ class Overlay(Protocol):
 
 
 class AppContext:
-    """What panels, overlays, menus and commands are given.
+    """The objects that panels, overlays, menus and commands share.
 
     Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
     and saved sessions; None where nothing is stored.

@@ -57,7 +57,7 @@ class LaunchOptions:
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
-"""What is printed with `until_image`."""
+"""The line that is printed with `until_image`."""
 
 
 def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], None]) -> None:

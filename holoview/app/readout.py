@@ -62,7 +62,7 @@ def _format_triple(values: NDArray[np.float64]) -> str:
 
 
 def describe_image(context: AppContext) -> str:
-    """What the page shows in a line of text: size, origin and scores of an image."""
+    """The page in a line of text: size, origin and scores of an image."""
     rows, columns = context.session.document.image_shape
     if context.session.view_settings.page == "spectrum":
         if context.session.system.eye is not None:
@@ -133,7 +133,7 @@ def draw_label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -
 
 
 def waiting_text(context: AppContext, view: ViewSettings) -> str:
-    """What is shown in place of an image that isn't there."""
+    """The sentence that is shown in place of a missing image."""
     if view.page == "target" and context.session.target_spec is None:
         return "no target yet: open a picture"
     return "computing the first image" if context.is_busy else "nothing to show"

@@ -233,7 +233,7 @@ async def _close_at_signal(app: App, interruption: Interruption, take_signals: C
 
 
 def _unsaved_error(session: EditingSession, unsaved: Exception) -> UserError:
-    """What is told at last when the session couldn't be saved; its hologram is kept at another place."""
+    """The last message when the session couldn't be saved; its hologram is kept at another place."""
     document = session.document
     name = f"{plain_name(document.system.name, 'hologram')}.safetensors"
     kept = save_elsewhere(state_folder() / name, Hologram(document.drive, document.system).save)

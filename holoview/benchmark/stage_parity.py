@@ -68,7 +68,7 @@ class Step:
         return getattr(executor, self.stage)(*given, *self.arguments)
 
     def seen(self, executor: Any, out: Any) -> NDArray[Any]:
-        """What can be compared of the result: the field, or the intensity or XYZ that it went into."""
+        """The part of the result that can be compared: the field, or the intensity or XYZ that it went into."""
         if self.stage == "accumulate":
             return executor.intensity(self.arguments[0])
         if self.stage == "composite":

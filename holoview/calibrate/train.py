@@ -241,7 +241,7 @@ def _format(layout: MapLayout | None) -> TensorFormat:
 
 
 def _part_schemas(learned: ArraySchema) -> tuple[ArraySchema, ...]:
-    """What the file holds for a tensor: its value and the best one, Adam's moments and number of steps."""
+    """The arrays of the file for a tensor: its value and the best one, Adam's moments and number of steps."""
     name = learned.name
     return (
         learned,

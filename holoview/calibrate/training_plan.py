@@ -1,4 +1,4 @@
-"""What a calibration trains and with which captures: decided before the training begins.
+"""The plan of a calibration, made before the training begins: settings, captures, maps.
 
 CalibrationSettings, LEARNING_RATES    epochs, batch, rate; the learning rate of each tensor
 split_captures                         the captures that are trained on, and those that only judge

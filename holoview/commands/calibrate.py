@@ -101,7 +101,7 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
 
 @dataclass(frozen=True)
 class _CalibrationTask:
-    """What to calibrate: captures and nominal bench, and how."""
+    """The data of a calibration: captures, nominal bench, split, maps and settings."""
 
     captures: Captures
     bench: System

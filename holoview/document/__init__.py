@@ -1,4 +1,4 @@
-"""What a viewer or notebook edits, computes in the background and saves; it knows no window.
+"""The document that a viewer or notebook edits, its background jobs and its files; this package knows no window.
 
 document              system, patterns, target and view settings as immutable data; undo and redo as a list of them
 editing_session       the document with undo, jobs, snapshots and messages, owned by one thread; choices of a user

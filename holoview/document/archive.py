@@ -62,7 +62,7 @@ _WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of
 _TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
 _TARGET_KEYS = ("title", "brightness", "saturation", "space", "is_example")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
-"""What reading a file raises that isn't as it was written; UserError is a ValueError."""
+"""Exceptions that a damaged file raises when it is read; UserError is a ValueError."""
 _ARRAY = TensorFormat(
     "holoview-object",
     "1",
@@ -254,7 +254,7 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
 
 
 def _reason(error: Exception) -> str:
-    """What is wrong, in words."""
+    """The reason in words."""
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 

@@ -21,7 +21,7 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """What is edited and undone as a whole.
+    """The data that are edited and undone as a whole.
 
     drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
     (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
@@ -52,7 +52,7 @@ class Document:
 
     @property
     def scene(self) -> Scene:
-        """What the image is rendered from."""
+        """The scene from which the image is rendered."""
         return Scene(self.system, self.drive, self.view_settings.plane_m)
 
     @property

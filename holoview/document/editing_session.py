@@ -213,7 +213,7 @@ class EditingSession:
 
     @property
     def optimisation_choices(self) -> OptimisationChoices:
-        """What is chosen for the next optimisation; undo leaves it as it is."""
+        """The choices for the next optimisation; undo leaves them as they are."""
         return self._choices
 
     def choose_optimisation(self, choices: OptimisationChoices) -> None:

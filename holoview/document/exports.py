@@ -273,7 +273,7 @@ def _views(document: Document, count: int) -> list[Document]:
 
 
 def _path_frames(views: list[Document], control: JobControl) -> Iterator[Pixels]:
-    """What is seen, 8-bit sRGB, with the tone mapping of the view settings."""
+    """The image as it is displayed, 8-bit sRGB, with the tone mapping of the view settings."""
     systems = [(view.system, view.view_settings.plane_m) for view in views]
     for done, xyz in enumerate(render_each(systems, views[0].drive, check=control.check), start=1):
         yield tone_map(xyz, views[0].view_settings)

@@ -141,7 +141,7 @@ def dioptres_of(system: System, plane_m: float) -> float:
 
 
 def dioptres_text(system: System, plane_m: float) -> str:
-    """That vergence with its unit; planes that differ by rounding alone read alike."""
+    """The vergence of a plane with its unit; planes that differ by rounding alone read alike."""
     return f"{round(round(dioptres_of(system, plane_m), 9), 2) + 0.0:.2f} D"
 
 

@@ -34,7 +34,7 @@ _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
 
 @dataclass(frozen=True)
 class OptimisationRequest:
-    """What to optimise, and how.
+    """A request for an optimisation: its settings, target planes and eyes.
 
     settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
     the present ones, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
@@ -269,7 +269,7 @@ _WHAT = "the rest of an optimisation"
 
 @dataclass(frozen=True)
 class RestOfOptimisation:
-    """What was still to be done.
+    """The rest of an optimisation that was interrupted.
 
     settings: with the iterations that are left, as JSON. pupils, chromatic: of its eyes, as text; no pupils for the
     own place alone. Other fields as of its request.
@@ -303,12 +303,12 @@ class UnfinishedOptimisation:
     rest: RestOfOptimisation | None = None
 
     def rest_table(self) -> dict[str, Any] | None:
-        """What is left, as a table."""
+        """The rest as a table."""
         return None if self.rest is None else dataclasses.asdict(self.rest)
 
 
 def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
-    """What was left, from its table. Raises UserError for another table."""
+    """The rest of an optimisation from its table. Raises UserError for another table."""
     return None if table is None else record_from_table(RestOfOptimisation, table, "unfinished: ", expected=_WHAT)
 
 

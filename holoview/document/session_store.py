@@ -75,7 +75,7 @@ class SavedSession:
         _report_unreadable(session, unreadable)
 
     def _read(self) -> tuple[SessionData, History, dict[str, Document], list[str]]:
-        """What is saved; its history; its snapshots, with an unfinished optimisation; and what can't be read."""
+        """The saved data, history, snapshots with an unfinished optimisation, and sentences on unreadable parts."""
         data, unreadable = read_session(self.folder)
         snapshots = dict(data.snapshots)
         if data.unfinished is not None:

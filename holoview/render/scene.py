@@ -1,4 +1,4 @@
-"""What an image is rendered from, a scene, and an image on the device."""
+"""Scenes, from which images are rendered, and images on the device."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ from holoview.util.errors import UserError, suggest_matches
 
 @dataclass
 class OpeningRig:
-    """What the devices of one rig share while they are opened.
+    """Libraries and processes that the devices of one rig share while they are opened.
 
     bench: the process of the virtual bench. modules: Python files that have been run. cores: configurations of
     Micro-Manager that are loaded.
@@ -64,7 +64,7 @@ _NEED_NO_GUARD = ("virtual", "manual")  # the virtual bench has an interlock; a 
 _END_S = 30.0  # for the guard to end
 
 ALL_OFF = "off"
-"""What the guard is told when it has nothing to do."""
+"""The line that tells the guard that all lasers are off."""
 
 
 class SystemClock:

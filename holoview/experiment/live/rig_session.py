@@ -186,7 +186,7 @@ class RigSession:
 
     @property
     def waiting(self) -> str:
-        """What has been waited for, as in "waiting for the camera (3 s)"; "" while nothing takes long."""
+        """The device that has been waited for, as in "waiting for the camera (3 s)"; "" while nothing takes long."""
         found = None if self._connection is None else self._connection.watch.waiting
         return "" if found is None or found[1] < _SHOWN_AFTER_S else f"waiting for {found[0]} ({found[1]:.0f} s)"
 

@@ -246,7 +246,7 @@ def _searched(values: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PlannerState:
-    """What a planner knows. taken: the captures so far, None before the first. count: how many.
+    """The knowledge of a planner. taken: the captures so far, None before the first. count: how many.
 
     belief: what they say; None while there are too few. here_m: where the stage is. time: of captures on this bench.
     """

@@ -60,11 +60,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """Where everything is. Turns are those of `captures.orientations`, against what modulator 1 displays.
+    """The geometry as found. Turns are those of `captures.orientations`, against the picture on modulator 1.
 
-    slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
-    the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
-    excess_px: how far dots lie from where the geometry puts them, beyond what noise explains (r.m.s. along an axis).
+    slm2_turn: of the picture on modulator 2; None with one modulator. camera_turn: of the recorded picture. geometry:
+    in the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
+    excess_px: distance of dots from their places by the geometry, beyond that by noise (r.m.s. along an axis).
     """
 
     slm2_turn: str | None

@@ -7,7 +7,7 @@
     device = "manual"
     range = ["0 mm", "20 mm"]
 
-What to set is said on stderr. Where the position of the stage was read more exactly than it was asked for, it can be
+Instructions go to stderr. Where the position of the stage was read more exactly than it was asked for, it can be
 typed before Enter, such as "5.02 mm" or "5.02".
 """
 

@@ -30,7 +30,7 @@ _EXPECTED = "a message"
 
 
 class Disconnected(Exception):
-    """The other side is gone, or sent what isn't a message."""
+    """The other side is gone, or sent something else than a message."""
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def _pupils_mm(settings: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _judged_mm(settings: Mapping[str, Any]) -> float:
-    """The one of these pupils that is most like the one that holograms are optimised for."""
+    """The diameter among these that is nearest to that of the pupil that holograms are optimised for."""
     return min(_pupils_mm(settings), key=lambda d: abs(d - _PUPIL_MM))
 
 
@@ -151,7 +151,7 @@ def _plot(results: Results, aim: str, caption: str) -> StudyFigure:
 
 
 def _pictures(results: Results) -> list[StudyPicture]:
-    """What the eye sees of each hologram at the middle accommodation, with and without its chromatic aberration."""
+    """Pictures of each hologram at the middle accommodation, seen with and without chromatic aberration."""
     first = {key: results[0][0].settings[key] for key in ("target", "seed")}
     pictures = []
     for job, result in results:
@@ -261,7 +261,7 @@ def _spacing_plot(results: Results, lasers: str) -> StudyFigure:
 
 
 def _spacing_pictures(results: Results) -> list[StudyPicture]:
-    """What the eye sees at the middle accommodation of the closest and the farthest wavelengths."""
+    """Pictures at the middle accommodation, for the closest and the farthest wavelengths."""
     first = {key: results[0][0].settings[key] for key in ("target", "seed")}
     return [
         StudyPicture(

@@ -1,4 +1,4 @@
-"""What an eye sees whose pupil isn't where, or isn't as large as, the hologram expects it."""
+"""Holograms seen by an eye whose pupil has another place or diameter than they were optimised for."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _optimised(settings: Mapping[str, Any], status: StatusCallback) -> Iteration
 
 
 def _measured(view: View, target: NDArray[np.floating]) -> dict[str, float]:
-    """What the table has of a view but for scores: fidelity as it is and as bright as the target, light, speckle."""
+    """The columns of the table for a view: fidelity as it is and as bright as the target, light, speckle; no scores."""
     quality = measure_image_quality(view, target)
     brightness = float(view.xyz[..., 1].mean() / (np.asarray(target) @ SRGB_TO_XYZ.T)[..., 1].mean())
     matched = psnr_linear_srgb(view.rgb / brightness, target)
@@ -205,7 +205,7 @@ def _size_claims(results: Results) -> list[Claim]:
 
 
 def _pictures(results: Results) -> list[StudyPicture]:
-    """What each pupil sees at the middle plane, for the first target and seed."""
+    """The pictures that each pupil sees at the middle plane, for the first target and seed."""
     first = {key: results[0][0].settings[key] for key in ("target", "seed")}
     return [
         StudyPicture(
