@@ -24,7 +24,7 @@ def draw_readout(context: AppContext, position: tuple[float, float] | None) -> N
     if position is not None and view.page == "field" and context.page_images.seen_field is not None:
         imgui.text_wrapped(describe_field(context.page_images.seen_field, *position))
         context.record_item_rect("readout")
-        tooltip("The complex value of this sample: amplitude and phase, real and imaginary part.")
+        tooltip(f"Amplitude and phase, real and imaginary part of this sample. {context.page_images.seen_field.scale}")
         return
     if position is None or view.page in DERIVED_PAGES:
         imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
@@ -70,7 +70,7 @@ def describe_field(field: SeenField, u: float, v: float) -> str:
     x, y = int(u * columns), int(v * rows)
     value = complex(field.values[y, x])
     polar = f"amplitude {abs(value):.6g}  phase {cmath.phase(value):+.5f} rad"
-    return f"x {x}  y {y}   {polar}   {value.real:+.6g} {value.imag:+.6g}i   {field.scale}"
+    return f"x {x}  y {y}   {polar}   {value.real:+.6g} {value.imag:+.6g}i"
 
 
 def _format_triple(values: NDArray[np.float64]) -> str:
