@@ -112,7 +112,7 @@ def target_picture(name: str) -> Path:
 
 
 def optimise_job(
-    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
+    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback
 ) -> IterationState:
     """Optimises for a focal stack (plane, y, x, 3) and returns the last state."""
     region = _region(system, settings)
@@ -120,7 +120,7 @@ def optimise_job(
     state: IterationState | None = None
     for state in iterate(system, stack, options, device=resolve_torch_device()):
         if state.iteration % _REPORT_EVERY == 0:
-            status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
+            status(f"{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None
     return state
 
