@@ -34,11 +34,12 @@ class ReceivedFields:
         return self._listener.listener.address
 
     def poll(self) -> None:
-        """Shows the field that waits longest, if the session is ready for one."""
+        """Shows the field that waits longest; one that replaces a shown field waits until the session is ready."""
         with self._lock:
-            if not self._waiting or not self._is_ready():
+            name = next(iter(self._waiting), None)
+            if name is None or (self._session.document.origin == _origin(name) and not self._is_ready()):
                 return
-            field = self._waiting.pop(next(iter(self._waiting)))
+            field = self._waiting.pop(name)
         with self._session.report_errors():
             self._show(field)
 
@@ -57,8 +58,7 @@ class ReceivedFields:
 
     def _show(self, field: Wavefield) -> None:
         hologram, session = Hologram.of_field(field), self._session
-        title = f"Receive {printable(field.name)}"
-        origin = f"field {printable(field.name)} of a running program"
+        title, origin = f"Receive {printable(field.name)}", _origin(field.name)
         if session.document.origin == origin and _shows(session.system, hologram.system):
             session.edit(title, drive=hologram.drive, undoable=False)
             return
@@ -72,6 +72,10 @@ class ReceivedFields:
             origin=origin,
             path=None,
         )
+
+
+def _origin(name: str) -> str:
+    return f"field {printable(name)} of a running program"
 
 
 def _shows(present: System, new: System) -> bool:

@@ -50,6 +50,13 @@ def test_a_field_is_shown_and_the_next_takes_its_place(gui: Gui) -> None:
     assert len(gui.session.history) == steps + 1
 
 
+def test_the_first_field_of_a_program_doesn_t_wait_for_another_image(gui: Gui) -> None:
+    assert gui.context.side_renderers.is_busy
+    push(_wave(1), "run", **KNOWN)
+    gui.draw_frames(2)
+    assert gui.session.system.is_field
+
+
 def test_a_field_of_another_size_is_another_document(gui: Gui) -> None:
     push(_wave(1), "run", **KNOWN)
     gui.draw_until_idle()
