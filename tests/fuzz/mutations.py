@@ -13,6 +13,7 @@ import numpy as np
 from holoview.study.runner import ResultStore
 from holoview.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
+from tests.fuzz.field_files import read_field
 from tests.fuzz.trial import Case
 from tests.fuzz.valid_files import valid, write
 
@@ -156,6 +157,19 @@ def damaged_virtual_bench(rng: Random) -> Case:
     return Case("virtual benches", "hidden.toml", _preparation("rig", "hidden.toml", rng), call=read)
 
 
+def damaged_field(rng: Random) -> Case:
+    """A hologram of another program, or the notes beside it, with damage."""
+    files = sorted(valid("field"))
+    file = files[int(rng.integers(len(files)))]
+    name = file.removesuffix(".holoview.toml")
+    return Case(
+        "fields",
+        f"{file} {int(rng.integers(1 << 30))}",
+        _preparation("field", file, rng),
+        call=partial(read_field, name),
+    )
+
+
 def _preparation(kind: str, file: str, rng: Random) -> Callable[[Path], None]:
     data = bytearray(valid(kind)[file])
     for _ in range(int(rng.integers(1, 4))):
@@ -251,6 +265,7 @@ def random_cases(seed: int, families: Sequence[str] | None = None) -> Iterator[C
     makers = [(family, partial(damaged, family, rng)) for family in COMMANDS]
     makers += [("sessions", partial(damaged_session, rng)), ("jobs", partial(damaged_job, rng))]
     makers += [("virtual benches", partial(damaged_virtual_bench, rng))]
+    makers += [("fields", partial(damaged_field, rng))] * 3
     makers += [("options", partial(random_option, rng))] * 3
     chosen = [make for family, make in makers if families is None or family in families]
     while True:

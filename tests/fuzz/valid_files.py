@@ -27,6 +27,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig.registration import Measured, Registration, write_registration
 from holoview.targets.picture import read_picture
+from tests.fuzz.field_files import make_fields
 from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)
@@ -210,6 +211,7 @@ _MAKERS = {
     "sweep": _sweep,
     "job": _job,
     "rig": _rig,
+    "field": make_fields,
 }
 
 
