@@ -448,3 +448,31 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
         read_wavefield([tmp_path / "real.npy", tmp_path / "phase.npy"], ONE)
     with pytest.raises(UserError, match="its parts have different sizes"):
         read_wavefield([tmp_path / "real.npy", tmp_path / "imag.npy"], ONE)
+
+
+def test_of_a_coloured_picture_and_one_wavelength_the_channel_is_taken_that_sees_it(tmp_path: Path) -> None:
+    colours = np.random.default_rng(0).normal(128, 20, (30, 40, 3)).clip(0, 255).astype("u1")
+    Image.fromarray(colours).save(tmp_path / "holo.bmp")
+    for nm, channel in ((633, 0), (532, 1), (450, 2)):
+        request = ReadRequest(pitch_m=PITCH, wavelengths_m=(nm * 1e-9,))
+        np.testing.assert_array_equal(
+            _pictures(read_wavefield(tmp_path / "holo.bmp", request))[0, 0], colours[..., channel]
+        )
+
+
+def test_real_and_imaginary_part_as_pictures_have_their_zero_in_the_middle(tmp_path: Path) -> None:
+    parts = np.random.default_rng(0).integers(0, 256, (2, 20, 30)).astype("u1")
+    for name, part in zip(("holo_real.png", "holo_imag.png"), parts, strict=True):
+        Image.fromarray(part).save(tmp_path / name)
+    values = _values(read_wavefield([tmp_path / "holo_real.png", tmp_path / "holo_imag.png"], ONE))
+    expected = (parts[0] - 127.5 + 1j * (parts[1] - 127.5)) / 127.5
+    np.testing.assert_allclose(values[0, 0], expected, atol=2.0**-23)
+
+
+@pytest.mark.parametrize("given", ["20cm", "200mm", "0p2m"])
+def test_a_name_that_contradicts_the_distance_is_told(tmp_path: Path, given: str) -> None:
+    np.save(tmp_path / f"dice_{given}.npy", _complex(20, 30))
+    request = ReadRequest(pitch_m=PITCH, wavelengths_m=WAVES[:1], distance_m=0.15)
+    reading = read_wavefield(tmp_path / f"dice_{given}.npy", request)
+    assert _said(reading, "distance") == ("150 mm", "given")
+    assert any("distances contradict: 150 mm (as given), 200 mm" in note for note in reading.notes)

@@ -22,13 +22,14 @@ from holoview.wavefield.interpret.candidates import (
     name_wavelength,
     partner_of,
 )
-from holoview.wavefield.interpret.properties import Findings, Known, count_wavelengths
+from holoview.wavefield.interpret.properties import Findings, Known, known_wavelengths
 from holoview.wavefield.interpret.quantities import MOST_SAMPLE, full_scale, judge, phase_levels
 from holoview.wavefield.readers.contents import Contents
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin
 
 _COLOUR_PARTS = ("r", "g", "b")
+_SHORTEST_NM = (590.0, 490.0, 0.0)  # of the light that a camera's red, green and blue pixels see best
 Files = Sequence[tuple[Path, Contents]]
 
 
@@ -57,15 +58,14 @@ def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement
 
     Raises UserError for files that don't belong together.
     """
-    request, wavelengths = known.request, count_wavelengths(known)
+    request, wavelengths = known.request, len(known_wavelengths(known))
     grid, candidates = _components(files, request, findings)
     placed = [[[_place(c, files, request, wavelengths) for c in parts] for parts in row] for row in grid]
     _check_sizes(placed, files)
-    if all(_is_grey(part) for row in placed for parts in row for part in parts):
-        placed = [[[replace(part, one_colour=True) for part in parts] for parts in row] for row in placed]
-        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
+    chosen = _only_colour([part for row in placed for parts in row for part in parts], known, findings)
+    placed = [[[replace(part, only_colour=chosen) for part in parts] for parts in row] for row in placed]
     first = placed[0][0][0]
-    if first.axes.reason and not first.one_colour:
+    if first.axes.reason and chosen is None:
         findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
     is_recording, quantity = _recognise(placed, files, request, findings)
     scaled = [[[_scaled(part, quantity, known, findings) for part in parts] for parts in row] for row in placed]
@@ -168,12 +168,21 @@ def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files
         raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
 
 
-def _is_grey(part: PlacedArray) -> bool:
-    """Whether a picture has three equal channels in its middle."""
-    if part.axes.colour is None or part.sizes[1] != 3 or part.component.array.dtype.kind not in "iu":
-        return False
-    sample = _sample(part)
-    return bool((sample == sample[:, :1]).all())
+def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: Findings) -> int | None:
+    """The channel that is taken of pictures in three colours: of grey ones, and where one wavelength is known."""
+    if any(p.axes.colour is None or p.sizes[1] != 3 or p.component.array.dtype.kind not in "iu" for p in parts):
+        return None
+    samples = [_sample(part) for part in parts]
+    if all((sample == sample[:, :1]).all() for sample in samples):
+        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
+        return 0
+    wavelengths = known_wavelengths(known)
+    if len(wavelengths) != 1:
+        return None
+    channel = next(i for i, shortest in enumerate(_SHORTEST_NM) if wavelengths[0] * 1e9 >= shortest)
+    name = ("red", "green", "blue")[channel]
+    findings.add("colours", f"the {name} channel", "guessed", "one wavelength is known, which this channel sees")
+    return channel
 
 
 def _axes_words(part: PlacedArray) -> str:
@@ -245,4 +254,8 @@ def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) 
         return replace(named, scale=2 * np.pi / levels)
     if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
         return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))
+    if role in ("real", "imaginary") and dtype.kind == "u":
+        middle = full_scale(dtype, float(_sample(part).max())) / 2
+        findings.add(f"zero of the {role} part", f"{middle:g}", "guessed", "numbers without sign: the middle is 0")
+        return replace(named, zero=middle, scale=1 / middle)
     return named

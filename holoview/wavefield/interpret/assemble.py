@@ -21,21 +21,23 @@ _STRIP_COPIES = 6  # in complex128 and in the file's type, while a strip is conv
 
 @dataclass(frozen=True)
 class PlacedArray:
-    """A component with the meaning of its axes. scale: what its numbers are multiplied by: to rad for phases.
+    """A component with the meaning of its axes.
 
-    one_colour: whether its colours are copies of one, of which the first is taken.
+    zero: the number in the file that stands for 0. scale: what numbers are multiplied by then: to rad for phases.
+    only_colour: the index of the colour that is taken, None for all.
     """
 
     component: Component
     axes: Axes
+    zero: float = 0.0
     scale: float = 1.0
-    one_colour: bool = False
+    only_colour: int | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
         """Frames, colours, rows, columns."""
         frames, colours, rows, columns = self.axes.sizes(self.component.array.shape)
-        return frames, 1 if self.one_colour else colours, rows, columns
+        return frames, colours if self.only_colour is None else 1, rows, columns
 
     def load(self, region: Region) -> NDArray[Any]:
         """The numbers of a region, (frame, colour, y, x), as they stand in the file."""
@@ -46,8 +48,8 @@ class PlacedArray:
         for axis in (axes.frame, axes.colour):
             if axis is not None:
                 window[axis] = slice(0, array.shape[axis])
-        if self.one_colour and axes.colour is not None:
-            window[axes.colour] = slice(0, 1)
+        if self.only_colour is not None and axes.colour is not None:
+            window[axes.colour] = slice(self.only_colour, self.only_colour + 1)
         loaded = array.load(tuple(window))
         if loaded.shape != tuple(w.stop - w.start for w in window):
             raise UserError(array.name, f"{loaded.shape} read of {array.shape}", expected="all of the wanted part")
@@ -112,7 +114,7 @@ def _strips(region: Region, rows: int) -> Iterator[tuple[Region, int]]:
 
 
 def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> NDArray[Any]:
-    values = {part.component.role: _scaled(part.load(region), part.scale) for part in parts}
+    values = {part.component.role: _scaled(part.load(region), part) for part in parts}
     if not as_field:
         return next(iter(values.values())).astype(np.float64)
     match values:
@@ -132,11 +134,11 @@ def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> ND
             return next(iter(values.values())) + 0j
 
 
-def _scaled(values: NDArray[Any], scale: float) -> NDArray[Any]:
+def _scaled(values: NDArray[Any], part: PlacedArray) -> NDArray[Any]:
     """Integers become float64, floats and complex numbers keep their type."""
     if values.dtype.kind in "biu":
-        return values * np.float64(scale)
-    return values if scale == 1 else values * scale
+        return (values - np.float64(part.zero)) * part.scale
+    return values if part.scale == 1 else values * part.scale
 
 
 def _root(intensity: NDArray[Any]) -> NDArray[Any]:

@@ -130,11 +130,9 @@ def _length(number: str, unit: str) -> float:
     return units.parse(f"{number.replace('p', '.').replace('P', '.')} {unit.lower()}", "the file's name")
 
 
-def count_wavelengths(known: Known) -> int:
-    """How many wavelengths the file, its table or the user states, 0 if none does."""
-    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES):
-        return len(guess.value)
-    return 0
+def known_wavelengths(known: Known) -> tuple[float, ...]:
+    """The wavelengths that the user, the file, its table or its name states, m; none if nothing does."""
+    return next((guess.value for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES)), ())
 
 
 def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
