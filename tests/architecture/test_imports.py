@@ -50,6 +50,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.console", "rich.progress"): SLOW,
     ("holoview.render.page_images", "torch"): SLOW,
     ("holoview.view", "holoview.engine.stage_fields"): SLOW,
+    ("holoview.render.page_images", "holoview.engine.stage_fields"): SLOW,
+    ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
