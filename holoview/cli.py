@@ -34,6 +34,7 @@ COMMANDS = {
     "calibrate": "learn a bench from captures, or a modulator's table",
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",
+    "focus": "find the distance at which a hologram is sharpest",
     "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }

@@ -104,6 +104,7 @@ class App:
         """Called before panels are drawn: takes results of worker threads, runs commands whose keys were pressed."""
         commands = self.context.commands
         self.session.poll()
+        self.context.received_fields.poll()
         self.context.wants_measurement = False
         is_typing = imgui.get_io().want_text_input
         for command in list(commands.pressed(is_typing=is_typing)):

@@ -486,9 +486,9 @@ class Message:
 class MessageLog:
     """The last MAX_MESSAGES messages. on_change: called after each new message."""
 
-    def __init__(self, on_change: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self._messages: deque[Message] = deque(maxlen=MAX_MESSAGES)
-        self._on_change, self._clock = on_change, clock
+        self._on_change = on_change
 
     @property
     def all(self) -> tuple[Message, ...]:
@@ -497,12 +497,12 @@ class MessageLog:
 
     def recent(self, seconds: float) -> tuple[Message, ...]:
         """Messages of the last seconds, oldest first."""
-        since = self._clock() - seconds
+        since = time.time() - seconds
         return tuple(message for message in self._messages if message.when >= since)
 
     def post(self, text: str, kind: str = "info", details: str = "") -> None:
         """Adds a message; its text may quote a file."""
-        self._messages.append(Message(printable(text), kind, details, self._clock()))
+        self._messages.append(Message(printable(text), kind, details, time.time()))
         self._on_change()
 
     def post_error(self, error: BaseException, where: str = "") -> None:

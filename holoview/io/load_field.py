@@ -14,6 +14,7 @@ from holoview.io.hologram import FORMAT, Hologram, load_hologram
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import format_of
+from holoview.wavefield.demodulation import field_of_recording
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.reading import ReadRequest, read_wavefield
 from holoview.wavefield.wavefield import Provenance, Wavefield
@@ -100,20 +101,18 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
 
     request: what the user knows of a file of another program; one of holoview tells all but the distance.
 
-    Raises UserError for files that can't be read, and for a recording of a camera.
+    Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
-    if reading.wavefield is None:
-        raise UserError(
-            str(paths[0]),
-            "a recording of a camera",
-            expected="a field",
-            remedy="--quantity says what the numbers of a field are: complex, amplitude, phase or intensity",
-        )
-    hologram = Hologram.of_field(reading.wavefield)
+    field = reading.wavefield
+    if reading.recording is not None:
+        found = field_of_recording(reading.recording)
+        field, notes = found.field, (*notes, *found.report)
+    assert field is not None
+    hologram = Hologram.of_field(field)
     if hologram.system.observer == "mono":
         notes = (
             *notes,

@@ -101,9 +101,7 @@ def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDA
     return turns
 
 
-def eyebox_xyz(
-    system: System, drive: Drive, by_place: bool = False, check: Callable[[], None] = lambda: None
-) -> NDArray[np.float32]:
+def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[np.float32]:
     """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator: the eyebox.
 
     By spatial frequency, 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
@@ -111,7 +109,7 @@ def eyebox_xyz(
     less of it.
     The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is scaled to a
     mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. The eye of the system
-    doesn't count. `check` is called before each spectrum and may raise an exception to cancel.
+    doesn't count.
     """
     from holoview.engine.torch_executor import TorchExecutor
     from holoview.optics.frame_inputs import FrameInputs
@@ -126,7 +124,6 @@ def eyebox_xyz(
     for wavelength, λ in enumerate(plan.system.wavelengths_m):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
-                check()
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
                 power[band] = passed.values.abs().square().numpy()

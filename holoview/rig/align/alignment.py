@@ -80,18 +80,14 @@ def find_geometry(
     rig: RigDescription,
     devices: Devices,
     progress: ProgressCallback = lambda done, total, note: None,
-    is_asked_to_end: Callable[[], bool] = lambda: False,
-) -> FoundGeometry | None:
-    """Finds where modulators and camera are; None if asked to end. The caller closes the devices.
+) -> FoundGeometry:
+    """Finds where modulators and camera are. The caller closes the devices.
 
     rig: as described, without a registration. devices: its open ones, as they are. Raises DeviceError where dots aren't
     seen.
     """
     total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
-    try:
-        return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress, is_asked_to_end)).run()
-    except AlignmentCancelled:
-        return None
+    return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress)).run()
 
 
 def laser_for_alignment(rig: RigDescription) -> float:
@@ -228,10 +224,6 @@ _FIRST_EXPOSURE_S = 1e-2
 _BRIGHT_PIXELS = 3  # may saturate: hot ones
 
 
-class AlignmentCancelled(Exception):
-    """Whoever started the alignment has asked it to end."""
-
-
 class PictureTaker:
     """Shows patterns and takes pictures with one laser. camera_turn: pictures are turned back by it.
 
@@ -244,11 +236,9 @@ class PictureTaker:
         devices: Devices,
         total: int,
         progress: ProgressCallback,
-        is_asked_to_end: Callable[[], bool],
     ) -> None:
         self._rig, self._devices, self._total = rig, devices, total
-        self._progress, self._is_asked_to_end = progress, is_asked_to_end
-        self._done, self._exposure_s = 0, _FIRST_EXPOSURE_S
+        self._progress, self._done, self._exposure_s = progress, 0, _FIRST_EXPOSURE_S
         self.camera_turn = "none"
 
     def light(self, wavelength_m: float) -> None:
@@ -260,16 +250,11 @@ class PictureTaker:
         return self._devices.stage.move_to(stage_m)
 
     def report(self, note: str) -> None:
-        """Says what happens. Raises AlignmentCancelled if asked to end."""
-        if self._is_asked_to_end():
-            raise AlignmentCancelled
+        """Reports the next step."""
         self._progress(self._done, self._total, note)
 
     def take(self, levels: Sequence[Levels], note: str) -> NDArray[np.float64]:
-        """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level.
-
-        Raises AlignmentCancelled if asked to end.
-        """
+        """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level."""
         self.report(note)
         for modulator, own in zip(self._devices.modulators, levels, strict=True):
             modulator.show(own)
