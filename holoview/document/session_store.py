@@ -51,7 +51,7 @@ class SavedSession:
     steps: int
 
     def restore(self, wake: Callable[[], None] = lambda: None) -> EditingSession:
-        """Reads the session with its undo history; what can't be read is reported in its messages.
+        """Reads the session with its undo history; unreadable parts are reported in its messages.
 
         The result of an unfinished optimisation becomes a snapshot. Raises UserError when nothing can be read.
         """
