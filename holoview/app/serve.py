@@ -40,7 +40,7 @@ def serve(
     """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over` returns true.
 
     began: called with the URL, which has a random token, and before that with a warning if other machines can reach the
-    address. options: `ServeOptions()` when None. Raises UserError if a library isn't installed or the address is in use.
+    address. options: `ServeOptions()` when None. Raises UserError if a library isn't installed or the address is taken.
     """
     require_serving_libraries()
     from rendercanvas.http import asgi

@@ -119,6 +119,9 @@ def _target_luminance(document: Document, system: System) -> NDArray[np.floating
     return luminance_of(target.stack[at[0]], document.measured_region) if len(at) else None
 
 
+# --- two ways to make colours ---
+
+
 SCHEMES = ("simultaneous", "holochrome-8")
 NAMES = ("Simultaneous, 3 wavelengths", "HoloChrome, 8 wavelengths")
 

@@ -92,6 +92,11 @@ class Connection:
 
 
 _TIMEOUT_S, _END_S = 120.0, 10.0
+
+
+# --- the process and its devices ---
+
+
 _REMEDY = "run the command again; it goes on where it was"
 
 
