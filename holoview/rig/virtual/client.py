@@ -91,12 +91,10 @@ class Connection:
         return np.frombuffer(data, dtype=np.dtype(name).newbyteorder("<")).reshape(shape).astype(name)
 
 
-_TIMEOUT_S, _END_S = 120.0, 10.0
-
-
 # --- the process and its devices ---
 
 
+_TIMEOUT_S, _END_S = 120.0, 10.0
 _REMEDY = "run the command again; it goes on where it was"
 
 
