@@ -34,6 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Finds and prints the distance by two measures, the other side's, and the curve."""
     limits = None if args.range is None else _parse_range(args.range)
+    args.propagation = "asm"  # the field stays in its plane, from which the search counts
     opened = open_files(args.names, args)
     if not opened.hologram.system.is_field:
         raise UserError(args.names[0], "patterns of modulators", expected="a field: their planes stand in the file")

@@ -14,7 +14,6 @@ from holoview.io.hologram import FORMAT, Hologram, load_hologram
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import format_of
-from holoview.wavefield.demodulation import field_of_recording
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.reading import ReadRequest, read_wavefield
 from holoview.wavefield.wavefield import Provenance, Wavefield
@@ -28,12 +27,14 @@ class OpenedHologram:
     """A hologram from files.
 
     provenance: where each property of a field of another program is known from; empty for files of holoview.
-    notes: remarks for the user, each a sentence.
+    notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
+    planes count; 0 for a field in its own plane.
     """
 
     hologram: Hologram
     provenance: tuple[Provenance, ...] = ()
     notes: tuple[str, ...] = ()
+    moved_m: float = 0.0
 
 
 def load_field(
@@ -109,16 +110,22 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field = reading.wavefield
     if reading.recording is not None:
+        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
+
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
     assert field is not None
-    hologram = Hologram.of_field(field)
+    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
+    seen, moved = image_field(field, request.propagation)
+    notes = (*notes, moved) if moved else notes
+    hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (
             *notes,
             "an eye doesn't see all of its wavelengths: they are shown in grey, as a camera sees them",
         )
-    return OpenedHologram(hologram, reading.provenance, notes)
+    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0)
 
 
 def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:
