@@ -168,6 +168,9 @@ def _sorted_order(implied: Floats, log_power: Floats, groups: NDArray[np.intp]) 
     return PowerOrder(tuple(source.tolist()), way), orders_log
 
 
+# --- findings ---
+
+
 _PREFIX = "Records: "
 
 
@@ -224,6 +227,9 @@ class RecordFindings:
             "captures": self.captures,
             "seconds": round(self.seconds, 3),
         }
+
+
+# --- the search ---
 
 
 TESTED = 8
