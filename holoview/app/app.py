@@ -104,6 +104,7 @@ class App:
         """Called before panels are drawn: takes results of worker threads, runs commands whose keys were pressed."""
         commands = self.context.commands
         self.session.poll()
+        self.context.received_fields.poll()
         self.context.wants_measurement = False
         is_typing = imgui.get_io().want_text_input
         for command in list(commands.pressed(is_typing=is_typing)):
@@ -203,6 +204,9 @@ class App:
         self.window.wake()
 
 
+# --- the arrangement of windows, and what HelloImGui calls ---
+
+
 _SPLITS = (
     ("MainDockSpace", "Left", imgui.Dir.left, 0.26),
     ("MainDockSpace", "Right", imgui.Dir.right, 0.34),
@@ -215,7 +219,7 @@ _DOCK_NAMES = {"Centre": "MainDockSpace"}
 
 @dataclass(frozen=True)
 class LayoutCallbacks:
-    """What HelloImGui calls: once to apply the theme, then in each frame for menus, status bar, and around panels."""
+    """Functions for HelloImGui: called once for the theme, then each frame for menus, status bar, and around panels."""
 
     apply_theme: Callable[[], None]
     draw_menus: Callable[[], None]
@@ -280,6 +284,9 @@ def _dockable_window(guarded: GuardedPanel) -> hello_imgui.DockableWindow:
     window = hello_imgui.DockableWindow(panel.title, dock, guarded.draw, is_visible_=panel.starts_open)
     window.imgui_window_flags = panel.flags
     return window
+
+
+# --- notifications ---
 
 
 DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
@@ -347,6 +354,9 @@ class Toasts:
         top = imgui.get_window_pos().y
         imgui.end()
         return top
+
+
+# --- menus ---
 
 
 MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Rig", "Help")
@@ -425,6 +435,7 @@ def add_general_commands(context: AppContext) -> None:
         lambda: _randomise(context),
         "Edit",
         help="Others each time: another speckle on every modulator.",
+        is_enabled=lambda: not session.system.is_field,
     )
     add(
         "Still life",

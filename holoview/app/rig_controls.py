@@ -1,4 +1,4 @@
-"""What the panels of an open rig show; loaded only when a rig is opened.
+"""The contents of the panels of an open rig; loaded only when a rig is opened.
 
 RigControls           its state, the big switch that turns the lasers off, patterns, camera and stage, captures, plans
 draw_live_diagnosis   the diagnosis that follows the captures
@@ -51,7 +51,7 @@ _TIMES_S = (5.0, 600.0)
 
 
 class RigControls:
-    """What the panel of an open rig shows. dialog: asks for files."""
+    """The panel of an open rig. dialog: asks for files."""
 
     def __init__(self, dialog: FileDialog) -> None:
         self._dialog = dialog
@@ -159,7 +159,7 @@ class LaserSection:
 
 @dataclass
 class PatternSection:
-    """What is sent to the modulators. kind: one of the kinds. sigma_px: of random patterns. share: of flat ones."""
+    """The pattern for the modulators. kind: one of the kinds. sigma_px: of random patterns. share: of flat ones."""
 
     kind: str = _KINDS[1]
     sigma_px: float = 1.5
@@ -388,6 +388,9 @@ def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
         imgui.text_wrapped(f"left out: capture {bad.index}, {bad.why}")
 
 
+# --- the pictures of the camera ---
+
+
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
 _TIPS = {
     "show": "Difference: camera − prediction, in standard deviations of the noise. Blue: too dark, red: too bright.",
@@ -395,7 +398,7 @@ _TIPS = {
     "diagnosis: the nominal bench with what the last diagnosis found.",
 }
 MODES = ("side-by-side", "wipe", "difference", "camera", "prediction")
-"""What is shown of camera and prediction."""
+"""Ways to show camera and prediction."""
 _VIEW = ViewSettings(plane_m=0.0, channel="luminance")
 
 

@@ -147,7 +147,7 @@ def report_markdown(data: Values) -> str:
 
 
 def results(data: Values, section: str) -> list[Values]:
-    """What the measurements of a section have given, without those that failed."""
+    """The results of a section, without measurements that failed."""
     return [entry["result"] for entry in data["results"].get(section, []) if "result" in entry]
 
 
@@ -363,7 +363,7 @@ def _power(data: Values) -> list[str]:
 
 
 def _problems(data: Values) -> list[str]:
-    """What was refused with the reason, and what failed with the text of the error."""
+    """Refused measurements with the reason, and failed ones with the text of the error."""
     lines: list[str] = []
     for section, entries in data["results"].items():
         lines += [f"- {section}, {entry['title']}: {entry['refused']}" for entry in entries if "refused" in entry]

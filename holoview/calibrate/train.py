@@ -147,6 +147,9 @@ class TrainingData:
         return WeightedImage(torch.from_numpy(lasers), torch.from_numpy(weight[0]))
 
 
+# --- the model and its prior ---
+
+
 PRIOR_SIGMA: Mapping[str, float] = {
     "lut_steps": 0.5,
     "fringing_px2": 0.2,
@@ -224,6 +227,9 @@ def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
     return torch.stack(parts).sum()
 
 
+# --- checkpoints ---
+
+
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
 
@@ -241,7 +247,7 @@ def _format(layout: MapLayout | None) -> TensorFormat:
 
 
 def _part_schemas(learned: ArraySchema) -> tuple[ArraySchema, ...]:
-    """What the file holds for a tensor: its value and the best one, Adam's moments and number of steps."""
+    """The arrays of the file for a tensor: its value and the best one, Adam's moments and number of steps."""
     name = learned.name
     return (
         learned,
@@ -353,6 +359,9 @@ def captures_digest(captures: Captures) -> str:
 
 def _effects_json(known: EffectValues) -> str:
     return json.dumps({name: dict(values) for name, values in known.items()}, sort_keys=True)
+
+
+# --- the training ---
 
 
 _CURRICULUM_FIRST_SHARE = 0.4  # of the training captures, in the first epoch

@@ -12,10 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args, with_changes
+from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args
 from holoview.commands.console import print_json, progress_bar
+from holoview.commands.hologram_files import (
+    add_field_options,
+    check_no_field_options,
+    has_field_options,
+    is_preset,
+    shown_by_args,
+)
 from holoview.commands.output_files import add_input, add_output
-from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import (
     RetinalCurve,
@@ -24,29 +31,35 @@ from holoview.metrics.speckle import (
     retinal_curve,
     speckle_contrast,
 )
-from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
 from holoview.numerics.tensors import Region
 from holoview.page.page import export_html
 from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
-from holoview.targets.image_reader import read_raster
+from holoview.targets.image_reader import file_format, read_raster
 from holoview.targets.picture import read_picture
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.view import random_drive, simulate
+from holoview.wavefield.readers.registry import is_readable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
+_HOLOGRAM_SUFFIX = ".safetensors"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(parser, "preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
+    add_input(
+        parser,
+        "names",
+        metavar="WHAT",
+        nargs="+",
+        help="a picture, a preset's name or TOML file, a hologram's file, or files that are its parts",
+    )
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
@@ -75,6 +88,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="also a page on which any browser computes the hologram and the contrast of the region again",
     )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
+    add_field_options(parser)
 
 
 @dataclass(frozen=True)
@@ -107,10 +121,10 @@ def run(args: argparse.Namespace) -> int:
     shown = _shown_hologram(args)
     if args.live is not None and shown is None:
         raise UserError(
-            "--live", f"with the picture {args.preset}", expected="a hologram or a preset, to compute again"
+            "--live", f"with the picture {args.names[0]}", expected="a hologram or a preset, to compute again"
         )
     pupils_m = _parse_pupils(args.pupils, shown)
-    image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
+    image = _of_picture(Path(args.names[0]), args) if shown is None else _of_hologram(shown)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
     speckle = speckle_contrast(image.luminance, region)
     patterns = independent_patterns(speckle.contrast)
@@ -162,20 +176,29 @@ def _format_result(result: dict[str, Any]) -> str:
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
     """The hologram or the random patterns that the arguments name; None for a picture."""
-    path = Path(args.preset)
+    path = Path(args.names[0])
     if path.suffix.lower() == _HOLOGRAM_SUFFIX:
         if args.scheme or not all(change.startswith("eye") for change in args.changes):
             remedy = "--set may give it an eye only"
             raise UserError(
                 "--set or --scheme", "with a hologram file", expected="the bench that it was made for", remedy=remedy
             )
-        hologram = load_hologram(path)
-        return _shown(Hologram(hologram.drive, with_changes(hologram.system, args.changes)), args.plane, path.name)
-    if path.suffix and path.suffix.lower() != _PRESET_SUFFIX and args.preset not in preset.names():
-        return None
+        return _of_files(args)
+    if not is_preset(args.names[0]) or len(args.names) > 1:
+        is_picture = (
+            len(args.names) == 1 and not has_field_options(args) and (file_format(path) or not is_readable(path))
+        )
+        return None if is_picture else _of_files(args)
+    args.preset = args.names[0]
+    check_no_field_options(args, f"the preset {args.preset}")
     system = system_from_args(args)
     hologram = Hologram(random_drive(system, args.random), system)
     return _shown(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
+
+
+def _of_files(args: argparse.Namespace) -> _ShownHologram:
+    shown = shown_by_args(args)
+    return _shown(Hologram(shown.drive, shown.system), args.plane, Path(args.names[0]).name)
 
 
 def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:

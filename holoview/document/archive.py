@@ -29,6 +29,7 @@ from holoview.document.target import TargetSpec, example_target
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
+from holoview.render.scene import Drive
 from holoview.render.view_settings import ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
@@ -61,7 +62,7 @@ _WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of
 _TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
 _TARGET_KEYS = ("title", "brightness", "saturation", "space", "is_example")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
-"""What reading a file raises that isn't as it was written; UserError is a ValueError."""
+"""Exceptions that a damaged file raises when it is read; UserError is a ValueError."""
 _ARRAY = TensorFormat(
     "holoview-object",
     "1",
@@ -169,7 +170,7 @@ class SessionArchive:
             return table | {"stack": str(target_spec.source)}
         return table | {"picture": self._store_array(target_spec.source.rgb), "source": target_spec.source.source}
 
-    def _store_array(self, array: NDArray[np.float32]) -> str:
+    def _store_array(self, array: Drive) -> str:
         """Writes an array to a file named by its hash, unless that exists; returns the name without suffix."""
         entry = self._names.get(id(array))
         if entry is None or entry[0]() is not array:
@@ -178,8 +179,13 @@ class SessionArchive:
             self._names[id(array)] = entry
         path = self._objects / f"{entry[1]}.safetensors"
         if not path.is_file():
-            _ARRAY.write(path, {"array": array}, {})
+            _ARRAY.write(path, {"array": _as_real(array)}, {})
         return entry[1]
+
+
+def _as_real(drive: Drive) -> NDArray[np.float32]:
+    """A drive as it is stored: the values of a field as pairs of real numbers, without a copy."""
+    return drive[..., None].view(np.float32) if np.iscomplexobj(drive) else drive
 
 
 def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
@@ -248,7 +254,7 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
 
 
 def _reason(error: Exception) -> str:
-    """What is wrong, in words."""
+    """The reason in words."""
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
@@ -258,6 +264,7 @@ class _Reader:
     def __init__(self, folder: Path, table: Mapping[str, Any]) -> None:
         self._folder, self._table = folder, table
         self._arrays: dict[str, NDArray[np.float32]] = {}
+        self._fields: dict[str, Drive] = {}
         self._systems: dict[str, System] = {}
         self._targets: dict[str, TargetSpec] = {}
         self._paths: dict[str, PupilPath] = {}
@@ -266,9 +273,10 @@ class _Reader:
     def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
         """A document; None where it can't be read, which is then noted in `unreadable`."""
         try:
+            system = self._system(entry["system"])
             return Document(
-                self._system(entry["system"]),
-                self._array(entry["drive"]),
+                system,
+                self._field(entry["drive"]) if system.is_field else self._array(entry["drive"]),
                 self._view(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
                 typed_value(entry["origin"], str, "origin"),
@@ -309,6 +317,14 @@ class _Reader:
             tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
             self._arrays[name] = as_readonly_drive(tensors["array"])
         return self._arrays[name]
+
+    def _field(self, name: str) -> Drive:
+        """The values of a field, which are stored as pairs of real numbers; steps of the history share them."""
+        if name not in self._fields:
+            pairs = self._array(name)
+            self._fields[name] = np.ascontiguousarray(pairs).view(np.complex64)[..., 0]
+            self._fields[name].setflags(write=False)
+        return self._fields[name]
 
     def _target(self, key: str) -> TargetSpec:
         if key not in self._targets:

@@ -26,7 +26,7 @@ from holoview.util.latest_task import LatestTask
 
 @dataclass(frozen=True, eq=False)
 class TargetSpec:
-    """What a hologram should show, independent of the system that shows it.
+    """The target of a hologram, independent of the system that shows it.
 
     source: a picture in linear light, or the path of a rendered focal stack or of a folder of views. brightness: a
     factor on linear light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
@@ -172,7 +172,7 @@ class _TargetRequest:
 
 
 def _geometry_key(system: System) -> Hashable:
-    """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it.
+    """Properties of a system that change a target: planes, sampling, and the cone of light that blurs it.
 
     With an eye, also its pupil, and the lasers, each of which it sees in another focus.
     """

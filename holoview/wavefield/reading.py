@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from holoview.util.errors import UserError
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
 from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
-from holoview.wavefield.interpret.candidates import Candidate
+from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
 from holoview.wavefield.interpret.known_files import find_known_file
 from holoview.wavefield.interpret.properties import (
     Findings,
@@ -117,7 +117,9 @@ def _known(
     facts, reason = (table.facts, table.reason) if table else (Facts(), "")
     if table:
         findings.notes.append(table.note)
-    return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name)
+    named = {float(nm) * 1e-9 for file, _ in contents if (nm := name_wavelength(file.stem))}
+    named_wavelengths = tuple(sorted(named, reverse=True))
+    return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name, named_wavelengths)
 
 
 def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading:

@@ -71,7 +71,7 @@ class Wavefield:
             raise UserError("distance", f"{self.distance_m:g} m", expected="a finite length")
         if not np.isfinite(values).all():
             raise UserError("field", "values that aren't finite (NaN or infinite)", expected="finite numbers")
-        values = values.astype(np.complex64, copy=False)
+        values = values.astype(np.complex64, copy=False).view()  # the caller's own array stays writeable
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "wavelengths_m", wavelengths_m)

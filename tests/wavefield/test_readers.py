@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -425,3 +426,56 @@ def test_a_laboratory_adds_a_reader_by_an_entry_point(tmp_path: Path, monkeypatc
         np.testing.assert_array_equal(_values(reading)[0, 0], np.arange(12).reshape(3, 4))
     finally:
         registry.all_readers.cache_clear()
+
+
+def test_six_files_are_two_parts_in_three_colours(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    files: dict[str, NDArray[np.uint8]] = {}
+    for name in [f"{part}_{nm}nm.png" for part in ("phase", "ampli") for nm in (450, 638, 520)]:
+        files[name] = rng.integers(0, 256, (20, 30)).astype("u1")
+        Image.fromarray(files[name]).save(tmp_path / name)
+    reading = read_wavefield([tmp_path / name for name in files], ReadRequest(pitch_m=PITCH))
+    assert _said(reading, "wavelengths") == ("638 nm, 520 nm, 450 nm", "guessed")
+    for index, nm in enumerate((638, 520, 450)):
+        phase, amplitude = files[f"phase_{nm}nm.png"], files[f"ampli_{nm}nm.png"]
+        expected = amplitude / 255 * np.exp(2j * np.pi * phase / 255)
+        np.testing.assert_allclose(_values(reading)[0, index], expected, atol=8 * 2.0**-24)
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    for name, shape in (("real", (8, 9)), ("phase", (8, 9)), ("imag", (9, 8))):
+        np.save(tmp_path / f"{name}.npy", np.random.default_rng(0).normal(size=shape))
+    with pytest.raises(UserError, match=r"the parts real, phase don't make a field.*--parts"):
+        read_wavefield([tmp_path / "real.npy", tmp_path / "phase.npy"], ONE)
+    with pytest.raises(UserError, match="its parts have different sizes"):
+        read_wavefield([tmp_path / "real.npy", tmp_path / "imag.npy"], ONE)
+
+
+def test_of_a_coloured_picture_and_one_wavelength_the_channel_is_taken_that_sees_it(tmp_path: Path) -> None:
+    colours = np.random.default_rng(0).normal(128, 20, (30, 40, 3)).clip(0, 255).astype("u1")
+    Image.fromarray(colours).save(tmp_path / "holo.bmp")
+    for nm, channel in ((633, 0), (532, 1), (450, 2)):
+        request = ReadRequest(pitch_m=PITCH, wavelengths_m=(nm * 1e-9,))
+        np.testing.assert_array_equal(
+            _pictures(read_wavefield(tmp_path / "holo.bmp", request))[0, 0], colours[..., channel]
+        )
+
+
+def test_real_and_imaginary_part_as_pictures_have_their_zero_in_the_middle(tmp_path: Path) -> None:
+    parts = np.random.default_rng(0).integers(0, 256, (2, 20, 30)).astype("u1")
+    for name, part in zip(("holo_real.png", "holo_imag.png"), parts, strict=True):
+        Image.fromarray(part).save(tmp_path / name)
+    values = _values(read_wavefield([tmp_path / "holo_real.png", tmp_path / "holo_imag.png"], ONE))
+    expected = (parts[0] - 127.5 + 1j * (parts[1] - 127.5)) / 127.5
+    np.testing.assert_allclose(values[0, 0], expected, atol=2.0**-23)
+
+
+@pytest.mark.parametrize("given", ["20cm", "200mm", "0p2m"])
+def test_a_name_that_contradicts_the_distance_is_told(tmp_path: Path, given: str) -> None:
+    np.save(tmp_path / f"dice_{given}.npy", _complex(20, 30))
+    request = ReadRequest(pitch_m=PITCH, wavelengths_m=WAVES[:1], distance_m=0.15)
+    reading = read_wavefield(tmp_path / f"dice_{given}.npy", request)
+    assert _said(reading, "distance") == ("150 mm", "given")
+    assert any("distances contradict: 150 mm (as given), 200 mm" in note for note in reading.notes)
+    behind = read_wavefield(tmp_path / f"dice_{given}.npy", replace(request, distance_m=-0.199))
+    assert behind.notes == ()

@@ -84,6 +84,9 @@ class OptimisePanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         """Draws the target, then the settings or the progress of a running optimisation."""
+        if context.session.system.is_field:
+            imgui.text_wrapped("A field has no patterns to optimise. Open a preset to find patterns for a picture.")
+            return
         _draw_target(context)
         job = running_optimisation(context.session)
         if job is None:

@@ -70,7 +70,7 @@ class RigPanel(Panel):
 
     @property
     def controls(self) -> RigControls:
-        """What is shown of an open rig, and its choices."""
+        """The contents of the panel of an open rig."""
         if self._controls is None:
             from holoview.app.rig_controls import RigControls  # slow start: most sessions open no rig
 

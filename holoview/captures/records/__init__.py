@@ -2,7 +2,7 @@
 
 corrections     which records can be wrong, how each is put right, and which corrections are tried
 central_region  the middle of large captures
-trials          how well captures are predicted under a hypothesis: the correlation of speckle, and what chance gives
+trials          how well captures are predicted under a hypothesis: the correlation of speckle, also by chance
 record_errors   from captures to findings, in words and as JSON; powers of other captures
 """
 

@@ -1,6 +1,6 @@
 """Finds wrong records: the corrections under which predicted and seen speckle correlate, and the order of laser powers.
 
-choose    a few captures with smooth pictures, and others that confirm what is found
+choose    a few captures with smooth pictures, and others that confirm the findings
 screen    every correction alone, on two smooth captures
 compare   the best ones on several captures, with the best order of columns that are mixed up
 decide    a correction is named only if it beats the records as they are beyond chance, and no other capture contradicts
@@ -177,6 +177,9 @@ def _sorted_order(implied: Floats, log_power: Floats, groups: NDArray[np.intp]) 
     return PowerOrder(tuple(best.tolist()), way), orders_log
 
 
+# --- findings ---
+
+
 _PREFIX = "Records: "
 
 
@@ -184,9 +187,10 @@ _PREFIX = "Records: "
 class RecordFindings:
     """Which records are wrong.
 
-    corrections: what puts them right; empty where nothing was found. rivals: other corrections that predict the same.
-    correlation: of predicted and seen speckle on the captures compared, as recorded and as corrected. undecided: what
-    these captures can't show, as ids with choices. captures: how many were compared. seconds: how long it took.
+    corrections: of wrong records; empty where nothing was found. rivals: other corrections that predict the same.
+    correlation: of predicted and seen speckle on the captures compared, as recorded and as corrected. undecided:
+    corrections that these captures can't show, as ids with choices. captures: how many were compared. seconds: of the
+    search.
     """
 
     corrections: Hypothesis = ()
@@ -209,7 +213,7 @@ class RecordFindings:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know beside the corrections, in sentences."""
+        """Rivals and undecided corrections, in sentences for people."""
         found = [
             f"{_PREFIX}{' and '.join(c.label for c in rival)} would predict the same as "
             f"{' and '.join(c.label for c in self.corrections)}; these captures can't tell which."
@@ -232,6 +236,9 @@ class RecordFindings:
             "captures": self.captures,
             "seconds": round(self.seconds, 3),
         }
+
+
+# --- the search ---
 
 
 TESTED = 8
@@ -285,7 +292,7 @@ MOST_CORRECTIONS = 3
 more."""
 
 CERTAIN_SIGMAS = 6.0
-"""[σ] Significance of the prediction above which it is said what these captures can't decide, and of the loss of one
+"""[σ] Significance of the prediction above which undecided corrections are named, and of the loss of one
 capture that contradicts a correction. Evidence: as `FALSE_ALARMS`."""
 
 REGION_PX = 128
@@ -437,7 +444,7 @@ class _Search:
         return list(result)
 
     def _best_order(self, others: Sequence[Correction], column: Column) -> Hypothesis | None:
-        """The one-to-one order of a column's values that maximises Σ z; None if it is the recorded one."""
+        """The order of a column's values that maximises Σ z; None if the recorded order does."""
         captures, tested = self.trials.captures, self._chosen.tested
         orders = cyclic_orders(captures, column)
         recorded = np.array(value_indices(captures, column, tested))

@@ -189,6 +189,9 @@ def _noise(sigma_px: float) -> str:
     return f"noise blurred by {sigma_px:g} px" if sigma_px else "white pattern"
 
 
+# --- the choice ---
+
+
 MIN_INFORMATION = 1e-3
 """nats; a capture that promises less tells nothing."""
 
@@ -274,7 +277,7 @@ class CaptureChooser:
 
 
 def _purpose(leader: Hypothesis, rival: Hypothesis) -> str:
-    """What a capture is for, in words."""
+    """The purpose of a capture in words."""
     if not rival.is_open:
         return f"separates {leader.name} from {rival.name}"
     beside = f" beside {leader.name}" if leader.causes else ""
@@ -283,7 +286,7 @@ def _purpose(leader: Hypothesis, rival: Hypothesis) -> str:
 
 @dataclass(frozen=True)
 class Response:
-    """What a hypothesis predicts of one capture, in σ: picture (pixel,), spreads (parameter, pixel)."""
+    """The prediction of one capture by a hypothesis, in σ: picture (pixel,), spreads (parameter, pixel)."""
 
     picture: Floats
     spreads: Floats
@@ -342,7 +345,7 @@ class BenchTime:
 
     @property
     def readout_s(self) -> float:
-        """What a capture takes beside moving, settling and its exposure; the median of those taken."""
+        """Seconds of a capture beside moving, settling and exposure; the median of the captures so far."""
         ordered = sorted(self._readouts)
         return ordered[len(ordered) // 2] if ordered else _GUESSED_READOUT_S
 
@@ -390,7 +393,7 @@ class ProposalPrediction:
         self.weight = usable / np.sqrt(variance * belief.temperature)
 
     def responses(self, hypotheses: Sequence[Hypothesis]) -> list[list[Response]]:
-        """What each hypothesis predicts of each proposal, whose gain is free: [proposal][hypothesis]."""
+        """The prediction of each proposal by each hypothesis, with free gain: [proposal][hypothesis]."""
         found: list[list[Response]] = [[] for _ in self.proposals]
         gains = (self._signal * self.weight).reshape(len(self.proposals), -1)
         for hypothesis in hypotheses:

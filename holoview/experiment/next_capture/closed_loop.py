@@ -246,7 +246,7 @@ def _searched(values: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PlannerState:
-    """What a planner knows. taken: the captures so far, None before the first. count: how many.
+    """The knowledge of a planner. taken: the captures so far, None before the first. count: how many.
 
     belief: what they say; None while there are too few. here_m: where the stage is. time: of captures on this bench.
     """
@@ -268,9 +268,9 @@ class Planner(Protocol):
 class InformedPlanner:
     """A few captures to begin with, then those that promise most information per second."""
 
-    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
-        self._rig, self._rng = rig, np.random.default_rng((seed, 1))
-        self._start = starting_proposals(rig, seed)
+    def __init__(self, rig: RigDescription) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((0, 1))
+        self._start = starting_proposals(rig, seed=0)
 
     def next(self, state: PlannerState) -> Choice | None:
         """One of the captures to begin with, or the best of random proposals."""

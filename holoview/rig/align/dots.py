@@ -50,7 +50,7 @@ class Probes:
 
 @dataclass(frozen=True)
 class Optics:
-    """What probes of one modulator need to know. sine: of the steepest direction that passes. All in m."""
+    """The bench as the probes of one modulator need it. sine: of the steepest direction that passes. All in m."""
 
     slm: SlmSpec
     shape: tuple[int, int]
@@ -152,6 +152,11 @@ def _levels_type(optics: Optics) -> type[np.unsignedinteger]:
 
 
 Image = NDArray[np.float64]
+
+
+# --- dots in pictures ---
+
+
 _SIGMA_OF_WIDTH = 0.4  # of the Gaussian that is most like the core of a diffraction-limited dot
 _ROUNDS = 4
 _MAD = 1.4826  # standard deviation over median absolute deviation, of normal noise
@@ -245,7 +250,7 @@ class DotPicture:
     reach_px: float
 
     def dots(self, bias_px: Floats | None = None) -> Dots:
-        """What a fit needs. bias_px: (dot, 2), by how much the dots are seen beside where rays say."""
+        """The data of a fit. bias_px: (dot, 2), from the places that rays predict to the places of the seen dots."""
         seen = self.position_px if bias_px is None else self.position_px - bias_px
         return Dots(self.slm, self.stage_m, self.probes.centre_m, self.probes.frequency, seen)
 

@@ -3,8 +3,8 @@
     r(t) = ⟨I₊(t) − I₋(t), I₊ − I₋⟩ / |I₊ − I₋|² = a·exp(−t/τ)
 
 I₊ and I₋ are the settled pictures of two patterns that differ from a third one by a small step up and down, I₊(t) and
-I₋(t) those taken a time t after the third one followed them. In the difference, what is quadratic in the step cancels,
-and r is the share of the step that remains. That an exposure takes time changes a, not τ.
+I₋(t) those taken a time t after the third one followed them. In the difference, terms that are quadratic in the step
+cancel, and r is the share of the step that remains. That an exposure takes time changes a, not τ.
 """
 
 from __future__ import annotations

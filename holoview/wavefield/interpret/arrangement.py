@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret.assemble import PlacedArray
+from holoview.wavefield.interpret.assemble import PlacedArray, check_finite
 from holoview.wavefield.interpret.axes import arrange
 from holoview.wavefield.interpret.candidates import (
     PAIRS,
@@ -19,15 +19,17 @@ from holoview.wavefield.interpret.candidates import (
     list_candidates,
     name_colour,
     name_role,
+    name_wavelength,
     partner_of,
 )
-from holoview.wavefield.interpret.properties import Findings, Known, count_wavelengths
+from holoview.wavefield.interpret.properties import Findings, Known, known_wavelengths
 from holoview.wavefield.interpret.quantities import MOST_SAMPLE, full_scale, judge, phase_levels
 from holoview.wavefield.readers.contents import Contents
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin
 
 _COLOUR_PARTS = ("r", "g", "b")
+_SHORTEST_NM = (590.0, 490.0, 0.0)  # of the light that a camera's red, green and blue pixels see best
 Files = Sequence[tuple[Path, Contents]]
 
 
@@ -56,15 +58,14 @@ def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement
 
     Raises UserError for files that don't belong together.
     """
-    request, wavelengths = known.request, count_wavelengths(known)
+    request, wavelengths = known.request, len(known_wavelengths(known))
     grid, candidates = _components(files, request, findings)
     placed = [[[_place(c, files, request, wavelengths) for c in parts] for parts in row] for row in grid]
     _check_sizes(placed, files)
-    if all(_is_grey(part) for row in placed for parts in row for part in parts):
-        placed = [[[replace(part, one_colour=True) for part in parts] for parts in row] for row in placed]
-        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
+    chosen = _only_colour([part for row in placed for parts in row for part in parts], known, findings)
+    placed = [[[replace(part, only_colour=chosen) for part in parts] for parts in row] for row in placed]
     first = placed[0][0][0]
-    if first.axes.reason and not first.one_colour:
+    if first.axes.reason and chosen is None:
         findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
     is_recording, quantity = _recognise(placed, files, request, findings)
     scaled = [[[_scaled(part, quantity, known, findings) for part in parts] for parts in row] for row in placed]
@@ -87,15 +88,41 @@ def _components(
             more = f"; others: {', '.join(others[:6])}" if others else ""
             findings.add("variable", candidate.name, "given" if request.variable else "guessed", reason + more)
         return [[candidate.components]], candidates
-    singles = [_single(p, c, request) for p, c in files]
-    roles: list[str] = list(request.parts) or [name_role(p.stem) or name_colour(p.stem) or "frame" for p, _ in files]
-    if len(roles) != len(files):
-        found = f"{len(roles)} parts for {len(files)} files"
-        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    parts = _name_parts(files, request)
     if not request.parts:
-        findings.add("parts", ", ".join(roles), "guessed", "the names of the files")
-    pairs = list(zip(roles, singles, strict=True))
-    return _grid(pairs, files), list_candidates(contents)
+        findings.add("parts", ", ".join(map(str, parts)), "guessed", "the names of the files")
+    return _grid(parts, path), list_candidates(contents)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One of several files: what its numbers are, "" if unknown; its colour, "" if it isn't one of several."""
+
+    quantity: str
+    colour: str
+    component: Component
+
+    def __str__(self) -> str:
+        return " ".join(word for word in (self.quantity, self.colour) if word) or "frame"
+
+
+def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
+    """What each of several files is, as stated or by its name; colours only if there are several."""
+    stated = request.parts or ("frame",) * len(files)
+    if len(stated) != len(files):
+        found = f"{len(stated)} parts for {len(files)} files"
+        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    colours = [w if w in _COLOUR_PARTS else name_colour(path.stem) for w, (path, _) in zip(stated, files, strict=True)]
+    if set(colours) != set(_COLOUR_PARTS):
+        nm = [name_wavelength(path.stem) for path, _ in files]
+        colours = nm if len(set(nm)) > 1 and all(nm) else [""] * len(files)
+    parts = []
+    for word, colour, (path, contents) in zip(stated, colours, files, strict=True):
+        component = _single(path, contents, request)
+        is_stated = word not in ("frame", *_COLOUR_PARTS)
+        quantity = word if is_stated else component.role or name_role(path.stem)
+        parts.append(_Part(quantity, colour, replace(component, role=quantity, reason="one of several files")))
+    return parts
 
 
 def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
@@ -105,21 +132,28 @@ def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
     return candidate.components[0]
 
 
-def _grid(pairs: Sequence[tuple[str, Component]], files: Files) -> list[list[tuple[Component, ...]]]:
-    roles = [role for role, _ in pairs]
-    for pair in PAIRS:
-        if sorted(roles) == sorted(pair):
-            return [[tuple(Component(role, c.array, "one of several files") for role, c in pairs)]]
-    if sorted(roles) == sorted(_COLOUR_PARTS):
-        return [[(next(c for role, c in pairs if role == colour),) for colour in _COLOUR_PARTS]]
-    if set(roles) <= {"frame"} or len(set(roles)) == 1:
-        return [[(replace(c, role=c.role if role == "frame" else role),)] for role, c in pairs]
+def _grid(parts: Sequence[_Part], path: Path) -> list[list[tuple[Component, ...]]]:
+    """The components by frame and colour. Raises UserError unless each colour has the same parts."""
+    colours = sorted({part.colour for part in parts}, key=_colour_order)
+    by_colour = [[part for part in parts if part.colour == colour] for colour in colours]
+    quantities = [sorted(part.quantity for part in group) for group in by_colour]
+    if all(found == quantities[0] for found in quantities):
+        if tuple(quantities[0]) in map(tuple, map(sorted, PAIRS)):
+            return [[tuple(part.component for part in group) for group in by_colour]]
+        if len(set(quantities[0])) == 1:
+            frames = zip(*by_colour, strict=True)
+            return [[(part.component,) for part in frame] for frame in frames]
     raise UserError(
-        str(files[0][0]),
-        f"the parts {', '.join(roles)} don't make a field",
+        str(path),
+        f"the parts {', '.join(map(str, parts))} don't make a field",
         expected="real,imaginary or amplitude,phase or r,g,b, or frames",
         remedy="state them with --parts",
     )
+
+
+def _colour_order(colour: str) -> float:
+    """Red, green and blue in this order; other colours by falling wavelength."""
+    return float(_COLOUR_PARTS.index(colour)) if colour in _COLOUR_PARTS else -float(colour or 0)
 
 
 def _place(component: Component, files: Files, request: ReadRequest, wavelengths: int) -> PlacedArray:
@@ -134,12 +168,21 @@ def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files
         raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
 
 
-def _is_grey(part: PlacedArray) -> bool:
-    """Whether a picture has three equal channels in its middle."""
-    if part.axes.colour is None or part.sizes[1] != 3 or part.component.array.dtype.kind not in "iu":
-        return False
-    sample = _sample(part)
-    return bool((sample == sample[:, :1]).all())
+def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: Findings) -> int | None:
+    """The channel that is taken of pictures in three colours: of grey ones, and where one wavelength is known."""
+    if any(p.axes.colour is None or p.sizes[1] != 3 or p.component.array.dtype.kind not in "iu" for p in parts):
+        return None
+    samples = [_sample(part) for part in parts]
+    if all((sample == sample[:, :1]).all() for sample in samples):
+        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
+        return 0
+    wavelengths = known_wavelengths(known)
+    if len(wavelengths) != 1:
+        return None
+    channel = next(i for i, shortest in enumerate(_SHORTEST_NM) if wavelengths[0] * 1e9 >= shortest)
+    name = ("red", "green", "blue")[channel]
+    findings.add("colours", f"the {name} channel", "guessed", "one wavelength is known, which this channel sees")
+    return channel
 
 
 def _axes_words(part: PlacedArray) -> str:
@@ -184,7 +227,10 @@ def _sample(part: PlacedArray) -> np.ndarray:
     """The middle of the array, at most `MOST_SAMPLE` rows and columns, (frame, colour, y, x)."""
     _, _, rows, columns = part.sizes
     height, width = min(rows, MOST_SAMPLE), min(columns, MOST_SAMPLE)
-    return part.load(((columns - width) // 2, (rows - height) // 2, width, height))
+    region = ((columns - width) // 2, (rows - height) // 2, width, height)
+    values = part.load(region)
+    check_finite(part.component.array.name or "field", values, region)
+    return values
 
 
 def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:
@@ -208,4 +254,8 @@ def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) 
         return replace(named, scale=2 * np.pi / levels)
     if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
         return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))
+    if role in ("real", "imaginary") and dtype.kind == "u":
+        middle = full_scale(dtype, float(_sample(part).max())) / 2
+        findings.add(f"zero of the {role} part", f"{middle:g}", "guessed", "numbers without sign: the middle is 0")
+        return replace(named, zero=middle, scale=1 / middle)
     return named

@@ -21,21 +21,23 @@ _STRIP_COPIES = 6  # in complex128 and in the file's type, while a strip is conv
 
 @dataclass(frozen=True)
 class PlacedArray:
-    """A component with the meaning of its axes. scale: what its numbers are multiplied by: to rad for phases.
+    """A component with the meaning of its axes.
 
-    one_colour: whether its colours are copies of one, of which the first is taken.
+    zero: the number in the file that stands for 0. scale: what numbers are multiplied by then: to rad for phases.
+    only_colour: the index of the colour that is taken, None for all.
     """
 
     component: Component
     axes: Axes
+    zero: float = 0.0
     scale: float = 1.0
-    one_colour: bool = False
+    only_colour: int | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
         """Frames, colours, rows, columns."""
         frames, colours, rows, columns = self.axes.sizes(self.component.array.shape)
-        return frames, 1 if self.one_colour else colours, rows, columns
+        return frames, colours if self.only_colour is None else 1, rows, columns
 
     def load(self, region: Region) -> NDArray[Any]:
         """The numbers of a region, (frame, colour, y, x), as they stand in the file."""
@@ -46,8 +48,8 @@ class PlacedArray:
         for axis in (axes.frame, axes.colour):
             if axis is not None:
                 window[axis] = slice(0, array.shape[axis])
-        if self.one_colour and axes.colour is not None:
-            window[axes.colour] = slice(0, 1)
+        if self.only_colour is not None and axes.colour is not None:
+            window[axes.colour] = slice(self.only_colour, self.only_colour + 1)
         loaded = array.load(tuple(window))
         if loaded.shape != tuple(w.stop - w.start for w in window):
             raise UserError(array.name, f"{loaded.shape} read of {array.shape}", expected="all of the wanted part")
@@ -97,8 +99,10 @@ def assemble(
             target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
             for part, first in _strips(region, strip):
                 values = _combine(parts, part, as_field)
-                _check_finite(where, values, part)
-                target[:, :, first // decimate : (first + part[3]) // decimate] = _mean(values, decimate)
+                check_finite(where, values, part)
+                target[:, :, first // decimate : (first + part[3]) // decimate] = _narrowed(
+                    where, values, decimate, dtype
+                )
     return result
 
 
@@ -110,7 +114,7 @@ def _strips(region: Region, rows: int) -> Iterator[tuple[Region, int]]:
 
 
 def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> NDArray[Any]:
-    values = {part.component.role: part.load(region) * _scalar(part) for part in parts}
+    values = {part.component.role: _scaled(part.load(region), part) for part in parts}
     if not as_field:
         return next(iter(values.values())).astype(np.float64)
     match values:
@@ -130,9 +134,11 @@ def _combine(parts: Sequence[PlacedArray], region: Region, as_field: bool) -> ND
             return next(iter(values.values())) + 0j
 
 
-def _scalar(part: PlacedArray) -> Any:
-    """The scale in a type that makes floats of integers and leaves complex64 as it is."""
-    return np.float64(part.scale) if part.component.array.dtype.kind in "biu" else part.scale
+def _scaled(values: NDArray[Any], part: PlacedArray) -> NDArray[Any]:
+    """Integers become float64, floats and complex numbers keep their type."""
+    if values.dtype.kind in "biu":
+        return (values - np.float64(part.zero)) * part.scale
+    return values if part.scale == 1 else values * part.scale
 
 
 def _root(intensity: NDArray[Any]) -> NDArray[Any]:
@@ -141,12 +147,22 @@ def _root(intensity: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(intensity)
 
 
+def _narrowed(where: str, values: NDArray[Any], decimate: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The means of blocks in the type of the result. Raises UserError for numbers beyond its range."""
+    with np.errstate(over="ignore"):
+        narrow = _mean(values, decimate).astype(dtype)
+    if not np.isfinite(narrow).all():
+        raise UserError(where, "numbers beyond 1e38", expected="numbers that 32 bits can hold", remedy="rescale them")
+    return narrow
+
+
 def _mean(values: NDArray[Any], decimate: int) -> NDArray[Any]:
+    """The means of blocks, rows first, because sums along rows of memory are the fast ones."""
     if decimate == 1:
         return values
     frames, colours, rows, columns = values.shape
-    blocks = values.reshape(frames, colours, rows // decimate, decimate, columns // decimate, decimate)
-    return blocks.mean(axis=(3, 5))
+    sums = values.reshape(frames, colours, rows // decimate, decimate, columns).sum(axis=3)
+    return sums.reshape(frames, colours, rows // decimate, columns // decimate, decimate).mean(axis=4) / decimate
 
 
 def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
@@ -168,7 +184,8 @@ def half_spectrum(values: NDArray[Any]) -> NDArray[np.complex64]:
     return result
 
 
-def _check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+def check_finite(where: str, values: NDArray[Any], region: Region) -> None:
+    """Raises UserError, with the first place, for NaN and infinity among the numbers (frame, colour, y, x)."""
     finite = np.isfinite(values)
     if not finite.all():
         place = np.unravel_index(int(np.argmin(finite)), finite.shape)

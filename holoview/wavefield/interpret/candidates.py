@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.memory_limit import format_size
-from holoview.wavefield.readers.contents import Contents, StoredArray, Window
+from holoview.wavefield.readers.contents import Contents, StoredArray
 from holoview.wavefield.request import ReadRequest
 
 _ROLES = (
     ("real", re.compile(r"(?:^|[^a-z])(?:re|real)(?:[^a-z]|$)|real", re.IGNORECASE)),
     ("imaginary", re.compile(r"(?:^|[^a-z])im(?:[^a-z]|$)|imag", re.IGNORECASE)),
     ("amplitude", re.compile(r"ampl|(?:^|[^a-z])(?:amp|abs|mag|modulus)(?:[^a-z]|$)|magnitude", re.IGNORECASE)),
-    ("phase", re.compile(r"phase|(?:^|[^a-z])(?:phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE)),
+    ("phase", re.compile(r"phase|(?:^|[^a-z])(?:ph|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE)),
     ("intensity", re.compile(r"intens", re.IGNORECASE)),
     ("bilevel", re.compile(r"(?:^|[^a-z])hbin(?:[^a-z]|$)|bilevel", re.IGNORECASE)),
 )
@@ -29,6 +27,7 @@ _COLOURS = (
     ("g", re.compile(r"(?:^|[_\-. ])(?:g|green)(?:$|[_\-. ])", re.IGNORECASE)),
     ("b", re.compile(r"(?:^|[_\-. ])(?:b|blue)(?:$|[_\-. ])", re.IGNORECASE)),
 )
+_NANOMETRES = re.compile(r"(?:^|[^a-zA-Z0-9])(\d{3,4}(?:[.p]\d+)?)[ _]?nm(?![a-z])", re.IGNORECASE)
 _USUAL_NAMES = ("hol", "dh", "h", "data", "u1", "hbin", "cghf", "hologram", "field", "u", "cgh", "complex", "phase")
 _UNLIKELY = re.compile(r"^(?:x+|y+|[xy]m?|fx|fy|kx|ky|grid.*|mask.*|coord.*|r|rho|theta)$", re.IGNORECASE)
 PAIRS = (("real", "imaginary"), ("amplitude", "phase"))
@@ -70,6 +69,12 @@ def name_role(name: str) -> str:
 def name_colour(name: str) -> str:
     """The colour that a name states as a word, "" for none: "doll_R" is red."""
     return next((colour for colour, pattern in _COLOURS if pattern.search(name)), "")
+
+
+def name_wavelength(name: str) -> str:
+    """The wavelength in nm that a name states, "" for none: "phase_638nm" has 638."""
+    found = _NANOMETRES.search(name)
+    return found[1].replace("p", ".") if found else ""
 
 
 _PARTNERS = (
@@ -132,19 +137,9 @@ def _pair_along_an_axis(array: StoredArray) -> list[Candidate]:
     for axis in (len(shape) - 1, 0):
         if shape[axis] == 2 and min(shape[a] for a in range(len(shape)) if a != axis and shape[a] > 1) > 2:
             reason = f"axis {axis} has the size 2, as for real and imaginary part"
-            parts = [slice_of(array, axis, index) for index in (0, 1)]
+            parts = [array.at(axis, index) for index in (0, 1)]
             return [Candidate.of(Component("real", parts[0], reason), Component("imaginary", parts[1], reason))]
     return []
-
-
-def slice_of(array: StoredArray, axis: int, index: int, role: str = "") -> StoredArray:
-    """The array at one index of an axis, which keeps the size 1."""
-
-    def load(window: Window) -> NDArray[Any]:
-        return array.load((*window[:axis], slice(index, index + 1), *window[axis + 1 :]))
-
-    shape = (*array.shape[:axis], 1, *array.shape[axis + 1 :])
-    return replace(array, shape=shape, load=load, role=role or array.role)
 
 
 def choose(path: Path, contents: Contents, request: ReadRequest) -> tuple[Candidate, list[Candidate]]:

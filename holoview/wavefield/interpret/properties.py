@@ -17,11 +17,11 @@ _PITCH_NAMES = ("pp", "pitch", "pixelpitch", "pixelsize", "ps", "dx", "dxy", "de
 _WAVELENGTH_NAMES = ("wlen", "lambda", "lambdas", "wavelength", "wavelengths", "wl", "wvl", "lam")
 _DISTANCE_NAMES = ("zrec", "z", "distance", "dist", "d", "propagationdistance", "recdist", "depth", "zobj", "z0")
 
+_AGREE = 0.02  # of two distances; people round them, and take z towards either side
 _NUMBER = r"([-+]?\d+(?:[.p]\d+)?)"
 _IN_NAME = {
-    "distance": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
-    "wavelength": re.compile(r"(?:^|[^a-z0-9])(\d{3,4}(?:[.p]\d+)?)[ _]?(nm)(?![a-z])", re.IGNORECASE),
-    "pitch": re.compile(r"(?:^|[^a-z0-9])(\d+(?:[.p]\d+)?)[ _]?(um|µm|μm)(?![a-z])", re.IGNORECASE),
+    "distance_m": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
+    "pitch_m": re.compile(r"(?:^|[^a-z0-9])(\d+(?:[.p]\d+)?)[ _]?(um|µm|μm)(?![a-z])", re.IGNORECASE),
 }
 
 
@@ -67,7 +67,8 @@ class Known:
     """All that tells properties of a field.
 
     request: given and remembered ones together. given: the given ones alone. facts, numbers: of the file.
-    table: what is published about a file of this name. name: of the file.
+    table: what is published about a file of this name. name: of the first file.
+    named_wavelengths_m: those that the files' names state, by falling length.
     """
 
     request: ReadRequest
@@ -77,14 +78,15 @@ class Known:
     table: Facts
     table_reason: str
     name: str
+    named_wavelengths_m: tuple[float, ...] = ()
 
     def origin(self, key: str) -> Origin:
         """Whether a property of the request was given now or is remembered."""
         return "given" if getattr(self.given, key) not in (None, ()) else "remembered"
 
 
-def stated(known: Known, key: str, names: Sequence[str], in_name: str) -> Iterable[Guess]:
-    """All that tells a length, by decreasing rank. key: of `ReadRequest`. in_name: key of the pattern of names."""
+def stated(known: Known, key: str, names: Sequence[str]) -> Iterable[Guess]:
+    """All that tells a length, by decreasing rank. key: of `ReadRequest`. names: of variables that are this length."""
     value = getattr(known.request, key)
     if value not in (None, ()):
         origin = known.origin(key)
@@ -101,10 +103,11 @@ def stated(known: Known, key: str, names: Sequence[str], in_name: str) -> Iterab
     value = getattr(known.table, key, None)
     if value not in (None, ()):
         yield Guess(value if isinstance(value, tuple) else (value,), known.table_reason)
-    found = _IN_NAME[in_name].findall(known.name)
+    if key == "wavelengths_m" and known.named_wavelengths_m:
+        yield Guess(known.named_wavelengths_m, "the file's name says it")
+    found = _IN_NAME[key].search(known.name) if key in _IN_NAME else None
     if found:
-        lengths = tuple(_length(number, unit) for number, unit in found)
-        yield Guess(lengths if key == "wavelengths_m" else lengths[:1], "the file's name says it")
+        yield Guess((_length(found[1], found[2]),), "the file's name says it")
 
 
 _RANGES = {"pitch_m": (5e-8, 2e-4), "wavelengths_m": (1.5e-7, 2e-5), "distance_m": (0.0, 50.0)}
@@ -128,16 +131,14 @@ def _length(number: str, unit: str) -> float:
     return units.parse(f"{number.replace('p', '.').replace('P', '.')} {unit.lower()}", "the file's name")
 
 
-def count_wavelengths(known: Known) -> int:
-    """How many wavelengths the file, its table or the user states, 0 if none does."""
-    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES, "wavelength"):
-        return len(guess.value)
-    return 0
+def known_wavelengths(known: Known) -> tuple[float, ...]:
+    """The wavelengths that the user, the file, its table or its name states, m; none if nothing does."""
+    return next((guess.value for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES)), ())
 
 
 def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
     """A wavelength for each colour, in vacuum, m; the origin or the question goes to `findings`."""
-    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES, "wavelength"):
+    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES):
         if len(guess.value) == colours:
             findings.add("wavelengths", _nm(guess.value), guess.origin, guess.reason)
             return guess.value
@@ -157,7 +158,7 @@ def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: F
 
 def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[float, float]:
     """The pitch (y, x) in m; the origin or the question goes to `findings`."""
-    for guess in stated(known, "pitch_m", _PITCH_NAMES, "pitch"):
+    for guess in stated(known, "pitch_m", _PITCH_NAMES):
         pitch = guess.value[0], guess.value[1] if len(guess.value) > 1 else guess.value[0]
         findings.add("pitch", _um(pitch), guess.origin, guess.reason)
         return pitch
@@ -170,14 +171,14 @@ def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[fl
 
 def find_distance(known: Known, findings: Findings) -> float:
     """The distance in m, 0 if nothing tells it; contradictions go to the notes."""
-    sources = list(stated(known, "distance_m", _DISTANCE_NAMES, "distance"))
+    sources = list(stated(known, "distance_m", _DISTANCE_NAMES))
     if not sources:
         findings.ask("distance", "--distance", "0 mm", "nothing says where the image is: search the best focus")
         return 0.0
     first = sources[0]
     findings.add("distance", units.format_rounded(first.value[0], "mm"), first.origin, first.reason)
     for other in sources[1:]:
-        if all(abs(value - first.value[0]) > 0.02 * abs(first.value[0]) for value in other.value):
+        if all(not math.isclose(abs(value), abs(first.value[0]), rel_tol=_AGREE) for value in other.value):
             said = units.format_rounded(other.value[0], "mm")
             mine = units.format_rounded(first.value[0], "mm")
             findings.notes.append(f"distances contradict: {mine} ({first.reason}), {said} ({other.reason})")

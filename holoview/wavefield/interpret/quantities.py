@@ -19,7 +19,7 @@ _BINS = 16
 _EVEN = 0.15
 """Largest distance from an even distribution (half the sum of absolute differences) of values that are phases.
 
-Speckle's amplitudes and intensities (Rayleigh's and exponential distributions over their range) have 0.5 and more, a
+Speckle's amplitudes and intensities (Rayleigh's and exponential distributions over their range) have 0.48 and more, a
 camera's sinusoidal fringes of full contrast 0.21."""
 
 _ALTERNATING = 0.2
@@ -45,8 +45,8 @@ def judge(sample: NDArray[Any]) -> Judgement:
     low, high = float(values.min()), float(values.max())
     if sample.dtype.kind == "b" or (high > low and bool(((values == low) | (values == high)).all())):
         return Judgement("bilevel", "it has two values only")
-    if sample.dtype.kind == "f" and low < 0:
-        if -math.pi - 1e-3 <= low < -3 and 3 < high <= math.pi + 1e-3:
+    if low < 0:
+        if sample.dtype.kind == "f" and -math.pi - 1e-3 <= low < -3 and 3 < high <= math.pi + 1e-3:
             return Judgement("phase", "its values reach from −π to π")
         return Judgement("recording", "it is real and has negative values, as pictures without their background")
     if sample.dtype.kind == "f" and 6.2 < high <= TURN + 1e-3:

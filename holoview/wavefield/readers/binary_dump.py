@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,13 +49,11 @@ class BinaryReader:
             found = f"has {size} bytes"
             expected = f"{needed} for {' × '.join(map(str, shape))} numbers of type {layout.dtype}"
             raise UserError(str(path), found, expected=f"{expected} after {max(offset, 0)} bytes")
-        is_fortran = layout.order == "F"
-        values: Any = np.memmap(path, dtype, "r", offset, shape[::-1] if is_fortran else shape)
-        values = values.T if is_fortran else values
-        axis = len(shape) - 1 if layout.interleaved else 0
-        arrays = [StoredArray.of("", values, parts[0] if parts[0] != "complex" else "")]
+        array = StoredArray.mapped(path, dtype, shape, offset, layout.order, role=parts[0].replace("complex", ""))
+        arrays = [array]
         if len(parts) > 1:
-            arrays = [StoredArray.of(part, np.take(values, [n], axis), part) for n, part in enumerate(parts)]
+            axis = len(shape) - 1 if layout.interleaved else 0
+            arrays = [replace(array.at(axis, index, part), name=part) for index, part in enumerate(parts)]
         notes = (f"the first {offset} bytes are left out{_start(path, offset)}",) if offset else ()
         yield Contents.of(arrays, notes=notes)
 

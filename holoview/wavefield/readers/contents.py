@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,33 @@ class StoredArray:
     def nbytes(self) -> int:
         """Size of the whole array in bytes."""
         return math.prod(self.shape) * self.dtype.itemsize
+
+    def at(self, axis: int, index: int, role: str = "") -> StoredArray:
+        """The array at one index of an axis, which keeps the size 1."""
+
+        def load(window: Window) -> NDArray[Any]:
+            return self.load((*window[:axis], slice(index, index + 1), *window[axis + 1 :]))
+
+        shape = (*self.shape[:axis], 1, *self.shape[axis + 1 :])
+        return replace(self, shape=shape, load=load, role=role or self.role)
+
+    @staticmethod
+    def mapped(
+        path: Path,
+        dtype: np.dtype[Any],
+        shape: tuple[int, ...],
+        offset: int,
+        order: Literal["C", "F"] = "C",
+        name: str = "",
+        role: str = "",
+        axes: str = "",
+    ) -> StoredArray:
+        """Plain numbers in a file. Each window is mapped into memory by itself, so that no more of it stays there."""
+
+        def load(window: Window) -> NDArray[Any]:
+            return np.array(np.memmap(path, dtype, "r", offset, shape, order)[window])
+
+        return StoredArray(name, shape, dtype, load, role, axes)
 
     @staticmethod
     def of(name: str, values: NDArray[Any], role: str = "", axes: str = "") -> StoredArray:

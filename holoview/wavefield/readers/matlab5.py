@@ -142,11 +142,15 @@ def _stored(path: Path, variable: _Variable, order: str) -> StoredArray:
         found = f"an array of shape {variable.shape} in {variable.size} bytes"
         raise UserError(f"{path}: {variable.name}", found, expected="all of its numbers")
 
+    loaded: list[NDArray[Any]] = []
+
     def load(window: Window) -> NDArray[Any]:
-        values = _load(path, variable, order)
-        if not isinstance(values, np.ndarray) or values.shape != variable.shape or values.dtype.kind not in "biufc":
-            raise ValueError(f"the variable {variable.name} isn't the array that its header states")
-        return values[window]
+        if not loaded:
+            values = _load(path, variable, order)
+            if not isinstance(values, np.ndarray) or values.shape != variable.shape or values.dtype.kind not in "biufc":
+                raise ValueError(f"the variable {variable.name} isn't the array that its header states")
+            loaded.append(values)
+        return loaded[0][window]
 
     whole = variable.size + 2 * wanted * dtype.itemsize
     return StoredArray(variable.name, variable.shape, dtype, load, whole_bytes=whole)

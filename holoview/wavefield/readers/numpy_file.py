@@ -45,8 +45,8 @@ class NpyReader:
             order: Literal["F", "C"] = "F" if is_fortran else "C"
             if wanted == 0:
                 raise UserError(str(path), f"an array of shape {shape}", expected="at least one number")
-            values = np.memmap(path, dtype, "r", file.tell(), shape, order)
-        yield Contents.of([StoredArray.of("", np.atleast_1d(values))])
+            array = StoredArray.mapped(path, dtype, shape, file.tell(), order)
+        yield Contents.of([array])
 
 
 class NpzReader:
@@ -82,13 +82,17 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> St
         found = f"is truncated: {member.file_size} bytes"
         raise UserError(where, found, expected=f"{wanted} bytes for an array of shape {shape}")
 
+    unpacked: list[NDArray[Any]] = []
+
     def load(window: Window) -> NDArray[Any]:
-        require_memory(where, 2 * wanted)
-        with archive.open(member) as file:
-            _read_header(file, where)
-            data = file.read(wanted)
-        values = np.frombuffer(data, dtype, count).reshape(shape, order="F" if is_fortran else "C")
-        return values[window]
+        if not unpacked:
+            require_memory(where, 2 * wanted)
+            with archive.open(member) as file:
+                _read_header(file, where)
+                data = file.read(wanted)
+            values = np.frombuffer(data, dtype, count)
+            unpacked.append(values.reshape(shape, order="F" if is_fortran else "C"))
+        return unpacked[0][window]
 
     return StoredArray(name, shape, dtype, load, whole_bytes=2 * wanted)
 

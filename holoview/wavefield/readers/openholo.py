@@ -12,7 +12,7 @@ import math
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +54,18 @@ class _Header:
     offset: int
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Of one part: (wavelength, y, x), or (y, x, wavelength) where the wavelengths of a sample stand together."""
-        plane = (self.rows, self.columns)
+    def count(self) -> int:
+        """Numbers in each part."""
+        return self.rows * self.columns * len(self.wavelengths_m)
+
+    @property
+    def axes(self) -> str:
+        """Of one part: those of a plane together, or the wavelengths of each sample together."""
+        return "cyx" if self.is_planar else "yxc"
+
+    def shape(self, is_transposed: bool) -> tuple[int, ...]:
+        """Of one part; with y and x exchanged if it is transposed."""
+        plane = (self.columns, self.rows) if is_transposed else (self.rows, self.columns)
         return (len(self.wavelengths_m), *plane) if self.is_planar else (*plane, len(self.wavelengths_m))
 
 
@@ -80,42 +89,40 @@ class OpenHoloReader:
             found = "holds the names of other files, which aren't followed" if header.is_linked else "holds pictures"
             remedy = "open those files themselves as parts"
             raise UserError(str(path), found, expected="numbers in the file itself", remedy=remedy)
-        values = _text_values(path, header) if is_text else _values(path, header)
-        if request.transposed:
-            plane = (header.columns, header.rows)
-            values = values.reshape(len(values), *((-1, *plane) if header.is_planar else (*plane, -1)))
+        shape = header.shape(bool(request.transposed))
         facts = Facts(header.pitch_m, header.wavelengths_m, phase_levels=2 * math.pi)
-        parts = [_part(role, values[number], header) for number, role in enumerate(header.roles)]
+        if is_text:
+            values = _text_values(path, header).reshape(-1, *shape)
+            parts = [StoredArray.of(role, values[n], role, header.axes) for n, role in enumerate(header.roles)]
+        else:
+            parts = [_part(path, n, shape, header) for n in range(len(header.roles))]
         yield Contents.of(parts, facts)
 
 
-def _part(role: str, values: NDArray[Any], header: _Header) -> StoredArray:
-    axes = "cyx" if header.is_planar else "yxc"
-    if role != "phase" or values.dtype.kind == "f" or not header.is_phase_encoded:
-        return StoredArray.of(role, values, role, axes)
-    limits = np.iinfo(values.dtype)
+def _part(path: Path, number: int, shape: tuple[int, ...], header: _Header) -> StoredArray:
+    """One part of a binary file, with phases in radians."""
+    role, dtype = header.roles[number], np.dtype(_TYPES[header.kind])
+    offset = header.offset + number * header.count * dtype.itemsize
+    stored = StoredArray.mapped(path, dtype, shape, offset, name=role, role=role, axes=header.axes)
+    if role != "phase" or dtype.kind == "f" or not header.is_phase_encoded:
+        return stored
+    limits = np.iinfo(dtype)
     low, high = header.phase_range
 
     def load(window: Window) -> NDArray[Any]:
-        share = (values[window].astype(np.float64) - limits.min) / (float(limits.max) - limits.min)
+        share = (stored.load(window).astype(np.float64) - limits.min) / (float(limits.max) - limits.min)
         return np.pi * (low + share * (high - low))
 
-    return StoredArray(role, values.shape, np.dtype(np.float64), load, role, axes)
-
-
-def _values(path: Path, header: _Header) -> NDArray[Any]:
-    """All numbers of the file, (part, *shape)."""
-    shape = (len(header.roles), *header.shape)
-    return np.memmap(path, _TYPES[header.kind], "r", header.offset, shape)
+    return replace(stored, dtype=np.dtype(np.float64), load=load)
 
 
 def _text_values(path: Path, header: _Header) -> NDArray[Any]:
-    shape = (len(header.roles), *header.shape)
-    require_memory(str(path), path.stat().st_size + _TEXT_BYTES_A_NUMBER * math.prod(shape))
-    words = read_bytes(path, _EXPECTED)[header.offset :].split(maxsplit=math.prod(shape))
-    if len(words) < math.prod(shape):
-        raise UserError(str(path), f"is truncated: {len(words)} numbers", expected=f"{math.prod(shape)}")
-    return np.array(words[: math.prod(shape)], dtype=np.float64).reshape(shape)
+    count = len(header.roles) * header.count
+    require_memory(str(path), path.stat().st_size + _TEXT_BYTES_A_NUMBER * count)
+    words = read_bytes(path, _EXPECTED)[header.offset :].split(maxsplit=count)
+    if len(words) < count:
+        raise UserError(str(path), f"is truncated: {len(words)} numbers", expected=f"{count}")
+    return np.array(words[:count], dtype=np.float64)
 
 
 def _read_header(path: Path, head: bytes) -> _Header:
@@ -170,7 +177,7 @@ def _needed(header: _Header) -> int | None:
     """Bytes of the numbers, None for pictures."""
     if header.kind == _COMPRESSED:
         return None
-    return len(header.roles) * math.prod(header.shape) * np.dtype(_TYPES[header.kind]).itemsize
+    return len(header.roles) * header.count * np.dtype(_TYPES[header.kind]).itemsize
 
 
 def _with_base(fields: Sequence[Any], wavelengths: Sequence[float], offset: int, base: int) -> _Header | None:

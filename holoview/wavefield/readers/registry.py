@@ -82,6 +82,15 @@ def reader_for(path: Path, request: ReadRequest) -> Reader:
     raise UserError(str(path), found, expected=known, remedy="for a dump of plain numbers, state its layout")
 
 
+def is_readable(path: Path) -> bool:
+    """Whether a reader recognises the file's content."""
+    try:
+        reader_for(path, ReadRequest())
+    except UserError:
+        return False
+    return True
+
+
 @contextmanager
 def open_file(path: Path, request: ReadRequest) -> Iterator[tuple[Reader, Contents]]:
     """The contents of a file and the reader that opened it; arrays are read inside the block.

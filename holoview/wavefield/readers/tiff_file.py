@@ -69,27 +69,26 @@ def _stack(path: Path, pages: Sequence[tifffile.TiffPage]) -> StoredArray:
     is_plain = all(_is_plain(page, size) for page in pages)
     decoded: dict[int, NDArray[Any]] = {}
 
-    def page_values(number: int) -> NDArray[Any]:
+    def page_values(number: int, window: Window) -> NDArray[Any]:
         page = pages[number]
         if is_plain:
             dtype = page.dtype.newbyteorder(page.parent.byteorder)
-            return np.memmap(path, dtype, "r", page.dataoffsets[0], tuple(page.shape))
+            return StoredArray.mapped(path, dtype, tuple(page.shape), page.dataoffsets[0]).load(window)
         if number not in decoded:
-            decoded.clear()
             require_page_memory(path, page)
             require_memory(str(path), 3 * size)
             with naming_missing_codecs(path):
                 decoded[number] = np.asarray(page.asarray())
-        return decoded[number]
+        return decoded[number][window]
 
     def load(window: Window) -> NDArray[Any]:
         if len(pages) == 1:
-            return np.asarray(page_values(0)[window])
+            return page_values(0, window)
         chosen = range(window[0].start, window[0].stop)
-        return np.stack([page_values(number)[window[1:]] for number in chosen])
+        return np.stack([page_values(number, window[1:]) for number in chosen])
 
     axes = "f" * (len(pages) > 1) + first.axes.lower().replace("s", "c")
-    return StoredArray("", shape, first.dtype, load, axes=axes, whole_bytes=0 if is_plain else 3 * size)
+    return StoredArray("", shape, first.dtype, load, axes=axes, whole_bytes=0 if is_plain else (len(pages) + 2) * size)
 
 
 def _is_plain(page: tifffile.TiffPage, size: int) -> bool:
