@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
-    from holoview.view import View, field_at, random_drive, simulate
+    from holoview.view import View, as_field, field_at, random_drive, simulate
     from holoview.wavefield.exchange import push
 
 _MODULES = {
@@ -75,6 +75,7 @@ _MODULES = {
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
     "__version__": "holoview.util.packages",
+    "as_field": "holoview.view",
     "chromatic_refraction": "holoview.model.eye",
     "export_html": "holoview.page.page",
     "field_at": "holoview.view",
@@ -107,6 +108,7 @@ __all__ = [
     "UserError",
     "View",
     "__version__",
+    "as_field",
     "chromatic_refraction",
     "export_html",
     "field_at",

@@ -15,6 +15,7 @@ from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
 from holoview.io.hologram import Hologram
+from holoview.model.bench_parts import Modulator, Relay, Source
 from holoview.model.eye import sample_degrees
 from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
@@ -197,6 +198,47 @@ def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
     if drive is None:
         raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
     return system, drive
+
+
+def as_field(hologram: Hologram) -> Hologram:
+    """The field behind the last modulator of a hologram, with the bench from there to the eye: it shows the same.
+
+    hologram: patterns lit by one plane wave, without effects; a field is returned as it is.
+
+    Returns a `Hologram` whose drive is the field (frame, wavelength, y, x), at the samples of the simulation. Raises
+    UserError for several directions of the source, whose fields don't interfere, and for effects.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> field = hv.as_field(hv.Hologram(hv.random_drive(system), system))
+    >>> field.drive.shape, field.system.modulators[0].pitch_m
+    ((1, 8, 32, 32), 4e-06)
+    """
+    system = hologram.system
+    if system.is_field:
+        return hologram
+    if len(system.source.directions_rad) > 1 or system.effects:
+        found = "effects" if system.effects else f"{len(system.source.directions_rad)} directions of the source"
+        raise UserError("field", found, expected="one direction and no effects", remedy="take them away with --set")
+    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+
+    upsample, modulator, relay = system.sampling.upsample, system.modulators[-1], system.relay2
+    shape = (modulator.shape[0] * upsample, modulator.shape[1] * upsample)
+    square = None if relay.square is None or relay.square.half_side_na else relay.square.scaled(1 / upsample)
+    plane_m, last = float(system.planes_m[0]), system.stages[system.stages.index("stop") - 1]
+    values = np.empty((system.frames, len(system.wavelengths_m), *shape), np.complex64)
+    for frame, laser in np.ndindex(*values.shape[:2]):
+        values[frame, laser] = stage_field(system, hologram.drive, last, plane_m, laser=laser, frame=frame).values
+    behind = replace(
+        system,
+        modulators=(Modulator(modulator.pitch_m / upsample, shape, content="field"),),
+        gap_m=None,
+        source=Source(),
+        relay1=Relay(),
+        relay2=relay if square is None else replace(relay, square=square),
+        sampling=replace(system.sampling, upsample=1),
+    )
+    return Hologram(values, behind)
 
 
 def simulate(

@@ -14,6 +14,7 @@ from holoview.app.startup import Startup
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import new_session
 from holoview.document.files import FilesToOpen
+from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model.system import System
@@ -35,7 +36,8 @@ class LaunchOptions:
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
     in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
     the process of a viewer that crashed, whose session is opened if it was saved; None for none. rig: rig.toml of the
-    devices to open; None for none.
+    devices to open; None for none. listen_port: where fields of other programs are taken; 0 for a free port, None for
+    not listening.
     """
 
     system: System
@@ -54,6 +56,7 @@ class LaunchOptions:
     serve_options: ServeOptions = field(default_factory=ServeOptions)
     rig: Path | None = None
     request: ReadRequest | None = None
+    listen_port: int | None = None
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
@@ -87,14 +90,19 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
 
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
     window = (session, device, renderer, options.size)
+    listen = None if options.listen_port is None else partial(_listen, options.listen_port, report)
     if address is not None:
-        run_in_browser(*window, store, files, address, options.serve_options, report, options.rig)
+        run_in_browser(*window, store, files, address, options.serve_options, report, options.rig, listen)
     elif store is None and on_image is not None:
         run_until_image(*window, on_image)
     elif store is None:
         run_offscreen(*window, options.script, options.script_name, options.screenshot, files, options.rig)
     else:
-        run_on_screen(*window, store, files, on_image, options.rig)
+        run_on_screen(*window, store, files, on_image, options.rig, listen)
+
+
+def _listen(port: int, report: Callable[[str], None], received_fields: ReceivedFields) -> None:
+    report(f"takes fields of other programs at {received_fields.listen(port)}")
 
 
 def open_session(options: LaunchOptions, store: SessionStore | None) -> tuple[EditingSession, list[str]]:

@@ -23,6 +23,7 @@ from holoview.app.serve_guard import Address, ServeOptions
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import shows_example
 from holoview.document.files import NO_FILES, FilesToOpen
+from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost
 from holoview.io.hologram import Hologram
@@ -36,6 +37,9 @@ _IDLE_S = 0.05  # between checks for work while there is none
 _FRAME_POLL_S, _LONGEST_FRAME_S = 0.002, 0.1  # between checks for a drawn frame; a hidden window draws none
 _TITLE = "holoview"
 SCRIPT_FRAME_S = 1 / 60
+
+Listen = Callable[[ReceivedFields], None]
+"""Makes a viewer take fields of other programs, and tells where."""
 
 
 def run_until_image(
@@ -108,10 +112,11 @@ def run_on_screen(
     files: FilesToOpen = NO_FILES,
     on_image: Callable[[], None] | None = None,
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> None:
     """Runs a window until it is closed, or with `on_image` until it shows an image. Raises UserError without a screen.
 
-    on_image: called when the first image is displayed. rig: rig.toml of the devices to open.
+    on_image: called when the first image is displayed. rig: rig.toml of the devices to open. listen: as of `open_app`.
     """
     try:  # here: glfw can't be imported on a machine without its libraries
         import glfw
@@ -121,7 +126,7 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = open_app(session, device, canvas, store, files, renderer, rig=rig)
+    app = open_app(session, device, canvas, store, files, renderer, rig=rig, listen=listen)
     connect_desktop(app.context, glfw, canvas._window)
     if on_image is not None:
         loop.add_task(_close_after_image, app, on_image, name="until image")
@@ -139,15 +144,17 @@ def run_in_browser(
     options: ServeOptions,
     began: Callable[[str], None],
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address.
 
-    store: None where the viewer is served to look at only. rig: rig.toml of the devices to open.
+    store: None where the viewer is served to look at only. rig: rig.toml of the devices to open. listen: as of
+    `open_app`.
     """
     from holoview.app import served_canvas
 
     canvas = served_canvas.ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, files, renderer, options.is_read_only, rig)
+    app = open_app(session, device, canvas, store, files, renderer, options.is_read_only, rig, listen)
     _run_loop(app, store, served_canvas.loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
@@ -160,11 +167,13 @@ def open_app(
     renderer: ProgressiveRenderer | None = None,
     is_read_only: bool = False,
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> App:
     """The viewer with the user's preferences, opening `files`; a user who hasn't seen the tour gets it or a hint.
 
     The tour is of the example; who begins with something else is told where help is. store: None where nothing is
     stored, nor the tour remembered. is_read_only: see `App`. rig: rig.toml of devices to open, without the tour.
+    listen: makes the viewer take fields of other programs, without the tour.
     """
     app = App(
         session, device, canvas, store=store, tunes=not is_read_only, renderer=renderer, is_read_only=is_read_only
@@ -173,7 +182,9 @@ def open_app(
         app.context.attempt(app.context.loader.open, files.names, files.request)
     if rig is not None:
         app.context.attempt(open_rig, app.context, rig)
-    if store is None or app.tour.was_seen or rig is not None:
+    if listen is not None:
+        _listen_or_close(app, listen)
+    if store is None or app.tour.was_seen or rig is not None or listen is not None:
         return app
     if shows_example(session) and not files.names:
         app.tour.start()
@@ -183,6 +194,14 @@ def open_app(
         )
         app.context.attempt(store.preferences.set, "has_begun", True)
     return app
+
+
+def _listen_or_close(app: App, listen: Listen) -> None:
+    try:
+        listen(app.context.received_fields)
+    except UserError:
+        app.close()
+        raise
 
 
 def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[], None]) -> None:

@@ -92,7 +92,7 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
     group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
     group.add_argument(
-        "--pixels-a-node", type=whole(1), metavar="N", help="how coarse the source's maps are (default 8)"
+        "--pixels-a-node", type=whole(1, 1000), metavar="N", help="how coarse the source's maps are (default 8)"
     )
     add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
     add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
@@ -150,8 +150,6 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
     if args.epochs is None:
         settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
     nodes = args.pixels_a_node
-    if nodes is not None and not 1 <= nodes <= 1000:
-        raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
     layout = map_layout_for(captures, split.train) if nodes is None else map_layout_for(captures, split.train, nodes)
     if len(captures.wavelengths_m) == 1:
         print_stderr("note: one wavelength only: what changes with the wavelength can't be known")

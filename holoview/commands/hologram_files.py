@@ -22,7 +22,7 @@ from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.wavefield.reading import ReadRequest, remember
-from holoview.wavefield.request import Part, Quantity, RecordingKind
+from holoview.wavefield.request import Part, Propagation, Quantity, RecordingKind
 
 _NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
@@ -51,6 +51,12 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
     )
     group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
     group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
+    group.add_argument(
+        "--propagation",
+        choices=get_args(Propagation),
+        default="auto",
+        help="to its distance: asm, the angular spectrum in the field's own window; one transform for far images",
+    )
     group.add_argument("--conjugate", action="store_true", help="phases were written with the other sign: exp(-iφ)")
     group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
     group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
@@ -79,6 +85,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         refractive_index=args.index,
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,
+        propagation=args.propagation,
     )
 
 
@@ -117,9 +124,20 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     opened = open_hologram(names, request)
     for note in opened.notes:
         print_stderr(f"note: {note}")
+    if opened.moved_m and getattr(args, "plane", None):
+        args.plane = _from_image(args.plane, opened.moved_m)
     if args.remember and opened.provenance:
         print_stderr(f"note: {remember(names[0], request)} remembers these options")
     return opened
+
+
+def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:
+    """The planes of --plane, counted from the image that a field was brought to."""
+    if isinstance(planes, list):
+        return [text for plane in planes for text in [_from_image(plane, moved_m)] if isinstance(text, str)]
+    if planes == "all" or planes.rstrip().endswith("D"):
+        return planes
+    return units.format_exact(round(units.parse(planes, "--plane") - moved_m, 12), "mm")
 
 
 @dataclass(frozen=True)

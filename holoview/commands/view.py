@@ -49,6 +49,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
     _add_serve_options(parser)
+    parser.add_argument("--listen", action="store_true", help="show fields that programs on this machine send: hv.push")
+    parser.add_argument(
+        "--listen-port", metavar="PORT", type=whole(0, 65535), help="the port to listen on; a free one if absent"
+    )
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
     parser.add_argument(
         "--until-image",
@@ -121,6 +125,7 @@ def run(args: argparse.Namespace) -> int:
         serve_options=serve_options,
         rig=args.rig,
         request=request,
+        listen_port=(args.listen_port or 0) if args.listen else None,
     )
     if request is not None and args.remember:
         remember(names[0], request)
@@ -143,6 +148,10 @@ def _check(args: argparse.Namespace) -> None:
         raise UserError("--serve", "with --offscreen", expected="one of them")
     if args.offscreen and args.script is None and args.screenshot is None and not args.until_image:
         raise UserError("--offscreen", "alone would show nothing", expected="--script or --screenshot with it")
+    if args.listen_port is not None and not args.listen:
+        raise UserError("--listen-port", "without --listen", expected="--listen with it")
+    if args.listen and (args.offscreen or args.until_image):
+        raise UserError("--listen", "without a window", expected="a window, or --serve")
     others = {"--serve": args.serve, "--script": args.script, "--screenshot": args.screenshot}
     for flag, value in others.items():
         if args.until_image and value is not None:

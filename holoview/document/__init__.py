@@ -10,6 +10,7 @@ speckle_jobs          speckle contrast against the diameter of the pupil, and in
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash
 example               the shipped hologram, which a new session shows
 files                 opens files: recognises, reads, and reloads them when they are rewritten
+received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session
 session_store         finds, saves and restores sessions; the user's preferences

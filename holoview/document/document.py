@@ -133,7 +133,7 @@ def as_readonly_drive(drive: NDArray[np.inexact]) -> Drive:
     return copy
 
 
-def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
+def fit_drive(drive: Drive, shape: tuple[int, int, int, int]) -> tuple[Drive, str]:
     """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of what was done.
 
     Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
@@ -149,7 +149,7 @@ def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> 
             remedy="open a preset to begin with modulators",
         )
     if drive.shape[2:] != shape[2:]:
-        return _random(shape, seed), "random patterns of the new size"
+        return _random(shape), "random patterns of the new size"
     notes = []
     if drive.shape[0] != frames:
         fewer = f"{frames} of {drive.shape[0]} frames"
@@ -157,15 +157,15 @@ def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> 
         drive = drive[np.arange(frames) % drive.shape[0]]
     if drive.shape[1] < modulators:
         notes.append("a random second modulator")
-        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]), seed)], axis=1)
+        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]))], axis=1)
     elif drive.shape[1] > modulators:
         notes.append("the first modulator's patterns")
         drive = drive[:, :modulators]
     return np.ascontiguousarray(drive), ", ".join(notes)
 
 
-def _random(shape: tuple[int, int, int, int], seed: int) -> Drive:
-    return np.random.default_rng(seed).random(shape, dtype=np.float32)
+def _random(shape: tuple[int, int, int, int]) -> Drive:
+    return np.random.default_rng(0).random(shape, dtype=np.float32)
 
 
 # --- Undo and redo as a list of documents, each with the label of the edit that led to it ---
@@ -199,9 +199,9 @@ class History:
         self._clock = clock
 
     @classmethod
-    def from_steps(cls, steps: list[HistoryStep], position: int, clock: Callable[[], float] = time.time) -> History:
+    def from_steps(cls, steps: list[HistoryStep], position: int) -> History:
         """A history of saved steps; `position` is the index of the present one."""
-        history = cls(steps[0], clock)
+        history = cls(steps[0])
         history.steps, history.position = list(steps), position
         history.end_gesture()
         return history

@@ -268,15 +268,15 @@ def read_content(
     path = paths[0]
     if str(names_list[0]) in preset.names() and not path.exists():
         return _preset(preset.load(path.name), path.name, None)
+    page, state = split_link(path)
+    if is_page(page):
+        return _page(page, state)
     if path.is_dir():
         return _folder(path, system)
     return _file(path, system)
 
 
 def _file(path: Path, system: System) -> FileContent:
-    page, state = split_link(path)
-    if is_page(page):
-        return _page(page, state)
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
@@ -396,7 +396,10 @@ def _patterns(paths: list[Path], system: System) -> FileContent:
 # --- pixels from the clipboard --------------------------------------------------------------------------------------
 
 
-def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture") -> TargetSpec:
+_PASTED = "pasted picture"
+
+
+def target_from_pixels(pixels: NDArray[np.uint8], title: str = _PASTED) -> TargetSpec:
     """A target from 8-bit sRGB pixels (y, x, 3 or 4), composited over black. Raises UserError for another shape."""
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or pixels.size == 0:
         raise UserError(title, f"pixels of shape {pixels.shape}", expected="(y, x, 3) or (y, x, 4)")
@@ -406,13 +409,13 @@ def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture")
     return TargetSpec(Picture(light.astype(np.float32), title), title)
 
 
-def target_from_image_bytes(data: bytes, title: str = "pasted picture") -> TargetSpec:
+def target_from_image_bytes(data: bytes) -> TargetSpec:
     """A target from the bytes of a picture file, e.g. of the clipboard. Raises UserError when they aren't a picture."""
     try:
         with Image.open(io.BytesIO(data)) as image:
-            return target_from_pixels(np.asarray(image.convert("RGBA")), title)
+            return target_from_pixels(np.asarray(image.convert("RGBA")))
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise UserError(title, "isn't a picture", expected="a picture, e.g. PNG") from error
+        raise UserError(_PASTED, "isn't a picture", expected="a picture, e.g. PNG") from error
 
 
 # --- Polls a file and reports when another program has rewritten it ---

@@ -52,7 +52,8 @@ def stage_field(
     ):
         if not 0 <= index < count:
             raise UserError(key, f"{index + 1}", expected=f"1 to {count}")
-    plan = make_plan(system if stage in ("pupil", "retina") else system.with_(eye=None), [plane_m])
+    seen = system if stage in ("pupil", "retina") else system.with_(eye=None)
+    plan = make_plan(seen, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     frame *= len(plan.moments)
     light = executor.illuminate(laser, source)
@@ -61,11 +62,11 @@ def stage_field(
     if stage in stages[: stages.index("stop")]:
         return _by_place(stage, executor, field, λ)
     spectrum = executor.spectrum(field, len(plan.system.modulators) - 1)
-    seen = executor.transmit(spectrum, 1, laser, 0.0 if stage == "stop" else plane_m)
+    passed = executor.transmit(spectrum, 1, laser, 0.0 if stage == "stop" else plane_m)
     if stage in ("plane", "retina"):
-        return _by_place(stage, executor, executor.field(seen, 1), λ)
+        return _by_place(stage, executor, executor.field(passed, 1), λ)
     rows, columns = (np.argsort(k) for k in executor.frequencies(1))
-    by_direction = seen.values.numpy()[np.ix_(rows, columns)]
+    by_direction = passed.values.numpy()[np.ix_(rows, columns)]
     sine_y, sine_x = (λ * step for step in plan.grid.frequency_step)
     return StageField(stage, by_direction, (sine_y, sine_x), True, λ)
 

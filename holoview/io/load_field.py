@@ -27,12 +27,14 @@ class OpenedHologram:
     """A hologram from files.
 
     provenance: where each property of a field of another program is known from; empty for files of holoview.
-    notes: remarks for the user, each a sentence.
+    notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
+    planes count; 0 for a field in its own plane.
     """
 
     hologram: Hologram
     provenance: tuple[Provenance, ...] = ()
     notes: tuple[str, ...] = ()
+    moved_m: float = 0.0
 
 
 def load_field(
@@ -100,26 +102,30 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
 
     request: what the user knows of a file of another program; one of holoview tells all but the distance.
 
-    Raises UserError for files that can't be read, and for a recording of a camera.
+    Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
-    if reading.wavefield is None:
-        raise UserError(
-            str(paths[0]),
-            "a recording of a camera",
-            expected="a field",
-            remedy="--quantity says what the numbers of a field are: complex, amplitude, phase or intensity",
-        )
-    hologram = Hologram.of_field(reading.wavefield)
+    field = reading.wavefield
+    if reading.recording is not None:
+        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
+
+        found = field_of_recording(reading.recording)
+        field, notes = found.field, (*notes, *found.report)
+    assert field is not None
+    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
+    seen, moved = image_field(field, request.propagation)
+    notes = (*notes, moved) if moved else notes
+    hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (
             *notes,
             "an eye doesn't see all of its wavelengths: they are shown in grey, as a camera sees them",
         )
-    return OpenedHologram(hologram, reading.provenance, notes)
+    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0)
 
 
 def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:

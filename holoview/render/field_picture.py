@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.colour import srgb_decode, srgb_encode
 from holoview.render.tone_mapping import colour_map
+from holoview.render.view_settings import QUANTITIES
 from holoview.util.errors import UserError
 
-QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
 _BRIGHT_PERCENT = 99.9  # of the samples: a few brighter ones are clipped
 _DECADES = 5.0  # of power below the strongest frequency, which are shown
 

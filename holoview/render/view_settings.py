@@ -20,9 +20,11 @@ Line = tuple[float, float, float, float]
 CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
 FALSE_COLOURS = ("", "cubehelix", "hue")
 COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
-PAGES = ("image", "planes", "phase", "spectrum", "target")
-DERIVED_PAGES = ("phase", "spectrum")
+PAGES = ("image", "planes", "phase", "field", "spectrum", "target")
+DERIVED_PAGES = ("phase", "field", "spectrum")
 """Pages that show an image other than a focal plane of a side."""
+QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
+"""What a picture of a complex field shows."""
 SCORES = ("", *PERCEPTUAL_SCORES)
 """Scores that can stand beside the PSNR; "" for none."""
 SPECKLE_EXPOSURE_STOPS = -1.5
@@ -73,6 +75,8 @@ class ViewSettings:
     low, high: values of the channel, after exposure, that are shown black and white.
     solo, muted: indices of the only laser shown, and of lasers left out.
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
+    stage, quantity: what the page "field" shows, of the frame and of the solo laser, or else of the first: one of
+    `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
     region: where speckle is measured. profile: a line along which the luminance is plotted.
     score: one of SCORES, shown beside the PSNR.
@@ -94,6 +98,8 @@ class ViewSettings:
     page: str = "image"
     frame: int = 0
     modulator: int = 0
+    stage: str = "plane"
+    quantity: str = "phase-colour"
     a: ComparisonSide = NOW
     b: ComparisonSide = TARGET
     compare: str = "off"
@@ -111,6 +117,7 @@ class ViewSettings:
             ("false_colour", FALSE_COLOURS),
             ("compare", COMPARISON_MODES),
             ("page", PAGES),
+            ("quantity", QUANTITIES),
             ("score", SCORES),
         ):
             _check_choice(key, getattr(self, key), options)

@@ -65,6 +65,33 @@ class Demodulated:
     report: tuple[str, ...] = ()
 
 
+def field_of_recording(recording: Recording) -> Demodulated:
+    """The field of a recording of any kind, by the function for its kind.
+
+    An in-line recording of two pictures has the background as the second. Where the kind isn't known, it is taken for
+    off-axis if an order is found in its spectrum, else for in-line. Raises UserError as these functions do.
+    """
+    if recording.kind == "phase-shifting":
+        return phase_shifting_field(recording)
+    if recording.kind == "in-line":
+        return _in_line_with_background(recording)
+    if recording.kind == "off-axis":
+        return off_axis_field(recording)
+    try:
+        found, guess = off_axis_field(recording), "taken for off-axis, as an order stands out of its spectrum"
+    except UserError:
+        found = _in_line_with_background(recording)
+        guess = "taken for in-line, as no order stands out of its spectrum"
+    return replace(found, report=(f"the recording was {guess} (--recording says it)", *found.report))
+
+
+def _in_line_with_background(recording: Recording) -> Demodulated:
+    """The field of the first picture, divided by the second if there are two."""
+    if len(recording.pictures) != 2:
+        return in_line_field(recording)
+    return in_line_field(replace(recording, pictures=recording.pictures[:1]), recording.pictures[1])
+
+
 # --- off-axis ---------------------------------------------------------------------------------------------------------
 
 

@@ -20,6 +20,9 @@ RecordingKind = Literal["off-axis", "in-line", "phase-shifting", "none"]
 
 AxisPlace = Literal["first", "last"]
 
+Propagation = Literal["auto", "asm", "fresnel", "fourier"]
+"""How the field's light goes to its distance: see `holoview.wavefield.propagation`."""
+
 
 @dataclass(frozen=True)
 class BinaryLayout:
@@ -57,6 +60,7 @@ class ReadRequest:
     region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.
     decimate: the mean of so many samples in both directions becomes one, which keeps the middle of the spectrum.
     binary: the layout of a file without a description.
+    propagation: how the light goes from the field to its distance.
     accept_guesses: take guesses where nothing tells a necessary property; otherwise these are errors.
 
     Raises UserError for impossible lengths and numbers.
@@ -79,6 +83,7 @@ class ReadRequest:
     decimate: int = 1
     binary: BinaryLayout | None = None
     accept_guesses: bool = False
+    propagation: Propagation = "auto"
 
     def __post_init__(self) -> None:
         for key, lengths, low, high in (
@@ -102,6 +107,7 @@ class ReadRequest:
             ("quantity", self.quantity, get_args(Quantity)),
             ("recording", self.recording, get_args(RecordingKind)),
             ("colour axis", self.colour_axis, get_args(AxisPlace)),
+            ("propagation", self.propagation, get_args(Propagation)),
             *(("parts", part, get_args(Part)) for part in self.parts),
         ):
             if word is not None and word not in known:

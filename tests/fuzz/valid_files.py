@@ -199,7 +199,13 @@ def _job(folder: Path) -> None:
     (folder / f"{job.key}.json").rename(folder / "job.json")
 
 
+def _web_page(folder: Path) -> None:
+    system = small_system()
+    hv.export_html(folder / "page.html", hv.Hologram(hv.random_drive(system), system), backend="torch")
+
+
 _MAKERS = {
+    "web page": _web_page,
     "hologram": _hologram,
     "checkpoint": _checkpoint,
     "calibration checkpoint": _calibration_checkpoint,

@@ -10,6 +10,7 @@ import pytest
 from holoview.util.errors import UserError
 from holoview.wavefield.demodulation import (
     Order,
+    field_of_recording,
     find_order,
     in_line_field,
     off_axis_field,
@@ -107,6 +108,16 @@ def test_a_picture_without_fringes_has_no_order() -> None:
 def test_an_order_beyond_the_samples_is_refused() -> None:
     with pytest.raises(UserError):
         off_axis_field(_recording([np.ones(SHAPE)], "off-axis"), [Order((0.7, 0.0), 0.1)])
+
+
+def test_the_kind_of_a_recording_is_guessed_from_its_spectrum_and_said() -> None:
+    fringes = _record(_object(3, 2.0) + REFERENCE * _wave((0.12, 0.2)), 4)
+    plain = 1000 * np.ones(SHAPE) + np.random.default_rng(5).normal(size=SHAPE)
+    for pictures, words in (([fringes], "off-axis"), ([plain], "in-line"), ([plain, plain + 1], "in-line")):
+        found = field_of_recording(_recording(pictures, None))  # type: ignore[arg-type]
+        assert words in found.report[0]
+        assert found.field.frames == 1
+    assert field_of_recording(_recording([fringes] * 2, "off-axis")).field.frames == 2
 
 
 # --- in-line ----------------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from holoview.render.view_settings import (
     FALSE_COLOURS,
     NOW,
     PAGES,
+    QUANTITIES,
     TARGET,
     ComparisonSide,
     ViewSettings,
@@ -30,6 +31,7 @@ _PAGE_DOCS = {
     "image": "What is seen at the focal plane.",
     "planes": "All focal planes of the bench beside each other.",
     "phase": "The pattern on a modulator, as phase at the laser in the middle; a turn of hue is a wave.",
+    "field": "The complex field of the solo laser at a stage of the bench: its amplitude, phase, parts or spectrum.",
     "spectrum": "Where the light leaves to, around the modulator's first order.",
     "target": "What the hologram should show at the focal plane.",
 }
@@ -59,7 +61,13 @@ class ViewPanel(Panel):
         add(
             "False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels."
         )
-        add("Next page", lambda: _cycle(context, "page", PAGES), "Image", "G", "Image, planes, phase, eyebox, target.")
+        add(
+            "Next page",
+            lambda: _cycle(context, "page", PAGES),
+            "Image",
+            "G",
+            "Image, planes, phase, field, eyebox, target.",
+        )
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, context, name)
@@ -80,6 +88,9 @@ class ViewPanel(Panel):
         self._draw_tone(context, view)
         if view.page == "phase":
             self._draw_pattern_choice(context, view)
+        if view.page == "field":
+            _combo(context, "stage", context.session.system.stages, view.stage, {})
+            _combo(context, "quantity", QUANTITIES, view.quantity, {})
         imgui.separator_text("Compare")
         self._draw_compare(context, view)
         imgui.pop_item_width()

@@ -30,7 +30,7 @@ from holoview.experiment.live.live_view import LiveView, PictureModel
 from holoview.io.hologram import load_hologram
 from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Devices, Levels
-from holoview.rig.live_devices import LasersForbidden, OpenDevices, RigConnection
+from holoview.rig.live_devices import LasersForbidden, RigConnection
 from holoview.rig.measure.camera_pictures import take_exposed
 from holoview.rig.measure.capture_folder import CaptureFolder, CaptureStore
 from holoview.rig.measure.capture_plan import CapturePlan, CaptureRequest, default_plan, read_plan
@@ -133,10 +133,12 @@ def flat_pattern(rig: RigDescription, share: float) -> SentPattern:
     return drive_pattern(rig, drive, f"flat, {share:.2f} of the stroke")
 
 
-def file_pattern(rig: RigDescription, path: Path, frame: int = 0) -> SentPattern:
-    """A frame of a hologram file; the last one if it has fewer. Raises UserError."""
-    drive = load_hologram(path).drive
-    return drive_pattern(rig, drive[min(frame, len(drive) - 1)], printable(path.name))
+def file_pattern(rig: RigDescription, path: Path) -> SentPattern:
+    """The first frame of a hologram file. Raises UserError."""
+    return drive_pattern(rig, load_hologram(path).drive[0], printable(path.name))
+
+
+# --- the rig ---
 
 
 LIVE_PERIOD_S = 0.1
@@ -152,14 +154,14 @@ MODELS = ("rig.toml", "the viewer's bench", "the diagnosis")
 class RigSession:
     """A rig of an editing session, or none.
 
-    open_devices: opens the devices of a rig. rig: its description; None while there is none. status: "closed",
+    rig: its description; None while there is none. status: "closed",
     "opening", "open", or "failed" after an error of a device, until it is opened again. problem: that error.
     state: what the devices are set to. is_live: whether pictures are taken all the time. view: the newest picture with
     its prediction. captures: those taken. diagnosis: of them.
     """
 
-    def __init__(self, session: EditingSession, open_devices: OpenDevices = open_rig) -> None:
-        self._session, self._open_devices = session, open_devices
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
         self.rig: RigDescription | None = None
         self.status, self.problem = "closed", ""
         self.state, self.is_live = BenchState(), False
@@ -208,7 +210,7 @@ class RigSession:
             before.abandon()
         self.status, self.problem, self.state = "opening", "", BenchState()
         self._pending.clear()
-        self._connection = RigConnection(self.rig, self._open_devices, self._session.call_on_owner, before)
+        self._connection = RigConnection(self.rig, open_rig, self._session.call_on_owner, before)
         self._connection.open(self._on_open, self._on_error)
 
     def close_rig(self) -> None:

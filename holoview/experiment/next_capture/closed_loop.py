@@ -269,9 +269,9 @@ class Planner(Protocol):
 class InformedPlanner:
     """A few captures to begin with, then those that promise most information per second."""
 
-    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
-        self._rig, self._rng = rig, np.random.default_rng((seed, 1))
-        self._start = starting_proposals(rig, seed)
+    def __init__(self, rig: RigDescription) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((0, 1))
+        self._start = starting_proposals(rig, seed=0)
 
     def next(self, state: PlannerState) -> Choice | None:
         """One of the captures to begin with, or the best of random proposals."""

@@ -15,9 +15,10 @@ from holoview.model.system import System
 from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
 from holoview.study.hologram_study import (
+    QUICK_SIZE,
     SHOWN,
     aimed_jobs,
-    has_settings,
+    first_results,
     job_system,
     job_target,
     mean_curve,
@@ -75,7 +76,7 @@ class _Pupil(Study):
         "even eyebox, for one place of the pupil, and for nine. Places between those that were optimised, and "
         "diameters other than 2 mm, show whether it holds there too."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
     revision = 3
 
@@ -206,15 +207,13 @@ def _size_claims(results: Results) -> list[Claim]:
 
 def _pictures(results: Results) -> list[StudyPicture]:
     """The pictures that each pupil sees at the middle plane, for the first target and seed."""
-    first = {key: results[0][0].settings[key] for key in ("target", "seed")}
     return [
         StudyPicture(
             f"{job.settings['optimised_for'].replace(' ', '-')}-{i}",
             f"{_KINDS[job.settings['optimised_for']]}, {name}",
             pixels,
         )
-        for job, result in results
-        if has_settings(job, **first)
+        for job, result in first_results(results)
         for i, (name, pixels) in enumerate(result.pictures.items())
     ]
 
