@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from holoview.diagnose.config import SearchConfig, VerdictConfig
-from holoview.diagnose.correct.bad_captures import BadCapture
 from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import MAX_TOLERATED_ERROR, SearchContext
@@ -236,28 +235,6 @@ class Decision:
     def values(self) -> FittedValues:
         """The effects of the candidate; none where no cause is named."""
         return self.best.fit.values if self.best else {}
-
-
-@dataclass(frozen=True)
-class SearchOutcome:
-    """What a search found, the decision on it, notes, and the captures that are bad.
-
-    context: as it ended. was_ended: whether it was ended before it was done, by its time or by somebody. middle: of
-    large pictures, in which causes were searched before whole ones were looked at.
-    """
-
-    context: SearchContext
-    result: SearchResult
-    decision: Decision
-    notes: list[str]
-    bad_captures: tuple[BadCapture, ...] = ()
-    was_ended: bool = False
-    middle: SearchContext | None = None
-
-    @property
-    def searched(self) -> SearchContext:
-        """In what causes were searched; what needs no full size is computed there."""
-        return self.middle or self.context
 
 
 def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig) -> Decision:

@@ -8,13 +8,12 @@ were used, the search is repeated without them.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from holoview.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
 from holoview.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
 from holoview.diagnose.judge import (
     Decision,
-    SearchOutcome,
     SearchResult,
     Verdict,
     check_noise,
@@ -30,6 +29,28 @@ from holoview.util.progress import ProgressCallback
 
 ROUNDS = 3
 """[1] Searches at most, each without the captures that the one before found bad. Evidence: none recorded."""
+
+
+@dataclass(frozen=True)
+class SearchOutcome:
+    """What a search found, the decision on it, notes, and the captures that are bad.
+
+    context: as it ended. was_ended: whether it was ended before it was done, by its time or by somebody. middle: of
+    large pictures, in which causes were searched before whole ones were looked at.
+    """
+
+    context: SearchContext
+    result: SearchResult
+    decision: Decision
+    notes: list[str]
+    bad_captures: tuple[BadCapture, ...] = ()
+    was_ended: bool = False
+    middle: SearchContext | None = None
+
+    @property
+    def searched(self) -> SearchContext:
+        """In what causes were searched; what needs no full size is computed there."""
+        return self.middle or self.context
 
 
 def doubtful_captures(context: SearchContext, progress: ProgressCallback) -> Collection[int]:

@@ -23,9 +23,9 @@ from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_capt
 from holoview.diagnose.correct.wrong_records import CheckedRecords, check_records
 from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
-from holoview.diagnose.judge import SearchOutcome, SearchResult, Verdict
+from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
-from holoview.diagnose.outlier_rejection import doubtful_captures, judge_captures, search_once
+from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.diagnose.report.diagnosis import Diagnosis

@@ -17,7 +17,8 @@ from holoview.diagnose.fit_statistics import (
     held_out_groups,
     sample_captures,
 )
-from holoview.diagnose.judge import RIVAL_FACTOR, SearchOutcome, Verdict, with_further_cause
+from holoview.diagnose.judge import RIVAL_FACTOR, Verdict, with_further_cause
+from holoview.diagnose.outlier_rejection import SearchOutcome
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.report.causes import describe_causes, describe_power_law, describe_wrong_records
 from holoview.diagnose.report.diagnosis import CandidateResult, Diagnosis
