@@ -268,15 +268,15 @@ def read_content(
     path = paths[0]
     if str(names_list[0]) in preset.names() and not path.exists():
         return _preset(preset.load(path.name), path.name, None)
+    page, state = split_link(path)
+    if is_page(page):
+        return _page(page, state)
     if path.is_dir():
         return _folder(path, system)
     return _file(path, system)
 
 
 def _file(path: Path, system: System) -> FileContent:
-    page, state = split_link(path)
-    if is_page(page):
-        return _page(page, state)
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)

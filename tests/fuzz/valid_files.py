@@ -198,7 +198,13 @@ def _job(folder: Path) -> None:
     (folder / "job.json").write_text(json.dumps(text), encoding="utf-8")
 
 
+def _web_page(folder: Path) -> None:
+    system = small_system()
+    hv.export_html(folder / "page.html", hv.Hologram(hv.random_drive(system), system), backend="torch")
+
+
 _MAKERS = {
+    "web page": _web_page,
     "hologram": _hologram,
     "checkpoint": _checkpoint,
     "calibration checkpoint": _calibration_checkpoint,
