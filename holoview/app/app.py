@@ -204,6 +204,9 @@ class App:
         self.window.wake()
 
 
+# --- the arrangement of windows, and what HelloImGui calls ---
+
+
 _SPLITS = (
     ("MainDockSpace", "Left", imgui.Dir.left, 0.26),
     ("MainDockSpace", "Right", imgui.Dir.right, 0.34),
@@ -283,6 +286,9 @@ def _dockable_window(guarded: GuardedPanel) -> hello_imgui.DockableWindow:
     return window
 
 
+# --- notifications ---
+
+
 DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
 _WIDTH, _GAP, _MOST = 380.0, 10.0, 4
 _COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR}
@@ -348,6 +354,9 @@ class Toasts:
         top = imgui.get_window_pos().y
         imgui.end()
         return top
+
+
+# --- menus ---
 
 
 MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Rig", "Help")

@@ -93,6 +93,9 @@ class CommandRegistry:
                 yield command
 
 
+# --- the sheet of keys and the palette ---
+
+
 _PALETTE_ROWS = 12
 
 

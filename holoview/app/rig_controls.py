@@ -388,6 +388,9 @@ def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
         imgui.text_wrapped(f"left out: capture {bad.index}, {bad.why}")
 
 
+# --- the pictures of the camera ---
+
+
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
 _TIPS = {
     "show": "Difference: camera − prediction, in standard deviations of the noise. Blue: too dark, red: too bright.",

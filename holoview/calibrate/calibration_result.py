@@ -117,6 +117,10 @@ def _fit_power_law(log_power: Floats, log_gain: Floats) -> tuple[float, float, f
 PredictSignals = Callable[[list[int]], Tensor]
 """A model: predicts the signals (capture, y, x) of captures of some indices."""
 
+
+# --- scores ---
+
+
 _PEAK_QUANTILE = 0.999
 _TINY = 1e-300  # avoids division by zero for an image without light
 
@@ -276,6 +280,9 @@ def _squared_error(sums: Floats, gain: Floats) -> Floats:
     """Σ (y − g·s)² = Σ y² − 2g·Σ y·s + g²·Σ s² of each capture, (capture,)."""
     yy, ys, ss = sums.T
     return yy - 2 * gain * ys + gain**2 * ss
+
+
+# --- the result ---
 
 
 _GROUPS = {

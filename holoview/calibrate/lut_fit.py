@@ -126,6 +126,9 @@ def _validated_sweep(table: Floats) -> EfficiencySweep:
     return EfficiencySweep(levels, power)
 
 
+# --- the fit ---
+
+
 KNOTS = 16
 _OTHER_KNOTS = (12, 24)  # the spread of the stroke over the numbers of knots is part of its interval
 _MAX_STROKE_TURNS = 4.0
@@ -317,6 +320,9 @@ def _relative_rms(sweep: EfficiencySweep, phase: Floats) -> float:
     expected = np.sin(phase / 2) ** 2
     scale = float(expected @ sweep.power) / float(expected @ expected)
     return float(np.sqrt(np.mean((sweep.power - scale * expected) ** 2)) / sweep.power.max())
+
+
+# --- the table in files, in a bench and for people ---
 
 
 FORMAT, VERSION = "holoview-lut", 1

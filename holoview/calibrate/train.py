@@ -147,6 +147,9 @@ class TrainingData:
         return WeightedImage(torch.from_numpy(lasers), torch.from_numpy(weight[0]))
 
 
+# --- the model and its prior ---
+
+
 PRIOR_SIGMA: Mapping[str, float] = {
     "lut_steps": 0.5,
     "fringing_px2": 0.2,
@@ -222,6 +225,9 @@ def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
     """Σ (θ/σ)² over all elements θ of the tensors, with σ from PRIOR_SIGMA: −2 log(prior) up to a constant."""
     parts = [(tensor / PRIOR_SIGMA[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
     return torch.stack(parts).sum()
+
+
+# --- checkpoints ---
 
 
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
@@ -353,6 +359,9 @@ def captures_digest(captures: Captures) -> str:
 
 def _effects_json(known: EffectValues) -> str:
     return json.dumps({name: dict(values) for name, values in known.items()}, sort_keys=True)
+
+
+# --- the training ---
 
 
 _CURRICULUM_FIRST_SHARE = 0.4  # of the training captures, in the first epoch

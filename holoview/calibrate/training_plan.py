@@ -76,6 +76,10 @@ class CalibrationSettings:
 
 Indices = NDArray[np.intp]
 
+
+# --- captures that are trained on, and captures that only judge ---
+
+
 _MIN_CAPTURES = 4
 _MIN_PLANES_TO_HOLD_OUT_ONE = 3
 _MIN_WAVELENGTHS_TO_HOLD_OUT_ONE = 4
@@ -151,6 +155,9 @@ def _stratified_sample(captures: Captures, indices: Indices, share: float, rng: 
     ]
     count = max(1, round(share * len(indices)))
     return np.sort(np.array([k for _, _, k in sorted(ranked)[:count]], dtype=np.intp))
+
+
+# --- maps that the captures can determine ---
 
 
 _SOURCE_PIXELS_PER_NODE = 8

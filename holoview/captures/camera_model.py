@@ -169,6 +169,9 @@ class InvariantCache(TensorCache):
         return self._store.get(key, compute)
 
 
+# --- near field ---
+
+
 class NearFieldModel(CameraModel):
     """Intensities on the camera behind relays and free space."""
 
@@ -296,6 +299,9 @@ class _Stages:
 @lru_cache(maxsize=256)
 def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype: torch.dtype) -> PixelAxis:
     return PixelAxis.at(grid, axis, slope, band.frequency_indices[axis], dtype)
+
+
+# --- Fourier bench ---
 
 
 _SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs

@@ -35,51 +35,6 @@ from holoview.util.errors import UserError
 from holoview.util.text import printable
 from holoview.view import random_drive
 
-SCHEMES = (
-    *("simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3", "holochrome-16"),
-    "holochrome-8+multisource-3x3",
-)
-START_PATTERNS = ("now", "random", "smooth")
-MOST_ITERATIONS = 100_000
-
-
-@dataclass(frozen=True)
-class OptimisationChoices:
-    """Choices for an optimisation.
-
-    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer.
-    start_patterns: "now" for the present ones, "random", or "smooth". iterations: number of them. eyebox: weight of an
-    evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
-    chromatic aberration is compensated or ignored.
-
-    Raises UserError for what isn't one of these.
-    """
-
-    scheme: str = ""
-    loss: str = ""
-    start_patterns: str = START_PATTERNS[1]
-    iterations: int = 60
-    eyebox: float = 0.0
-    pupils: str = ""
-    chromatic: str = CHROMATIC[0]
-
-    def __post_init__(self) -> None:
-        options_of = {"scheme": ("", *SCHEMES), "loss": ("", *LOSS_SPACES), "start_patterns": START_PATTERNS}
-        for key, options in options_of.items():
-            if getattr(self, key) not in options:
-                expected = ", ".join(option or "nothing" for option in options)
-                raise UserError(key, f'"{getattr(self, key)}"', expected=expected)
-        if not 1 <= self.iterations <= MOST_ITERATIONS:
-            raise UserError("iterations", str(self.iterations), expected=f"1 to {MOST_ITERATIONS}")
-        if not 0 <= self.eyebox < math.inf:
-            raise UserError("eyebox", f"{self.eyebox:g}", expected="a weight of 0 or more")
-        OptimisedEyes.from_text(self.pupils or None, self.chromatic)
-
-    def eyes_for(self, system: System) -> OptimisedEyes:
-        """For which eyes a system is optimised; without an eye, none of them is moved and nothing is ignored."""
-        return OptimisedEyes() if system.eye is None else OptimisedEyes.from_text(self.pupils or None, self.chromatic)
-
-
 _KEPT_BY_UNDO = ("zoom", "centre")
 """Fields of the view settings that undo and redo leave unchanged."""
 
@@ -513,3 +468,51 @@ class MessageLog:
             return
         details = "".join(traceback.format_exception(error))
         self.post(f"{prefix}{type(error).__name__}: {error}", "error", details)
+
+
+# --- What a user has chosen for the next optimisation ---
+
+
+SCHEMES = (
+    *("simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3", "holochrome-16"),
+    "holochrome-8+multisource-3x3",
+)
+START_PATTERNS = ("now", "random", "smooth")
+MOST_ITERATIONS = 100_000
+
+
+@dataclass(frozen=True)
+class OptimisationChoices:
+    """Choices for an optimisation.
+
+    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer.
+    start_patterns: "now" for the present ones, "random", or "smooth". iterations: number of them. eyebox: weight of an
+    evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
+    chromatic aberration is compensated or ignored.
+
+    Raises UserError for what isn't one of these.
+    """
+
+    scheme: str = ""
+    loss: str = ""
+    start_patterns: str = START_PATTERNS[1]
+    iterations: int = 60
+    eyebox: float = 0.0
+    pupils: str = ""
+    chromatic: str = CHROMATIC[0]
+
+    def __post_init__(self) -> None:
+        options_of = {"scheme": ("", *SCHEMES), "loss": ("", *LOSS_SPACES), "start_patterns": START_PATTERNS}
+        for key, options in options_of.items():
+            if getattr(self, key) not in options:
+                expected = ", ".join(option or "nothing" for option in options)
+                raise UserError(key, f'"{getattr(self, key)}"', expected=expected)
+        if not 1 <= self.iterations <= MOST_ITERATIONS:
+            raise UserError("iterations", str(self.iterations), expected=f"1 to {MOST_ITERATIONS}")
+        if not 0 <= self.eyebox < math.inf:
+            raise UserError("eyebox", f"{self.eyebox:g}", expected="a weight of 0 or more")
+        OptimisedEyes.from_text(self.pupils or None, self.chromatic)
+
+    def eyes_for(self, system: System) -> OptimisedEyes:
+        """For which eyes a system is optimised; without an eye, none of them is moved and nothing is ignored."""
+        return OptimisedEyes() if system.eye is None else OptimisedEyes.from_text(self.pupils or None, self.chromatic)

@@ -202,7 +202,7 @@ def _sweep_frames(document: Document, count: int, control: JobControl) -> Iterat
         control.report(written, count, f"plane {written} of {count}")
 
 
-# --- Writes the path of the pupil as a table, and what is seen along it as an animation or as pictures ---
+# --- Writes the path of the pupil as a table, and the views along it as an animation or as pictures ---
 
 
 _SHORTEST_S = 0.1  # of an animation
@@ -216,7 +216,7 @@ def save_path(session: EditingSession, path: Path) -> None:
 
 
 def save_path_animation(session: EditingSession, path: Path, *, frames: int = 24) -> BackgroundJob:
-    """Writes what is seen at `frames` equal steps along the path, as long as it takes, in the background.
+    """Writes the views at `frames` equal steps along the path as an animation of its duration, in the background.
 
     Raises UserError without a path or an eye, and as `open_encoder` does.
     """
@@ -234,7 +234,7 @@ def save_path_animation(session: EditingSession, path: Path, *, frames: int = 24
 
 
 def save_path_pictures(session: EditingSession, path: Path, *, frames: int = 24) -> BackgroundJob:
-    """Writes what is seen at `frames` equal steps along the path as PATH-000.png …, in the background.
+    """Writes the views at `frames` equal steps along the path as PATH-000.png …, in the background.
 
     Raises UserError without a path or an eye, and for a number out of range.
     """
@@ -280,7 +280,7 @@ def _path_frames(views: list[Document], control: JobControl) -> Iterator[Pixels]
         control.report(done, len(views), f"picture {done} of {len(views)}")
 
 
-# --- Writes what an eye sees from nine places of the eyebox as a contact sheet ---
+# --- Writes the views from nine places of the eyebox as a contact sheet ---
 
 
 _SIDE = 3  # places along each axis

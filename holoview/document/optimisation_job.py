@@ -297,7 +297,7 @@ class RestOfOptimisation:
 
 @dataclass(frozen=True, eq=False)
 class UnfinishedOptimisation:
-    """The best result so far, and what is left to do; None where it can't go on from that result."""
+    """The best result so far, and the rest of the optimisation; None where it can't go on from that result."""
 
     best: Document
     rest: RestOfOptimisation | None = None

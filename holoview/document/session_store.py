@@ -50,13 +50,12 @@ class SavedSession:
     when: float
     steps: int
 
-    def restore(self, wake: Callable[[], None] = lambda: None) -> EditingSession:
-        """Reads the session with its undo history; what can't be read is reported in its messages.
+    def restore(self) -> EditingSession:
+        """Reads the session with its undo history; unreadable parts are reported in its messages.
 
         The result of an unfinished optimisation becomes a snapshot. Raises UserError when nothing can be read.
         """
-        session, _ = self.restore_with_unfinished(wake)
-        return session
+        return self.restore_with_unfinished()[0]
 
     def restore_with_unfinished(
         self, wake: Callable[[], None] = lambda: None

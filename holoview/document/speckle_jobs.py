@@ -110,13 +110,16 @@ def _measure(document: Document, systems: Sequence[System], control: JobControl)
 
 
 def _target_luminance(document: Document, system: System) -> NDArray[np.floating] | None:
-    """Luminance (y, x) of what the eye of a system would see of the scene; None where there is no target of it."""
+    """Luminance (y, x) of the target as the eye of a system would see it; None without a target at the plane."""
     spec, plane_m = document.target_spec, document.view_settings.plane_m
     if spec is None:
         return None
     target = spec.build(system, np.array([plane_m]))
     at = np.flatnonzero(np.asarray(target.planes_m) == plane_m)
     return luminance_of(target.stack[at[0]], document.measured_region) if len(at) else None
+
+
+# --- two ways to make colours ---
 
 
 SCHEMES = ("simultaneous", "holochrome-8")

@@ -14,7 +14,6 @@ from holoview.io.hologram import FORMAT, Hologram, load_hologram
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import format_of
-from holoview.wavefield.demodulation import field_of_recording
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.reading import ReadRequest, read_wavefield
 from holoview.wavefield.wavefield import Provenance, Wavefield
@@ -111,6 +110,8 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field = reading.wavefield
     if reading.recording is not None:
+        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
+
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
     assert field is not None

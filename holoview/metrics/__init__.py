@@ -3,6 +3,7 @@
 No metric fits the brightness of the image to that of the target.
 
 fidelity           peak signal-to-noise ratio, mean CIEDE2000 colour difference
+field_scores       SNR and SSIM of complex fields, PSNR and SSIM of 8-bit views
 perceptual_scores  names of the perceptual scores, and which of them are installed
 perceptual         MS-SSIM, FLIP and ColorVideoVDP
 speckle            contrast σ/μ of a region, its histogram, independent patterns, contrast on the retina

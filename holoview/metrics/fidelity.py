@@ -108,6 +108,9 @@ def as_stacks(image: ArrayLike, target: ArrayLike) -> tuple[Stack, Stack]:
     return values.reshape(-1, *values.shape[-3:]), expected.reshape(-1, *expected.shape[-3:])
 
 
+# --- colour difference ---
+
+
 def delta_e_xyz(image: ArrayLike, target: ArrayLike) -> float:
     """Mean CIEDE2000 over all pixels of two XYZ images (…, 3) whose white is D65 with Y = 1; 0 for equal images.
 

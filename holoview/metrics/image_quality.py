@@ -108,6 +108,9 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
     return eyebox_uniformity(power[np.ix_(*order.bins)], EYEBOX_BLOCKS, np.outer(*order.envelopes))
 
 
+# --- all scores of a hologram ---
+
+
 PLACE_SCORES = ("pupil_psnr_db", "held_out_pupil_psnr_db", "held_out_pupil_psnr_between_db")
 """Scores from the places of the pupil, from places that weren't used, and from these between the planes."""
 

@@ -63,6 +63,9 @@ def _open_renderer(
         return None
 
 
+# --- previews ---
+
+
 _MAX_PLANES = 24
 
 

@@ -56,7 +56,7 @@ class CameraDevice(Protocol):
     @property
     def exposures_s(self) -> tuple[float, float]: ...
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
 
     def take(self) -> Counts:
         """Raw counts (y, x) of one picture that was exposed after the call.

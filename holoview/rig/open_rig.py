@@ -101,7 +101,7 @@ def open_rig(rig: RigDescription) -> Devices:
 
 
 def open_lasers(rig: RigDescription) -> LasersDevice:
-    """Opens the lasers of a rig alone, to switch them off. Raises what `open_rig` does."""
+    """Opens the lasers of a rig alone, to switch them off. Raises as `open_rig` does."""
     spec = rig.devices["lasers"]
     with ExitStack() as stack:
         lasers: LasersDevice = _opener(rig, spec)(OpeningRig(rig, stack), spec)

@@ -12,4 +12,7 @@ exchange    fields from other running programs: a listener on this machine and `
 propagation  a field at any distance, by a method that is chosen by a stated criterion
 focus        the distance of best focus by two published measures, with its curve
 demodulation  the field of a camera's recording: off-axis, in-line, phase-shifting sets
+synthetic_aperture  a hologram through a part of itself: viewpoints of JPEG Pleno, and its 8-bit pictures
+conformance  cases of propagation with answers from closed forms and float64 integrals, for any program
+conformance_score  the error of a result on such a case; also a program of its own
 """

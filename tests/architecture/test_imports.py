@@ -62,6 +62,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.document.speckle_jobs", "holoview.optimise.solve"): SLOW,
     ("holoview.document.speckle_jobs", "holoview.optimise.parallel"): SLOW,
     ("holoview.metrics.speckle", "scipy.special"): SLOW,
+    ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,

@@ -120,6 +120,7 @@ def test_the_big_switch_does_so_as_well(rig_gui: RigGui) -> None:
     rig_gui.light_up()
     rig_gui.bench.hangs["camera"] = True
     rig_gui.wait(rig_gui.bench.hung.is_set)
+    rig_gui.wait(lambda: rig_gui.rig.waiting.startswith("waiting for the camera"))  # the line moves the switch
     rig_gui.gui.click(rig_gui.gui.item_position("lasers off"))
     rig_gui.wait(lambda: rig_gui.bench.laser is None)
 

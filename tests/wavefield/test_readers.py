@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -476,3 +477,5 @@ def test_a_name_that_contradicts_the_distance_is_told(tmp_path: Path, given: str
     reading = read_wavefield(tmp_path / f"dice_{given}.npy", request)
     assert _said(reading, "distance") == ("150 mm", "given")
     assert any("distances contradict: 150 mm (as given), 200 mm" in note for note in reading.notes)
+    behind = read_wavefield(tmp_path / f"dice_{given}.npy", replace(request, distance_m=-0.199))
+    assert behind.notes == ()

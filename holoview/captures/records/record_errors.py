@@ -52,6 +52,7 @@ from holoview.captures.records.corrections import (
     value_indices,
 )
 from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values
+from holoview.util.errors import UserError
 
 POWER_SPREAD = 0.02
 """[1] Spread of the gains from which the order of the powers is checked. Evidence: jitter of ordinary laboratories is
@@ -62,6 +63,7 @@ POWER_LEFT = 0.5
 laser's power keeps the order, and half of the spread is more than it leaves by chance."""
 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
+_STARTS = 256  # of sorting: 16 find every order of 18 powers at three wavelengths, 256 nearly all of 128 at eight
 _CACHE_MB = 64
 _DARK = 0.01  # of the light of most captures: less tells nothing of the laser
 
@@ -153,19 +155,30 @@ def _simple_orders(count: int) -> list[tuple[PowerOrder, float]]:
 def _sorted_order(implied: Floats, log_power: Floats, groups: NDArray[np.intp]) -> tuple[PowerOrder, float]:
     """The order of least spread, and the logarithm of the number of different orders.
 
-    Sorting pairs implied and recorded powers best for given numbers of the wavelengths; both are found in turns.
+    Sorting pairs implied and recorded powers best for given numbers of the wavelengths; both are found in turns. The
+    turns end in a local optimum, mostly not the best where records are far from the truth: they begin as recorded, and
+    from random orders.
     """
-    by_power = np.argsort(log_power, kind="stable")
-    scale = _group_means(implied - log_power, groups)
-    source = np.arange(len(implied))
-    for _ in range(_ROUNDS):
-        source = np.empty(len(implied), dtype=np.intp)
-        source[np.argsort(implied - scale, kind="stable")] = by_power
-        scale = _group_means(implied - log_power[source], groups)
+    by_power, rng = np.argsort(log_power, kind="stable"), np.random.default_rng(0)
+    best, least = np.arange(len(implied)), math.inf
+    for start in range(_STARTS):
+        source = rng.permutation(len(implied)) if start else best
+        for _ in range(_ROUNDS):
+            scale, before = _group_means(implied - log_power[source], groups), source
+            source = np.empty(len(implied), dtype=np.intp)
+            source[np.argsort(implied - scale, kind="stable")] = by_power
+            if np.array_equal(source, before):
+                break
+        left = _spread(implied - log_power[source], groups)
+        if left < least:
+            best, least = source, left
     repeats = Counter(log_power.tolist()).values()
     orders_log = math.lgamma(len(implied) + 1) - sum(math.lgamma(n + 1) for n in repeats)
-    way = "permutation:" + ",".join(map(str, source.tolist()))
-    return PowerOrder(tuple(source.tolist()), way), orders_log
+    way = "permutation:" + ",".join(map(str, best.tolist()))
+    return PowerOrder(tuple(best.tolist()), way), orders_log
+
+
+# --- findings ---
 
 
 _PREFIX = "Records: "
@@ -224,6 +237,9 @@ class RecordFindings:
             "captures": self.captures,
             "seconds": round(self.seconds, 3),
         }
+
+
+# --- the search ---
 
 
 TESTED = 8
@@ -287,6 +303,16 @@ cost: captures of 128 × 96 pixels are compared whole."""
 MOST_CAPTURES = 64
 """[captures] Of the middle of many captures that are considered. Evidence: the cost."""
 
+_MIN_SIDE_PX = 4
+"""[px] Of a picture. Evidence: a reason: a grain of speckle and its surroundings; fewer have no contrast to compare."""
+
+
+def _require_speckle(captures: Captures) -> None:
+    rows, columns = captures.shape
+    if min(rows, columns) < _MIN_SIDE_PX:
+        found, expected = f"pictures of {rows} × {columns} pixels", f"{_MIN_SIDE_PX} rows and columns or more"
+        raise UserError("camera/images", found, expected=expected, remedy="smaller ones show no speckle")
+
 
 def find_record_errors(
     captures: Captures,
@@ -298,8 +324,10 @@ def find_record_errors(
     """Which records of these captures are wrong.
 
     effects: those that the nominal bench has, {id: {parameter: value}}. region_px, most_captures: how much of large
-    captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible.
+    captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible, and for
+    pictures that are too small to show speckle.
     """
+    _require_speckle(captures)
     began, units = time.monotonic(), units_of_lengths(captures)
     captures = apply_corrections(captures, units)
     region = central_region(captures, region_px)

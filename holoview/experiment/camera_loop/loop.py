@@ -467,6 +467,9 @@ def update_model(
     return UpdatedModel(extended_system(system, values), note)
 
 
+# --- the whole job on a rig ---
+
+
 STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 
 

@@ -138,6 +138,9 @@ def file_pattern(rig: RigDescription, path: Path) -> SentPattern:
     return drive_pattern(rig, load_hologram(path).drive[0], printable(path.name))
 
 
+# --- the rig ---
+
+
 LIVE_PERIOD_S = 0.1
 """The least time between live pictures."""
 _FIRST_EXPOSURE_S = 1e-2

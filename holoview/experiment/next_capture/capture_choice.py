@@ -189,6 +189,9 @@ def _noise(sigma_px: float) -> str:
     return f"noise blurred by {sigma_px:g} px" if sigma_px else "white pattern"
 
 
+# --- the choice ---
+
+
 MIN_INFORMATION = 1e-3
 """nats; a capture that promises less tells nothing."""
 

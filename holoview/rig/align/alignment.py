@@ -213,7 +213,7 @@ class _Alignment:
         return DotPicture(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
 
     def _patterns(self, number: int, levels: Levels) -> list[Levels]:
-        """One modulator shows these, the other one nothing."""
+        """Patterns in which one modulator shows these levels, and the other modulator stays flat."""
         return [levels if k == number else flat_levels(optics) for k, optics in enumerate(self._optics)]
 
     def _gap_behind(self, number: int) -> float:
@@ -269,7 +269,7 @@ class PictureTaker:
 _PLACES = ((-0.28, -0.25), (-0.22, 0.27), (0.27, -0.2), (0.23, 0.28), (0.05, -0.03))  # shares of height and width
 _FOURIER_REACH = 0.25  # share of the camera's width within which dots are put
 
-_LARGEST_MISFIT = 0.15  # of the dots' extent, from a mirrored, turned and scaled copy of what was shown
+_LARGEST_MISFIT = 0.15  # of the dots' extent, from a mirrored, turned and scaled copy of the pattern
 SINGLE_DOTS = len(_PLACES) + 1
 """Pictures that it takes."""
 
@@ -279,7 +279,7 @@ TakePicture = Callable[[Levels, str], Floats]
 
 @dataclass(frozen=True)
 class RoughPlace:
-    """turn: of what is displayed on the picture. pitch_m: of the camera, seen from the modulator. centre_px: (y, x)."""
+    """turn: of the pattern in the picture. pitch_m: of the camera, seen from the modulator. centre_px: (y, x)."""
 
     turn: str
     pitch_m: float
@@ -334,7 +334,7 @@ def _nominal_point(probes: Probes, optics: Optics) -> Floats:
 
 
 def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
-    """Turn, scale and shift from what was shown (dot, 2) to what was seen, without the worst dot if that helps."""
+    """Turn, scale and shift from shown to seen places (dot, 2), without the worst dot if that helps."""
     best: tuple[float, Floats] | None = None
     for left_out in [None, *range(len(shown_m))] if len(shown_m) > 4 else [None]:
         kept = [k for k in range(len(shown_m)) if k != left_out]

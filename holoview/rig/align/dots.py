@@ -152,6 +152,11 @@ def _levels_type(optics: Optics) -> type[np.unsignedinteger]:
 
 
 Image = NDArray[np.float64]
+
+
+# --- dots in pictures ---
+
+
 _SIGMA_OF_WIDTH = 0.4  # of the Gaussian that is most like the core of a diffraction-limited dot
 _ROUNDS = 4
 _MAD = 1.4826  # standard deviation over median absolute deviation, of normal noise

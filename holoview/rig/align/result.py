@@ -93,7 +93,7 @@ def _centre_error(g: Geometry, axis: str) -> float:
 
 
 def doubt(found: FoundGeometry) -> str | None:
-    """A sentence where dots show that modulators or camera aren't what the description says."""
+    """A sentence where dots show that modulators or camera aren't as described."""
     if found.excess_px == 0:
         return None
     return (

@@ -79,7 +79,7 @@ class ManualStage:
         self._distance_m: float | None = None
 
     def move_to(self, distance_m: float) -> float:
-        """Asks for the camera to be moved; returns the distance that was typed, or else the one that was asked for."""
+        """Asks for the camera to be moved; returns the typed distance, or else the distance that was asked for."""
         if self._distance_m == distance_m:
             return distance_m
         self._distance_m = None

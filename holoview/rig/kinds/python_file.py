@@ -111,7 +111,7 @@ class _Camera(_Guarded):
         self.shape, self.exposures_s = rig.camera_shape, (float(low), float(high))
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
         return self._number("set its exposure", lambda: self._device.set_exposure(exposure_s))
 
     def take(self) -> Counts:

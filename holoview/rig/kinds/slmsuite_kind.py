@@ -109,7 +109,7 @@ class SlmsuiteCamera:
         self.exposures_s = rig.limits.exposures_s if bounds is None else (float(bounds[0]), float(bounds[1]))
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
         return float(call_device("camera", "set its exposure", _REMEDY, lambda: self._camera.set_exposure(exposure_s)))
 
     def take(self) -> Counts:

@@ -86,7 +86,7 @@ class CaptureFolder:
         return True
 
     def begin(self) -> None:
-        """Makes the folder with its state; one that is there is gone on with."""
+        """Makes the folder with its state, or goes on with an existing folder."""
         self._remove_finished()
         if not self.folder.exists():
             make_folder(self.folder)
@@ -124,7 +124,7 @@ class CaptureFolder:
         return joined
 
     def _remove_finished(self) -> None:
-        """Removes what a program left that was killed while it removed its folder."""
+        """Removes the rest of a folder whose program was killed while it removed the folder."""
         shutil.rmtree(self._finished, ignore_errors=True)
 
     def _file(self, number: int) -> Path:

@@ -91,12 +91,15 @@ class Connection:
         return np.frombuffer(data, dtype=np.dtype(name).newbyteorder("<")).reshape(shape).astype(name)
 
 
+# --- the process and its devices ---
+
+
 _TIMEOUT_S, _END_S = 120.0, 10.0
 _REMEDY = "run the command again; it goes on where it was"
 
 
 def start_server(rig_path: Path) -> subprocess.Popen[str]:
-    """The process of `server`, in a session of its own: what a terminal sends to the program doesn't reach it."""
+    """The process of `server`, in a session of its own, which signals of a terminal don't reach."""
     return subprocess.Popen(
         [sys.executable, "-m", "holoview.rig.virtual.server", str(rig_path)],
         stdin=subprocess.PIPE,

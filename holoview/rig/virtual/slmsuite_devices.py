@@ -127,7 +127,7 @@ class VirtualSLM(SLM):  # type: ignore[misc]
 
     def close(self) -> None:
         """Switches the laser off and ends the connection, and the bench that it started; twice is once."""
-        if not self._link.is_open:  # slmsuite closes what it forgets once more
+        if not self._link.is_open:  # slmsuite closes forgotten devices once more
             return
         try:
             self._link.ask({"do": "laser", "wavelength": None})

@@ -16,7 +16,7 @@ or in rig.toml:
     laser_log = "lasers.txt"      # a line for each switching of a laser, for tests; a file of this folder
     [effects.gap]
     gap_error = "0.1 mm"
-    [faults]                      # what devices do wrong at random moments, as shares of the pictures
+    [faults]                      # faults of devices at random moments, as shares of the pictures
     seed = 7
     timeout = 0.02                # no picture comes
     short = 0.01                  # a picture without the lower half of its rows
@@ -25,7 +25,7 @@ or in rig.toml:
     disconnect = 0.001            # of all messages: the connection is cut
     power_off = 0.001             # of all messages: everything goes dark at once
     [placement]                   # how modulators and camera are turned: one of `captures.orientations`
-    slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
+    slm1 = "rotate_180"           # the picture on modulator 1 arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
 Displacements and small rotations are effects: `camera_alignment`, `slm_alignment`, `distance`, `stage`.
@@ -222,7 +222,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class _Shown:
-    """A modulator's pattern, what it showed when that was sent (fractions of levels too), and the time of sending."""
+    """A modulator's pattern, the levels that it showed when the pattern was sent (fractions too), and that time."""
 
     levels: Levels
     before: NDArray[np.float64]

@@ -17,6 +17,7 @@ _PITCH_NAMES = ("pp", "pitch", "pixelpitch", "pixelsize", "ps", "dx", "dxy", "de
 _WAVELENGTH_NAMES = ("wlen", "lambda", "lambdas", "wavelength", "wavelengths", "wl", "wvl", "lam")
 _DISTANCE_NAMES = ("zrec", "z", "distance", "dist", "d", "propagationdistance", "recdist", "depth", "zobj", "z0")
 
+_AGREE = 0.02  # of two distances; people round them, and take z towards either side
 _NUMBER = r"([-+]?\d+(?:[.p]\d+)?)"
 _IN_NAME = {
     "distance_m": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
@@ -177,7 +178,7 @@ def find_distance(known: Known, findings: Findings) -> float:
     first = sources[0]
     findings.add("distance", units.format_rounded(first.value[0], "mm"), first.origin, first.reason)
     for other in sources[1:]:
-        if all(abs(value - first.value[0]) > 0.02 * abs(first.value[0]) for value in other.value):
+        if all(not math.isclose(abs(value), abs(first.value[0]), rel_tol=_AGREE) for value in other.value):
             said = units.format_rounded(other.value[0], "mm")
             mine = units.format_rounded(first.value[0], "mm")
             findings.notes.append(f"distances contradict: {mine} ({first.reason}), {said} ({other.reason})")
