@@ -18,7 +18,10 @@ def hologram() -> hv.Hologram:
 
 
 def test_a_link_changes_the_bench_and_tells_the_plane(hologram: hv.Hologram) -> None:
-    state = "plane=9.7mm&gap=2.1mm&laser3=off&power1=0.5&wavelength8=640nm&laser2.1=off&pupil=4mm&pupil_x=-1mm&chromatic=off&view=target"
+    state = (
+        "plane=9.7mm&gap=2.1mm&laser3=off&power1=0.5&wavelength8=640nm&laser2.1=off"
+        "&pupil=4mm&pupil_x=-1mm&chromatic=off&view=target"
+    )
     shown = shown_by_link(hologram, state)
     system = shown.hologram.system
     assert shown.plane_m == pytest.approx(9.7e-3)
