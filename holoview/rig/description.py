@@ -78,7 +78,7 @@ class _Shape:
     def parse(self, value: Any, where: str) -> tuple[int, int]:
         numbers = Array(Number(low=1, high=65536)).parse(value, where)
         if numbers is None or len(numbers) != 2 or any(numbers != numbers.round()):
-            raise UserError(where, str(numbers), expected="rows and columns, such as [1080, 1920]")
+            raise UserError(where, str(value), expected="rows and columns, such as [1080, 1920]")
         return int(numbers[0]), int(numbers[1])
 
 

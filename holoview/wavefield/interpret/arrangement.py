@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from holoview.wavefield.readers.contents import Contents
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin
 
+_MOST_NUMBERS = 1 << 22  # of the middle of a stack by which its values are judged
 _COLOUR_PARTS = ("r", "g", "b")
 _SHORTEST_NM = (590.0, 490.0, 0.0)  # of the light that a camera's red, green and blue pixels see best
 Files = Sequence[tuple[Path, Contents]]
@@ -224,9 +226,10 @@ def _recognise(
 
 
 def _sample(part: PlacedArray) -> np.ndarray:
-    """The middle of the array, at most `MOST_SAMPLE` rows and columns, (frame, colour, y, x)."""
-    _, _, rows, columns = part.sizes
-    height, width = min(rows, MOST_SAMPLE), min(columns, MOST_SAMPLE)
+    """The middle of the array, at most `MOST_SAMPLE` rows and columns, of stacks fewer, (frame, colour, y, x)."""
+    frames, colours, rows, columns = part.sizes
+    most = max(min(MOST_SAMPLE, math.isqrt(_MOST_NUMBERS // (frames * colours))), 1)
+    height, width = min(rows, most), min(columns, most)
     region = ((columns - width) // 2, (rows - height) // 2, width, height)
     values = part.load(region)
     check_finite(part.component.array.name or "field", values, region)
