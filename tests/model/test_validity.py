@@ -120,8 +120,8 @@ def test_where_the_band_limit_cuts_the_first_order_eightfold_padding_shows_anoth
     plane: str, is_kept: bool
 ) -> None:
     """Against 8-fold padding, which cuts nothing here: 0.86 ± 0.03 %, 19 ± 1.5 % and 35 ± 6 % (10 seeds); the rest of a
-    kept limit is from the tails of the kernel, which fall with the number of frequencies. A tenth is 6 σ below 19 %, and
-    the 35 % are skew: the least of ten was 27 %."""
+    kept limit is from the tails of the kernel, which fall with the number of frequencies. A tenth is 6 σ below 19 %;
+    the 35 % are skew, and the least of ten was 27 %."""
     system = _bench(planes=[plane])
     assert _is_kept(BAND_LIMIT, system) == is_kept
     error = _error(system, system.with_(padding=8))
