@@ -1,5 +1,6 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests (two files at a time; one: TESTS_AT_ONCE=0)
+# make test RESEED=1   the same with every seed moved, by another amount for each number (also test-all, test-processors)
 # make test-all   make test, then the tests that explore: fuzzing, all studies, long tutorials, most bad captures
 # make test-processors  repeat the tests that depend most on the processor as if on others
 # make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
@@ -17,7 +18,10 @@
 BIN := .venv/bin
 OUT ?= out/demo
 TESTS_AT_ONCE ?= 2
-export TORCH_INDEX TESTS_AT_ONCE
+RESEED ?= 0
+export TORCH_INDEX TESTS_AT_ONCE RESEED
+
+PYTEST := $(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder --reseed $(RESEED)
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -32,10 +36,10 @@ demo: .venv/holoview.stamp
 test: lint
 	@bash .ci/adapter
 	@bash .ci/window
-	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder
+	$(PYTEST)
 
 test-all: test
-	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder -m "explores and not slow"
+	$(PYTEST) -m "explores and not slow"
 
 test-processors: .venv/holoview.stamp
 	@bash .ci/adapter

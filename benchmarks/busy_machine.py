@@ -26,10 +26,8 @@ from statistics import median
 import holoview as hv
 from benchmarks.optimiser_work import full_work, ours
 from holoview.benchmark.frame_jobs import full_frame, open_renderer
-from holoview.calibrate.data_split import split_captures
-from holoview.calibrate.map_layout import map_layout_for
-from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import train
+from holoview.calibrate.training_plan import CalibrationSettings, map_layout_for, split_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.gpu.device import open_device
 from holoview.util.processors import process_cpu_count, share_the_machine

@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 from holoview.util.memory_limit import VARIABLE
 from tests.fuzz import corpus, corpus_binary
+from tests.fuzz.field_files import hostile_fields
 from tests.fuzz.mutations import random_cases
 from tests.fuzz.trial import ACCEPTABLE, VERDICTS, Case, Limits, Outcome, preload, run_case
 
@@ -69,6 +70,7 @@ def whole_corpus() -> Iterator[Case]:
     yield from corpus_binary.pictures()
     yield from corpus_binary.captures()
     yield from corpus_binary.tensors()
+    yield from hostile_fields()
 
 
 def sample(seed: int, count: int) -> list[Case]:

@@ -35,6 +35,8 @@ HEAD = """# Gallery
 Every study at its quick scale, made by `python -m benchmarks.gallery`. At this size the pictures are small,
 gains scatter, and nothing here is a figure to quote: run a study at `--scale middle` or `--full` for that, and see
 [studies](studies.md) for what each scale means. How to read the contrasts: [speckle contrast](speckle-contrast.md).
+The manual (`make docs`) shows here three live holograms: HoloChrome against simultaneous colour, one against two
+modulators, and the colour error of an eye.
 
 {versions}"""
 

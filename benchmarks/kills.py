@@ -33,7 +33,7 @@ import psutil
 from PIL import Image
 from safetensors import safe_open
 
-from holoview.calibrate.checkpoint import load_checkpoint as load_calibration_checkpoint
+from holoview.calibrate.train import load_checkpoint as load_calibration_checkpoint
 from holoview.captures import read_captures
 from holoview.cli import main as holoview
 from holoview.document.editing_session import EditingSession

@@ -28,16 +28,17 @@ import torch
 
 from benchmarks.diagnosis import bench
 from holoview.diagnose.config import SearchConfig
+from holoview.experiment.next_capture.capture_choice import Choice, Proposal, draw_proposals
 from holoview.experiment.next_capture.closed_loop import (
     ClosedLoop,
-    FixedPlanner,
     InformedPlanner,
     LoopSettings,
     Planner,
-    RandomPlanner,
+    PlannerState,
 )
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription, read_rig
+from holoview.rig.measure.capture_plan import default_plan
 from tests.diagnose.effect_sampling import sample_effect
 from tests.experiment.next_capture.benches import BenchInProcess
 
@@ -95,6 +96,34 @@ iris2_na = 0.03
 [virtual]
 bench = "hidden.toml"
 """
+
+
+class RandomPlanner:
+    """Captures drawn as the proposals are, whatever is known."""
+
+    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((seed, 2))
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """A random one."""
+        return Choice(draw_proposals(self._rig, self._rng, 1)[0], "drawn by chance")
+
+
+class FixedPlanner:
+    """The default plan of `holoview measure`, in its order."""
+
+    def __init__(self, rig: RigDescription) -> None:
+        self._rig, self._requests = rig, default_plan(rig).requests
+
+    def next(self, state: PlannerState) -> Choice | None:
+        """The next one of the plan; None at its end."""
+        if state.count >= len(self._requests):
+            return None
+        request = self._requests[state.count]
+        words = f"noise blurred by {request.sigma_px:g} px"
+        levels = request.levels(self._rig)
+        proposal = Proposal(request.wavelength_m, request.distance_m, request.power, levels, words)
+        return Choice(proposal, "next of the plan")
 
 
 def draw_case(seed: int) -> dict[str, Any]:

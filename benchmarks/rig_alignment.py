@@ -50,7 +50,6 @@ def align(hidden: Hidden) -> tuple[str, dict[str, tuple[float, float, float]]]:
             geometry = find_geometry(rig, devices)
         except UserError as error:
             return f"failed: {error}", {}
-    assert geometry is not None
     registration = registration_of(rig, geometry)
     turns = registration.camera_turn, registration.slm2_turn
     expected = hidden.expected_values()

@@ -43,6 +43,7 @@ TYPE_CHECKING = False  # type checkers know the name; importing `typing` would t
 if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
+    from holoview.io.load_field import load_field
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
     from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
     from holoview.model.plan import Plan, make_plan
@@ -55,7 +56,8 @@ if TYPE_CHECKING:
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
-    from holoview.view import View, random_drive, simulate
+    from holoview.view import View, as_field, field_at, random_drive, simulate
+    from holoview.wavefield.exchange import push
 
 _MODULES = {
     "Eye": "holoview.model.eye",
@@ -73,13 +75,17 @@ _MODULES = {
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
     "__version__": "holoview.util.packages",
+    "as_field": "holoview.view",
     "chromatic_refraction": "holoview.model.eye",
     "export_html": "holoview.page.page",
+    "field_at": "holoview.view",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
+    "load_field": "holoview.io.load_field",
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
     "natural_pupil_diameter": "holoview.model.eye",
+    "push": "holoview.wavefield.exchange",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
@@ -102,13 +108,17 @@ __all__ = [
     "UserError",
     "View",
     "__version__",
+    "as_field",
     "chromatic_refraction",
     "export_html",
+    "field_at",
     "iterate",
     "load",
+    "load_field",
     "load_hologram",
     "make_plan",
     "natural_pupil_diameter",
+    "push",
     "random_drive",
     "show",
     "simulate",

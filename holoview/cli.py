@@ -32,8 +32,10 @@ COMMANDS = {
     "captures": "make, check, show and import measured captures",
     "diagnose": "name what the simulation of a measured bench gets wrong",
     "calibrate": "learn a bench from captures, or a modulator's table",
+    "conformance": "check the propagation of light on cases with known answers",
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",
+    "focus": "find the distance at which a hologram is sharpest",
     "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,19 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
+from holoview.io.hologram import Hologram
+from holoview.model.bench_parts import Modulator, Relay, Source
 from holoview.model.eye import sample_degrees
 from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
+from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
+
+if TYPE_CHECKING:
+    from holoview.engine.stage_fields import StageField
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32
 
@@ -134,25 +140,110 @@ class View:
         return replace(self, intensity=self.intensity * factor, xyz=self.xyz * factor)
 
 
-def random_drive(system: System, seed: int = 0) -> NDArray[np.float32]:
+def random_drive(system: System, seed: int = 0) -> NDArray[Any]:
     """Independent random patterns, uniform over the stroke, which show as speckle.
 
-    system: the display whose `drive_shape` the patterns have.
+    system: the display whose `drive_shape` the patterns have; a field gets random phases.
     seed: the same seed gives the same patterns.
 
-    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke.
+    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke; of a field complex64 (frame, wavelength, y, x).
 
     >>> import holoview as hv
     >>> hv.random_drive(hv.load("holochrome-8").with_(shape=[48, 64]), seed=1).shape
     (1, 2, 48, 64)
     """
     require_memory("patterns", math.prod(system.drive_shape) * _DRIVE_BYTES, remedy="lower shape or frames")
-    return np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
+    drive = np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
+    return np.exp(2j * np.pi * drive).astype(np.complex64) if system.is_field else drive
+
+
+def field_at(
+    system: System | Hologram,
+    drive: Any = None,
+    *,
+    stage: str = "plane",
+    plane: float | str | None = None,
+    laser: int = 0,
+    frame: int = 0,
+    source: int = 0,
+) -> StageField:
+    """The complex field of one laser at a stage of a frame, in complex128.
+
+    system, drive: as of `simulate`.
+    stage: "light", "slm1" (of a field "field"), "gap", "slm2", "stop", "plane", and with an eye "pupil" and "retina".
+    plane: the focal plane, metres or text; the middle one of the system when None.
+    laser, frame, source: their indices.
+
+    Returns a `StageField` with `values` (y, x), without the carrier exp(2πi·z/λ) and the power of the laser. Raises
+    UserError for a stage that the system doesn't have, and as `simulate` does.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> behind = hv.field_at(system, hv.random_drive(system), stage="slm1")
+    >>> abs(behind.values).round(6).min(), behind.step
+    (np.float64(1.0), (4e-06, 4e-06))
+    """
+    system, drive = _with_drive(system, drive)
+    planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
+    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+
+    plane_m = float(planes_m[len(planes_m) // 2])
+    return stage_field(system, drive, stage, plane_m, laser=laser, frame=frame, source=source)
+
+
+def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
+    """A system and its drive, of which a hologram has both. Raises UserError without a drive."""
+    if isinstance(system, Hologram):
+        return system.system, system.drive if drive is None else drive
+    if drive is None:
+        raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
+    return system, drive
+
+
+def as_field(hologram: Hologram) -> Hologram:
+    """The field behind the last modulator of a hologram, with the bench from there to the eye: it shows the same.
+
+    hologram: patterns lit by one plane wave, without effects; a field is returned as it is.
+
+    Returns a `Hologram` whose drive is the field (frame, wavelength, y, x), at the samples of the simulation. Raises
+    UserError for several directions of the source, whose fields don't interfere, and for effects.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> field = hv.as_field(hv.Hologram(hv.random_drive(system), system))
+    >>> field.drive.shape, field.system.modulators[0].pitch_m
+    ((1, 8, 32, 32), 4e-06)
+    """
+    system = hologram.system
+    if system.is_field:
+        return hologram
+    if len(system.source.directions_rad) > 1 or system.effects:
+        found = "effects" if system.effects else f"{len(system.source.directions_rad)} directions of the source"
+        raise UserError("field", found, expected="one direction and no effects", remedy="take them away with --set")
+    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+
+    upsample, modulator, relay = system.sampling.upsample, system.modulators[-1], system.relay2
+    shape = (modulator.shape[0] * upsample, modulator.shape[1] * upsample)
+    square = None if relay.square is None or relay.square.half_side_na else relay.square.scaled(1 / upsample)
+    plane_m, last = float(system.planes_m[0]), system.stages[system.stages.index("stop") - 1]
+    values = np.empty((system.frames, len(system.wavelengths_m), *shape), np.complex64)
+    for frame, laser in np.ndindex(*values.shape[:2]):
+        values[frame, laser] = stage_field(system, hologram.drive, last, plane_m, laser=laser, frame=frame).values
+    behind = replace(
+        system,
+        modulators=(Modulator(modulator.pitch_m / upsample, shape, content="field"),),
+        gap_m=None,
+        source=Source(),
+        relay1=Relay(),
+        relay2=relay if square is None else replace(relay, square=square),
+        sampling=replace(system.sampling, upsample=1),
+    )
+    return Hologram(values, behind)
 
 
 def simulate(
-    system: System,
-    drive: Any,
+    system: System | Hologram,
+    drive: Any = None,
     planes: Sequence[float | str] | NDArray[np.float64] | None = None,
     backend: str = "auto",
     *,
@@ -161,8 +252,9 @@ def simulate(
 ) -> View:
     """What an observer sees of a hologram at each focal plane.
 
-    system: the display.
-    drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`.
+    system: the display; or a hologram, which holds its own drive.
+    drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`; of the
+    plane of a field the complex field (frame, wavelength, y, x).
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
     when None. With an eye, the planes on which it is focused at its reference wavelength; its accommodations when None.
     backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), or "auto": wgpu where an adapter is
@@ -184,12 +276,13 @@ def simulate(
     >>> view.srgb8[0].shape
     (96, 128, 3)
     """
+    system, drive = _with_drive(system, drive)
     plan = make_plan(system, planes)
     needed = simulation_bytes(plan, double=backend == "torch64")
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
-    focus_m, eye = focused_planes(system) if planes is None else parse_planes(planes), system.eye
+    focus_m, eye = focused_planes(system) if planes is None else parse_planes(system, planes), system.eye
     return View(
         intensity=intensity,
         xyz=xyz,

@@ -1,11 +1,13 @@
-"""What all tests share: their order, one open graphics device, and a guard that fails a test on a wgpu warning."""
+"""What all tests share: order, seeds, signals, one open graphics device, and a guard that fails on a wgpu warning."""
 
 from __future__ import annotations
 
 import logging
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ import pytest
 # their cores with other processes mostly wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import hypothesis
 import psutil
 import torch
 
@@ -20,6 +23,7 @@ from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import give_back_freed_memory
+from tests.randomness import SeedMover, draw_other_noise
 
 LONGEST = (
     "docs/test_tutorials.py",
@@ -36,10 +40,65 @@ LONGEST = (
 _MUCH_MEMORY = 64 << 20  # bytes by which a file's tests may leave the process larger
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first; the others in their order."""
+_MOVED = "seeds moved"  # the number that a process of xdist tells the one that prints the summary
+_mover: SeedMover | None = None
+_moved_elsewhere = 0
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options that give the tests other random numbers; see CONTRIBUTING.md."""
+    group = parser.getgroup("random numbers")
+    help_text = "move every seed, by another amount for each N; 0 moves none"
+    group.addoption("--reseed", type=int, default=0, metavar="N", help=help_text)
+    help_text = "draw all noise of numpy elsewhere, as a mathematical library whose last digits differ would"
+    group.addoption("--other-noise", action="store_true", help=help_text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Randomness is fixed, or moved as the options say; programs that tests start can be interrupted."""
+    global _mover
+    hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
+    hypothesis.settings.load_profile("fixed")
+    if config.getoption("reseed"):
+        _mover = SeedMover(config.getoption("reseed"))
+        _mover.install()
+    if config.getoption("other_noise"):
+        draw_other_noise()
+    for number in (signal.SIGINT, getattr(signal, "SIGHUP", None)):
+        # Programs inherit that a signal is ignored (as nohup and a shell's background do), but not that it is handled.
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """A process of xdist has ended: what it moved is counted."""
+    global _moved_elsewhere
+    _moved_elsewhere += getattr(node, "workeroutput", {}).get(_MOVED, 0)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A process of xdist tells how many seeds it moved."""
+    if _mover is not None and hasattr(session.config, "workeroutput"):
+        session.config.workeroutput[_MOVED] = _mover.moved
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Tells how many seeds were moved: none would mean that nothing was tried."""
+    if _mover is not None:
+        number = config.getoption("reseed")
+        terminalreporter.write_line(f"--reseed {number}: {_mover.moved + _moved_elsewhere} seeds moved")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The longest files first, the others in their order; what hypothesis draws moves with all other seeds."""
     place = {str(Path(__file__).parent / name): number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(str(item.path), len(place)))
+    if _mover is not None:
+        for item in items:
+            test = getattr(item, "obj", None)
+            if getattr(test, "is_hypothesis_test", False):
+                hypothesis.seed(_mover.move(0))(test)
 
 
 class _Collector(logging.Handler):

@@ -36,7 +36,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made[reference.COMMAND_LINE] = reference.command_line()
     for page, text in made.items():
         files.append(File.generated(config, page, content=text))
-    files.append(File.generated(config, live.PAGE, content=live.page()))
+    for page, html in live.pages().items():
+        files.append(File.generated(config, page, content=html))
     for path in repository.mirrored():
         page, content = repository.page_of(path), repository.content_of(path)
         if content is None:
@@ -51,6 +52,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.src_uri.startswith("reference/"):
         return markdown
     markdown = repository.rewritten(markdown, page.file.src_uri)
+    if page.file.src_uri == live.GALLERY:
+        return live.with_gallery(markdown)
     return live.embedded(markdown) if page.is_homepage else markdown
 
 

@@ -3,17 +3,13 @@
 startup             a thread that opens the device and computes the first picture
 launch              opens device and session as the command line asks
 run                 runs the viewer on a screen, off screen by a script, or in a browser; ends it soon after Ctrl-C
-app                 the frame loop, which owns window, panels and context
+app                 the frame loop, which owns window, panels and context; layout, notifications, menus, status bar
 context             what panels, overlays and menus share
 window              Dear ImGui on rendercanvas and wgpu
 viewport            draws images of the device into a texture: zoom, exposure, comparison
 user_input          what events mean, key by key, and how Dear ImGui gets them frame by frame
-window_layout       the initial arrangement of windows, settings of HelloImGui
-command_registry    the commands of the viewer with their keys
-menus               the menu bar, its commands, the status bar
+command_palette     the commands of the viewer with their keys; the sheet of keys and the palette
 theme               fonts and colours
-toasts              notifications
-help_overlay        the sheet of keys and the command palette
 tour                the tour of the example
 file_dialog         dialogs that choose a file, and offer sessions that a crash left
 desktop             file drops, and text and pictures of the clipboard
@@ -24,7 +20,7 @@ eye_widgets         a map of the eyebox, the pupil's path, the eye's focus
 plots               small plots
 plane_tiles         clickable pictures of planes
 readout             texts of the image panel: values under the pointer, scores, labels
-rig                 what the panels of a rig show
+rig_controls        what the panels of a rig show
 script              drives a viewer off screen: text scripts, synthetic events, frame rate
 serve               the server: connections, deadlines, how many clients
 serve_guard         who is served, and which requests pass: by name, token and origin

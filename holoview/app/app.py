@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 
 from holoview.app import theme
 from holoview.app.context import AppContext
-from holoview.app.menus import add_general_commands, draw_menus, draw_status
 from holoview.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.app.panels import ALL
+from holoview.app.parameter_widgets import tooltip
 from holoview.app.readout import add_score_commands
-from holoview.app.toasts import Toasts
+from holoview.app.theme import THEMES
 from holoview.app.tour import Tour
 from holoview.app.window import Window
-from holoview.app.window_layout import LayoutCallbacks, runner_params
-from holoview.document.editing_session import Change, EditingSession
+from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
+from holoview.document.example import show_example
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
+from holoview.model import preset
 from holoview.render.progressive_renderer import ProgressiveRenderer
-from holoview.render.view_settings import NOW
+from holoview.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS
 from holoview.util.errors import UserError
+from holoview.view import random_drive
 
 P = TypeVar("P", bound=Panel)
 
@@ -99,6 +104,7 @@ class App:
         """Called before panels are drawn: takes results of worker threads, runs commands whose keys were pressed."""
         commands = self.context.commands
         self.session.poll()
+        self.context.received_fields.poll()
         self.context.wants_measurement = False
         is_typing = imgui.get_io().want_text_input
         for command in list(commands.pressed(is_typing=is_typing)):
@@ -196,3 +202,324 @@ class App:
     def _on_change(self, change: Change) -> None:
         self._is_stale = True
         self.window.wake()
+
+
+# --- the arrangement of windows, and what HelloImGui calls ---
+
+
+_SPLITS = (
+    ("MainDockSpace", "Left", imgui.Dir.left, 0.26),
+    ("MainDockSpace", "Right", imgui.Dir.right, 0.34),
+    ("Right", "Low right", imgui.Dir.down, 0.50),
+    ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),
+)
+"""Docks: the one that is split, the new one, where it lies, and its share of the space."""
+_DOCK_NAMES = {"Centre": "MainDockSpace"}
+
+
+@dataclass(frozen=True)
+class LayoutCallbacks:
+    """Functions for HelloImGui: called once for the theme, then each frame for menus, status bar, and around panels."""
+
+    apply_theme: Callable[[], None]
+    draw_menus: Callable[[], None]
+    draw_status: Callable[[], None]
+    before_frame: Callable[[], None]
+    after_frame: Callable[[], None]
+
+
+def runner_params(
+    panels: Iterable[GuardedPanel], callbacks: LayoutCallbacks, folder: Path | None
+) -> hello_imgui.RunnerParams:
+    """The settings of HelloImGui: a full-screen dock space, menus, status bar, a dockable window for each panel.
+
+    folder: where the layout is stored as layout.ini; None, or one that can't be written to, stores nothing.
+    """
+    params = hello_imgui.RunnerParams()
+    params.app_window_params.window_title = "holoview"
+    window = params.imgui_window_params
+    window.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
+    window.show_menu_bar = window.show_status_bar = True
+    window.show_menu_app = window.show_menu_view = window.show_status_fps = False
+    window.remember_status_bar_settings = window.remember_theme = False
+    if folder is None or not _can_be_written_to(folder):
+        params.ini_disable = True
+    else:
+        params.ini_folder_type = hello_imgui.IniFolderType.absolute_path
+        params.ini_filename = str(folder / "layout.ini")
+    params.docking_params.docking_splits = [hello_imgui.DockingSplit(*split) for split in _SPLITS]
+    params.docking_params.dockable_windows = [_dockable_window(guarded) for guarded in panels]
+    _set_callbacks(params.callbacks, callbacks)
+    return params
+
+
+def _can_be_written_to(folder: Path) -> bool:
+    """Whether a folder, which is made if it is missing, takes files; the home folder may be missing or read-only."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
+
+
+def _set_callbacks(target: hello_imgui.RunnerCallbacks, callbacks: LayoutCallbacks) -> None:
+    def configure_imgui() -> None:
+        io = imgui.get_io()
+        io.config_windows_move_from_title_bar_only = True
+        io.config_input_trickle_event_queue = True
+        callbacks.apply_theme()
+
+    target.default_icon_font = hello_imgui.DefaultIconFont.no_icons
+    target.load_additional_fonts = theme.load_fonts
+    target.setup_imgui_style = callbacks.apply_theme
+    target.post_init = configure_imgui
+    target.pre_new_frame = lambda: None
+    target.show_menus = callbacks.draw_menus
+    target.show_status = callbacks.draw_status
+    target.before_imgui_render = callbacks.after_frame
+    target.post_new_frame = callbacks.before_frame
+
+
+def _dockable_window(guarded: GuardedPanel) -> hello_imgui.DockableWindow:
+    panel = guarded.panel
+    dock = _DOCK_NAMES.get(panel.dock, panel.dock)
+    window = hello_imgui.DockableWindow(panel.title, dock, guarded.draw, is_visible_=panel.starts_open)
+    window.imgui_window_flags = panel.flags
+    return window
+
+
+# --- notifications ---
+
+
+DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
+_WIDTH, _GAP, _MOST = 380.0, 10.0, 4
+_COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR}
+
+
+class Toasts:
+    """Draws the newest messages of a session until they expire or the user closes them."""
+
+    def __init__(self, messages: MessageLog) -> None:
+        self._messages = messages
+        self._closed: set[float] = set()
+        self._drawn: list[float] = []
+
+    def visible(self) -> list[Message]:
+        """The messages to show, newest first."""
+        messages = [
+            message
+            for kind, seconds in DURATIONS_S.items()
+            for message in self._messages.recent(seconds)
+            if message.kind == kind and message.when not in self._closed
+        ]
+        return sorted(messages, key=lambda message: -message.when)[:_MOST]
+
+    def has_changed(self) -> bool:
+        """Whether other messages are to be shown than were drawn last."""
+        return [message.when for message in self.visible()] != self._drawn
+
+    def draw(self) -> None:
+        """Draws the messages above everything else."""
+        viewport = imgui.get_main_viewport()
+        right = viewport.work_pos.x + viewport.work_size.x - _GAP
+        bottom = viewport.work_pos.y + viewport.work_size.y - _GAP - imgui.get_frame_height()
+        messages = self.visible()
+        self._drawn = [message.when for message in messages]
+        for number, message in enumerate(messages):
+            bottom = self._draw_one(number, message, right, bottom) - _GAP
+
+    def _draw_one(self, number: int, message: Message, right: float, bottom: float) -> float:
+        imgui.set_next_window_pos(imgui.ImVec2(right, bottom), imgui.Cond_.always, imgui.ImVec2(1.0, 1.0))
+        imgui.set_next_window_size(imgui.ImVec2(_WIDTH, 0.0))
+        flags = (
+            imgui.WindowFlags_.no_decoration
+            | imgui.WindowFlags_.no_docking
+            | imgui.WindowFlags_.no_move
+            | imgui.WindowFlags_.no_saved_settings
+            | imgui.WindowFlags_.no_focus_on_appearing
+            | imgui.WindowFlags_.no_nav
+        )
+        imgui.begin(f"##toast{number}", None, flags)
+        imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
+        imgui.push_style_color(imgui.Col_.text, _COLOURS[message.kind])
+        imgui.text({"info": "Note", "warning": "Warning", "error": "Not done"}[message.kind])
+        imgui.pop_style_color()
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(message.text)
+        imgui.pop_text_wrap_pos()
+        if imgui.small_button("Close"):
+            self._closed.add(message.when)
+        if message.details:
+            imgui.same_line()
+            if imgui.small_button("Copy details"):
+                imgui.set_clipboard_text(message.details)
+        top = imgui.get_window_pos().y
+        imgui.end()
+        return top
+
+
+# --- menus ---
+
+
+MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Rig", "Help")
+
+
+def draw_menus(context: AppContext) -> None:
+    """Draws all menus; commands of a group without a menu are reached by keys and the command palette."""
+    for group in MENUS:
+        commands = context.commands.of_group(group)
+        if not commands or not imgui.begin_menu(group):
+            continue
+        if group == "File":
+            _draw_open(context)
+        for command in commands:
+            keys = command.keys[0].text if command.keys else ""
+            if imgui.menu_item(command.name, keys, False, command.is_enabled())[0]:
+                context.attempt(command.action)
+            tooltip(command.help)
+        imgui.end_menu()
+    if imgui.begin_menu("Window"):
+        _draw_windows(context)
+        imgui.end_menu()
+
+
+def _draw_open(context: AppContext) -> None:
+    if imgui.begin_menu("Preset"):
+        for name in preset.names():
+            if imgui.menu_item(name, "", name == context.session.system.name)[0]:
+                context.attempt(context.loader.open, name)
+        imgui.end_menu()
+    recent = context.store.preferences.recent_files if context.store is not None else ()
+    if imgui.begin_menu("Recent", bool(recent)):
+        for number, path in enumerate(recent, start=1):
+            if imgui.menu_item(f"{number} {path.name}", "", False)[0]:
+                context.attempt(context.loader.open, path)
+            tooltip(str(path))
+        imgui.end_menu()
+    imgui.separator()
+
+
+def _draw_windows(context: AppContext) -> None:
+    for window in hello_imgui.get_runner_params().docking_params.dockable_windows:
+        clicked, visible = imgui.menu_item(window.label, "", window.is_visible)
+        if clicked:
+            window.is_visible = visible
+    imgui.separator()
+    for name in THEMES:
+        if imgui.menu_item(f"{name} theme", "", context.theme == name)[0]:
+            context.set_theme(name)
+    if imgui.menu_item("Original layout", "", False)[0]:
+        hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+
+# --- The commands that belong to no panel: undo, redo, random patterns, the still life, quit, help ---
+
+
+def add_general_commands(context: AppContext) -> None:
+    """Adds undo, redo, random patterns, the still life, quit and help to the commands."""
+    session, add = context.session, context.commands.add
+    add(
+        "Undo",
+        lambda: _post_undone(context, "Undone", session.undo()),
+        "Edit",
+        "Ctrl+Z",
+        is_enabled=lambda: session.can_undo,
+    )
+    add(
+        "Redo",
+        lambda: _post_undone(context, "Done again", session.redo()),
+        "Edit",
+        "Ctrl+Shift+Z Ctrl+Y",
+        is_enabled=lambda: session.can_redo,
+    )
+    add(
+        "Random patterns",
+        lambda: _randomise(context),
+        "Edit",
+        help="Others each time: another speckle on every modulator.",
+        is_enabled=lambda: not session.system.is_field,
+    )
+    add(
+        "Still life",
+        lambda: show_example(session),
+        "File",
+        help="The shipped hologram with its target, as at the first start.",
+    )
+    if not context.is_read_only:
+        help = "All is saved as it is, and offered at the next start."
+        add("Quit", context.window.request_close, "File", "Ctrl+Q", help)
+    add("Keys", lambda: context.help_overlay.toggle("keys"), "Help", "? F1", "Every key and what it does.")
+    add(
+        "Commands",
+        lambda: context.help_overlay.toggle("palette"),
+        "Help",
+        "Ctrl+P Ctrl+Shift+P",
+        "Type what you want to do.",
+    )
+
+
+def _randomise(context: AppContext) -> None:
+    session = context.session
+    seed, view = len(session.history), session.view_settings
+    session.edit(
+        "Random patterns",
+        drive=random_drive(session.system, seed),
+        view_settings=view.with_(exposure_stops=min(view.exposure_stops, SPECKLE_EXPOSURE_STOPS)),
+        origin="random patterns",
+        path=None,
+    )
+
+
+def _post_undone(context: AppContext, done: str, label: str | None) -> None:
+    if label is not None:
+        context.session.messages.post(f"{done}: {label}")
+
+
+# --- The status bar: the adapter, limits of the model, durations of frames, progress of rendering and jobs ---
+
+
+def draw_status(context: AppContext) -> None:
+    """Draws the status bar, with details as tooltips."""
+    info, renderer = context.device.info, context.side_renderers.now
+    imgui.text(info.name)
+    tooltip(info.label)
+    if info.is_cpu:
+        imgui.same_line()
+        imgui.text_colored(theme.WARNING, "software")
+        tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
+    _draw_limits(context)
+    parts = [f"full frame {_ms(renderer.update_s)}"] if renderer.update_s else []
+    parts += [f"quick {_ms(renderer.quick_s)}"] if renderer.quick_s else []
+    parts += [f"window {_ms(context.window.draw_s)}"]
+    imgui.same_line(spacing=20)
+    imgui.text_disabled("  ·  ".join(parts))
+    tooltip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
+    if renderer.is_busy:
+        imgui.same_line(spacing=20)
+        text = "quick view" if renderer.picture is not None and renderer.picture.is_quick else "computing"
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, imgui.ImVec2(6, 0))
+        imgui.progress_bar(renderer.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
+        imgui.pop_style_var()
+        tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
+    if context.session.save_problem:
+        imgui.same_line(spacing=20)
+        imgui.text_colored(theme.ERROR, "not saved")
+        tooltip(f"{context.session.save_problem}. It is tried again every few seconds.")
+    for job in context.session.jobs.active:
+        imgui.same_line(spacing=20)
+        imgui.text(f"{job.title} {job.fraction:.0%}")
+
+
+def _draw_limits(context: AppContext) -> None:
+    """Says that the model isn't true of the bench, and in a tooltip in what respect."""
+    limits = context.limit_notes
+    notes = limits.known if imgui.is_any_item_active() else limits.notes()  # milliseconds for each new bench
+    if not notes:
+        return
+    imgui.same_line(spacing=20)
+    text = notes[0].split(":")[0] if len(notes) == 1 else f"{len(notes)} limits of the model"
+    imgui.text_colored(theme.WARNING, text)
+    context.record_item_rect("limits")
+    tooltip("The picture isn't true in this respect:\n\n" + "\n\n".join(notes))
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms" if seconds < 10 else f"{seconds:.1f} s"

@@ -14,18 +14,18 @@ from imgui_bundle import hello_imgui, imgui
 from numpy.typing import NDArray
 
 from holoview.app import theme
-from holoview.app.command_registry import CommandRegistry
-from holoview.app.help_overlay import HelpOverlay
+from holoview.app.command_palette import CommandRegistry, HelpOverlay
 from holoview.app.window import Window
 from holoview.document.editing_session import EditingSession
 from holoview.document.files import FileLoader
 from holoview.document.focus import PupilMotion
 from holoview.document.measure import LimitNotes, LiveMeasurement, LiveScore
-from holoview.document.retinal_curve import RetinalCurves
+from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
+from holoview.document.speckle_jobs import RetinalCurves
 from holoview.gpu.device import Device
 from holoview.render.page_images import PageImages
-from holoview.render.plane_previews import PlanePreviews
+from holoview.render.planes import PlanePreviews
 from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.render.side_renderers import SideRenderers
 
@@ -46,7 +46,7 @@ class Overlay(Protocol):
 
 
 class AppContext:
-    """What panels, overlays, menus and commands are given.
+    """The objects that panels, overlays, menus and commands share.
 
     Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
     and saved sessions; None where nothing is stored.
@@ -84,6 +84,7 @@ class AppContext:
         self.retinal_curves = RetinalCurves(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
+        self.received_fields = ReceivedFields(session, lambda: not self.side_renderers.is_busy)
         stored_theme = store.preferences.get("theme", "") if store is not None else ""
         self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]
         self.help_overlay = HelpOverlay(self.commands, self._run_command)
@@ -161,7 +162,8 @@ class AppContext:
         return "" if self._rig is None else self._rig.close()
 
     def close(self) -> None:
-        """Ends the threads of the renderers, the loader and the measurement."""
+        """Ends the threads of the renderers, the loader, the listener and the measurement."""
+        self.received_fields.close()
         self.loader.close()
         self.live_measurement.close()
         self.live_psnr.close()

@@ -1,4 +1,4 @@
-"""What the desktop gives a window: dropped files, and text and pictures of the clipboard."""
+"""Dropped files, and text and pictures of the clipboard, which the desktop gives a window."""
 
 from __future__ import annotations
 

@@ -13,26 +13,31 @@ from holoview.app.serve_guard import Address, ServeOptions
 from holoview.app.startup import Startup
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import new_session
+from holoview.document.files import FilesToOpen
+from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model.system import System
 from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.render.view_settings import NOW
 from holoview.util.errors import UserError
+from holoview.wavefield.reading import ReadRequest
 
 
 @dataclass(frozen=True)
 class LaunchOptions:
     """How `holoview view` opens the viewer.
 
-    is_random: whether a new session shows random patterns instead of the example. names: files to open in it. size: of
-    the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
+    is_random: whether a new session shows random patterns instead of the example. names: files to open in it. request:
+    what is known of them as the parts of a field of another program; None where they may be anything. size: of the
+    window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
     session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
     serve_options: to whom it is served; where that is to look at only, nothing is stored and no session restored.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
     in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
     the process of a viewer that crashed, whose session is opened if it was saved; None for none. rig: rig.toml of the
-    devices to open; None for none.
+    devices to open; None for none. listen_port: where fields of other programs are taken; 0 for a free port, None for
+    not listening.
     """
 
     system: System
@@ -50,10 +55,12 @@ class LaunchOptions:
     recovers: int | None = None
     serve_options: ServeOptions = field(default_factory=ServeOptions)
     rig: Path | None = None
+    request: ReadRequest | None = None
+    listen_port: int | None = None
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
-"""What is printed with `until_image`."""
+"""The line that is printed with `until_image`."""
 
 
 def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], None]) -> None:
@@ -73,7 +80,7 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         with suppress(UserError):  # nothing of it can be read: it is offered, and kept aside then
             crashed = store.take_over(options.recovers)
     session, notes = (crashed, []) if crashed is not None else open_session(options, store)
-    names = options.names if crashed is None else ()
+    files = FilesToOpen(options.names if crashed is None else (), options.request)
     for note in notes:
         report(f"note: {note}")
         session.messages.post(note, "warning")
@@ -83,14 +90,19 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
 
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
     window = (session, device, renderer, options.size)
+    listen = None if options.listen_port is None else partial(_listen, options.listen_port, report)
     if address is not None:
-        run_in_browser(*window, store, names, address, options.serve_options, report, options.rig)
+        run_in_browser(*window, store, files, address, options.serve_options, report, options.rig, listen)
     elif store is None and on_image is not None:
         run_until_image(*window, on_image)
     elif store is None:
-        run_offscreen(*window, options.script, options.script_name, options.screenshot, names, options.rig)
+        run_offscreen(*window, options.script, options.script_name, options.screenshot, files, options.rig)
     else:
-        run_on_screen(*window, store, names, on_image, options.rig)
+        run_on_screen(*window, store, files, on_image, options.rig, listen)
+
+
+def _listen(port: int, report: Callable[[str], None], received_fields: ReceivedFields) -> None:
+    report(f"takes fields of other programs at {received_fields.listen(port)}")
 
 
 def open_session(options: LaunchOptions, store: SessionStore | None) -> tuple[EditingSession, list[str]]:

@@ -21,7 +21,7 @@ REMEDIES = {
     "win32": ("Update the driver of your graphics card: it brings Direct3D 12 and Vulkan.",),
     "darwin": ("Metal comes with macOS: a Mac of 2012 or later with a present macOS has it.",),
 }
-"""What to do, by platform."""
+"""Advice by platform."""
 
 
 def show_no_adapter_page(error: UserError) -> bool:

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.viewport import Viewport, visible_area_of
 from holoview.document.focus import SAME_PLANE_M, dioptres_text
-from holoview.render.plane_previews import previewed_planes
+from holoview.render.planes import previewed_planes
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import ViewSettings
 

@@ -13,8 +13,7 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.document.focus import dioptres_text, pupil_diameter_m
-from holoview.document.retinal_curve import RetinalCurve
-from holoview.metrics.speckle import independent_patterns
+from holoview.metrics.speckle import RetinalCurve, independent_patterns
 
 HEIGHT_EM = 9.5
 _FLAGS = implot.Flags_.no_menus | implot.Flags_.no_box_select | implot.Flags_.no_mouse_text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,7 @@ from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.document.measure import ImageScore, image_psnr_db, sample_pixel
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
+from holoview.render.page_images import SeenField
 from holoview.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
 from holoview.util.text import printable
 
@@ -19,6 +21,11 @@ from holoview.util.text import printable
 def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
     """Draws the line. position: of the pointer, as fractions (x, y) of the image; None outside it."""
     view, shape = context.session.view_settings, context.session.document.image_shape
+    if position is not None and view.page == "field" and context.page_images.seen_field is not None:
+        imgui.text_wrapped(describe_field(context.page_images.seen_field, *position))
+        context.record_item_rect("readout")
+        tooltip(f"Amplitude and phase, real and imaginary part of this sample. {context.page_images.seen_field.scale}")
+        return
     if position is None or view.page in DERIVED_PAGES:
         imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
         imgui.text_wrapped(describe_image(context))
@@ -57,12 +64,21 @@ def describe_pixel(context: AppContext, x: int, y: int) -> str:
     return "   ".join(parts)
 
 
+def describe_field(field: SeenField, u: float, v: float) -> str:
+    """The value of a field at a place, given as fractions (x, y) of its picture, in a line of text."""
+    rows, columns = field.values.shape
+    x, y = int(u * columns), int(v * rows)
+    value = complex(field.values[y, x])
+    polar = f"amplitude {abs(value):.6g}  phase {cmath.phase(value):+.5f} rad"
+    return f"x {x}  y {y}   {polar}   {value.real:+.6g} {value.imag:+.6g}i"
+
+
 def _format_triple(values: NDArray[np.float64]) -> str:
     return "  ".join(f"{value:.3f}" for value in values)
 
 
 def describe_image(context: AppContext) -> str:
-    """What the page shows in a line of text: size, origin and scores of an image."""
+    """The page in a line of text: size, origin and scores of an image."""
     rows, columns = context.session.document.image_shape
     if context.session.view_settings.page == "spectrum":
         if context.session.system.eye is not None:
@@ -72,6 +88,9 @@ def describe_image(context: AppContext) -> str:
         return "what the hologram should show here" + (
             f": {context.session.target_spec.title}" if context.session.target_spec else ""
         )
+    if context.session.view_settings.page == "field":
+        field = context.page_images.seen_field
+        return "" if field is None else field.scale
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
     origin = printable(context.session.document.origin)
@@ -133,7 +152,7 @@ def draw_label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -
 
 
 def waiting_text(context: AppContext, view: ViewSettings) -> str:
-    """What is shown in place of an image that isn't there."""
+    """The sentence that is shown in place of a missing image."""
     if view.page == "target" and context.session.target_spec is None:
         return "no target yet: open a picture"
     return "computing the first image" if context.is_busy else "nothing to show"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,8 @@ from holoview.app.serve import serve
 from holoview.app.serve_guard import Address, ServeOptions
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import shows_example
+from holoview.document.files import NO_FILES, FilesToOpen
+from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost
 from holoview.io.hologram import Hologram
@@ -35,6 +37,9 @@ _IDLE_S = 0.05  # between checks for work while there is none
 _FRAME_POLL_S, _LONGEST_FRAME_S = 0.002, 0.1  # between checks for a drawn frame; a hidden window draws none
 _TITLE = "holoview"
 SCRIPT_FRAME_S = 1 / 60
+
+Listen = Callable[[ReceivedFields], None]
+"""Makes a viewer take fields of other programs, and tells where."""
 
 
 def run_until_image(
@@ -69,10 +74,10 @@ def run_offscreen(
     script: str = "",
     where: str = "script",
     picture: Path | None = None,
-    names: Sequence[str] = (),
+    files: FilesToOpen = NO_FILES,
     rig: Path | None = None,
 ) -> None:
-    """Draws an off-screen window of `size` (x, y) pixels, opens `names`, runs a script and writes a screenshot.
+    """Draws an off-screen window of `size` (x, y) pixels, opens `files`, runs a script and writes a screenshot.
 
     where: names the script in errors. picture: the path of the screenshot; None for none. rig: rig.toml of the devices
     to open. Raises UserError also where the lasers of these may be on at the end.
@@ -83,8 +88,8 @@ def run_offscreen(
     try:
         driver = InputDriver(app)
         driver.draw_frames(3)
-        if names:
-            app.context.loader.open(list(names))
+        if files.names:
+            app.context.loader.open(files.names, files.request)
         if rig is not None:
             open_rig(app.context, rig)
         wait_until_idle(driver)
@@ -104,13 +109,14 @@ def run_on_screen(
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
     store: SessionStore,
-    names: Sequence[str] = (),
+    files: FilesToOpen = NO_FILES,
     on_image: Callable[[], None] | None = None,
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> None:
     """Runs a window until it is closed, or with `on_image` until it shows an image. Raises UserError without a screen.
 
-    on_image: called when the first image is displayed. rig: rig.toml of the devices to open.
+    on_image: called when the first image is displayed. rig: rig.toml of the devices to open. listen: as of `open_app`.
     """
     try:  # here: glfw can't be imported on a machine without its libraries
         import glfw
@@ -120,7 +126,7 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = open_app(session, device, canvas, store, names, renderer, rig=rig)
+    app = open_app(session, device, canvas, store, files, renderer, rig=rig, listen=listen)
     connect_desktop(app.context, glfw, canvas._window)
     if on_image is not None:
         loop.add_task(_close_after_image, app, on_image, name="until image")
@@ -133,20 +139,22 @@ def run_in_browser(
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
     store: SessionStore | None,
-    names: Sequence[str],
+    files: FilesToOpen,
     address: Address,
     options: ServeOptions,
     began: Callable[[str], None],
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address.
 
-    store: None where the viewer is served to look at only. rig: rig.toml of the devices to open.
+    store: None where the viewer is served to look at only. rig: rig.toml of the devices to open. listen: as of
+    `open_app`.
     """
     from holoview.app import served_canvas
 
     canvas = served_canvas.ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, names, renderer, options.is_read_only, rig)
+    app = open_app(session, device, canvas, store, files, renderer, options.is_read_only, rig, listen)
     _run_loop(app, store, served_canvas.loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
@@ -155,26 +163,30 @@ def open_app(
     device: Device,
     canvas: Any,
     store: SessionStore | None,
-    names: Sequence[str],
+    files: FilesToOpen,
     renderer: ProgressiveRenderer | None = None,
     is_read_only: bool = False,
     rig: Path | None = None,
+    listen: Listen | None = None,
 ) -> App:
-    """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
+    """The viewer with the user's preferences, opening `files`; a user who hasn't seen the tour gets it or a hint.
 
     The tour is of the example; who begins with something else is told where help is. store: None where nothing is
     stored, nor the tour remembered. is_read_only: see `App`. rig: rig.toml of devices to open, without the tour.
+    listen: makes the viewer take fields of other programs, without the tour.
     """
     app = App(
         session, device, canvas, store=store, tunes=not is_read_only, renderer=renderer, is_read_only=is_read_only
     )
-    if names:
-        app.context.attempt(app.context.loader.open, list(names))
+    if files.names:
+        app.context.attempt(app.context.loader.open, files.names, files.request)
     if rig is not None:
         app.context.attempt(open_rig, app.context, rig)
-    if store is None or app.tour.was_seen or rig is not None:
+    if listen is not None:
+        _listen_or_close(app, listen)
+    if store is None or app.tour.was_seen or rig is not None or listen is not None:
         return app
-    if shows_example(session) and not names:
+    if shows_example(session) and not files.names:
         app.tour.start()
     elif not store.preferences.get("has_begun", False):
         session.messages.post(
@@ -182,6 +194,14 @@ def open_app(
         )
         app.context.attempt(store.preferences.set, "has_begun", True)
     return app
+
+
+def _listen_or_close(app: App, listen: Listen) -> None:
+    try:
+        listen(app.context.received_fields)
+    except UserError:
+        app.close()
+        raise
 
 
 def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[], None]) -> None:
@@ -232,7 +252,7 @@ async def _close_at_signal(app: App, interruption: Interruption, take_signals: C
 
 
 def _unsaved_error(session: EditingSession, unsaved: Exception) -> UserError:
-    """What is told at last when the session couldn't be saved; its hologram is kept at another place."""
+    """The last message when the session couldn't be saved; its hologram is kept at another place."""
     document = session.document
     name = f"{plain_name(document.system.name, 'hologram')}.safetensors"
     kept = save_elsewhere(state_folder() / name, Hologram(document.drive, document.system).save)

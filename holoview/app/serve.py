@@ -35,20 +35,18 @@ def serve(
     address: Address,
     began: Callable[[str], None],
     is_over: Callable[[], bool] = lambda: False,
-    token: str | None = None,
     options: ServeOptions | None = None,
 ) -> None:
     """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over` returns true.
 
-    began: called with the URL, and before that with a warning if other machines can reach the address. token: a random
-    one when None. options: `ServeOptions()` when None. Raises UserError if a library isn't installed or the address is
-    in use.
+    began: called with the URL, which has a random token, and before that with a warning if other machines can reach the
+    address. options: `ServeOptions()` when None. Raises UserError if a library isn't installed or the address is taken.
     """
     require_serving_libraries()
     from rendercanvas.http import asgi
 
     options = options or ServeOptions()
-    token = secrets.token_urlsafe(18) if token is None else token
+    token = secrets.token_urlsafe(18)
     with _listening(address) as listener:
         port = listener.getsockname()[1]
         cookie = f"holoview-{port}"  # cookies know hosts, not ports

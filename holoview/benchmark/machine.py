@@ -1,4 +1,4 @@
-"""What a measurement depends on: adapter, driver, processor and versions; what the device can do at best; its power."""
+"""The machine of a measurement: adapter, driver, processor, versions; the device's bandwidth at best, and its power."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ _F32, _XYZ_PIXEL_BYTES = 4, 16
 
 @dataclass(frozen=True)
 class FrameCase:
-    """What is timed. size: simulated samples, x by y. per_dispatch: how many wavelengths a dispatch computes."""
+    """A case that is timed. size: simulated samples, x by y. per_dispatch: how many wavelengths a dispatch computes."""
 
     size: tuple[int, int]
     wavelengths: int
@@ -148,7 +148,7 @@ def parts_ms(case: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _jobs(renderer: IncrementalRenderer, row: int) -> dict[str, tuple[TimedJob, int]]:
-    """What is timed by name, each with how often it does what its name says."""
+    """The timed jobs by name, each with the number of frames or edits that it makes."""
     gap = gap_edit(renderer)
     return {
         FRAME: (full_frame(renderer), 1),
@@ -193,7 +193,7 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What a report covers. sizes: samples, x by y. wavelengths: numbers of lasers. limit_s: of one case's rounds.
+    """The scope of a report. sizes: samples, x by y. wavelengths: numbers of lasers. limit_s: of one case's rounds.
 
     adapter: part of its name, as the user gave it.
     """
@@ -268,7 +268,7 @@ class ReportRun:
         self.data["is_complete"] = True
 
     def results(self, section: str) -> list[dict[str, Any]]:
-        """What the measurements of a section have given, without those that failed."""
+        """The results of a section, without measurements that failed."""
         return [entry["result"] for entry in self.data["results"].get(section, []) if "result" in entry]
 
     # --- measurements -----------------------------------------------------------------------------------------------

@@ -133,26 +133,21 @@ def report_markdown(data: Values) -> str:
         ["## Viewer", "", *_viewer(data)],
         ["## Power", "", *_power(data)],
         ["## Not measured", "", *_problems(data)],
-        ["<details><summary>All numbers as JSON</summary>", "", "```json", _json(data), "```", "", "</details>"],
+        [
+            "<details><summary>All numbers as JSON</summary>",
+            "",
+            "```json",
+            json.dumps(data, indent=1, ensure_ascii=False),
+            "```",
+            "",
+            "</details>",
+        ],
     ]
     return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
 
 
-def report_data(markdown: str) -> Values:
-    """The numbers of a report that `report_markdown` wrote. Raises ValueError for another text."""
-    _, found, rest = markdown.rpartition("```json\n")
-    if not found:
-        raise ValueError("the text is no report of holoview bench")
-    data: Values = json.loads(rest.partition("\n```")[0])
-    return data
-
-
-def _json(data: Values) -> str:
-    return json.dumps(data, indent=1, ensure_ascii=False)
-
-
 def results(data: Values, section: str) -> list[Values]:
-    """What the measurements of a section have given, without those that failed."""
+    """The results of a section, without measurements that failed."""
     return [entry["result"] for entry in data["results"].get(section, []) if "result" in entry]
 
 
@@ -368,7 +363,7 @@ def _power(data: Values) -> list[str]:
 
 
 def _problems(data: Values) -> list[str]:
-    """What was refused with the reason, and what failed with the text of the error."""
+    """Refused measurements with the reason, and failed ones with the text of the error."""
     lines: list[str] = []
     for section, entries in data["results"].items():
         lines += [f"- {section}, {entry['title']}: {entry['refused']}" for entry in entries if "refused" in entry]

@@ -68,7 +68,7 @@ class Step:
         return getattr(executor, self.stage)(*given, *self.arguments)
 
     def seen(self, executor: Any, out: Any) -> NDArray[Any]:
-        """What can be compared of the result: the field, or the intensity or XYZ that it went into."""
+        """The part of the result that can be compared: the field, or the intensity or XYZ that it went into."""
         if self.stage == "accumulate":
             return executor.intensity(self.arguments[0])
         if self.stage == "composite":
@@ -211,6 +211,14 @@ CHANGES: dict[str, dict[str, Any]] = {
             "prescription": {"sphere": "-0.5 D", "cylinder": "0.75 D", "axis": 30.0, "aberration": {"Z8": "60 nm"}},
         },
         "relay2.square": "first order",
+    },
+    "a field, planes before and behind it": {
+        "modulators": [{"pitch": "8 um", "shape": [100, 128], "content": "field"}],
+        "gap": None,
+        "upsample": 1,
+        "planes": ["-40 mm", "0 mm", "60 mm"],
+        "source": SOURCES,
+        "relay2.iris_na": 0.02,
     },
     "no gap, planes at zero and far": {"gap": 0.0, "planes": [0.0, "50 mm"], "propagation": "periodic"},
 }

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.data_split import DataSplit
-from holoview.calibrate.prediction_score import PredictSignals
-from holoview.calibrate.training_data import TrainingData
+from holoview.calibrate.calibration_result import PredictSignals
+from holoview.calibrate.train import TrainingData
+from holoview.calibrate.training_plan import DataSplit
 from holoview.captures.dataset import Captures
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.model.effects.learned_maps import LearnedMaps

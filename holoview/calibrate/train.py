@@ -1,4 +1,9 @@
-"""Trains the maps with Adam through the forward model, smooth captures first; yields a state after each epoch.
+"""Trains the maps with Adam through a differentiable model, smooth captures first; yields a state after each epoch.
+
+TrainingData            camera images above the black level with inverse-variance weights
+CalibrationModel        predicts camera images from the maps that are being learned, with gradients; the maps' prior
+CalibrationCheckpoint   the full state between two epochs, in one safetensors file
+train                   the training
 
     loss = mean over the captures of a batch of χ²/pixels  +  Σ (θ/σ)² / (training captures · pixels)
 
@@ -13,32 +18,351 @@
     for state in train(captures, known, split, layout, CalibrationSettings()):
         print(state.epoch, state.validation_chi2)
     maps = state.best_maps        # of the epoch with the lowest validation χ²; the loop may be left at any time
+
+A calibration that is resumed from its checkpoint on the same machine gives the same numbers, bit for bit, as one that
+was never stopped. The checkpoint holds, for each tensor NAME of `holoview.model.effects.learned_maps.TENSORS` that
+isn't empty:
+
+NAME                      its present value
+NAME.best                 its value in the epoch with the lowest χ² on the validation captures
+NAME.first NAME.second    Adam's first and second moments
+NAME.count                Adam's number of steps, int64 (1,)
+
+and besides:
+
+mismatch                  float64 (capture,): each capture's model error when it was last trained on
+metadata                  format, version; layout, settings, progress and known effects as JSON; digest of the captures
 """
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import json
 import math
+import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
-from holoview.calibrate.data_split import DataSplit
-from holoview.calibrate.forward_model import CalibrationModel, prior_penalty
-from holoview.calibrate.settings import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, CalibrationSettings
-from holoview.calibrate.training_data import TrainingData
-from holoview.captures.dataset import Captures
+from holoview.calibrate.training_plan import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, CalibrationSettings, DataSplit
+from holoview.captures.dataset import Camera, Captures
+from holoview.captures.nominal_bench import stated_keys
 from holoview.captures.patterns import pattern_roughness
+from holoview.captures.predictor import Predictor
+from holoview.captures.prepared_captures import PreparedCaptures, add_model_error, neighbour_variance, prepare_captures
+from holoview.effects.calibrated import Calibrated
 from holoview.model.effects.active_effects import EffectValues
-from holoview.model.effects.learned_maps import LearnedMaps, MapLayout
+from holoview.model.effects.learned_maps import MAP_SCHEMAS, LearnedMaps, MapCache, MapLayout, map_sizes, read_layout
+from holoview.model.effects.parameter import Values
 from holoview.optimise.adam import Adam, cosine_decay
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
+from holoview.util.tables import read_record
 
 Tensor = torch.Tensor
+
+
+_MIN_USABLE_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class WeightedImage:
+    """The image of one capture.
+
+    light: (y, x), counts of the lasers' light.
+    weight: (y, x), 1/variance in counts⁻²; 0 for a pixel that isn't used (saturated, stuck, or at the border).
+    """
+
+    light: Tensor
+    weight: Tensor
+
+    def best_gain(self, signal: Tensor) -> Tensor:
+        """The factor g on a predicted signal s (y, x) that minimises Σ w·(light − g·s)²: Σ w·s·light / Σ w·s².
+
+        It carries no gradient, because at the minimum the derivative of χ² with respect to g is zero.
+        """
+        with torch.no_grad():
+            weighted = self.weight * signal
+            return (weighted * self.light).sum() / (weighted * signal).sum().clamp_min(1e-30)
+
+    def chi2(self, signal: Tensor, gain: Tensor | float) -> Tensor:
+        """χ² per used pixel of gain · signal, Σ w·(light − g·s)² / n."""
+        squares = self.weight * (self.light - gain * signal).square()
+        return squares.sum() / (self.weight > 0).sum()
+
+    def reweighted(self, camera: Camera, expected: Tensor) -> WeightedImage:
+        """The same image with weights from the camera's noise at an expected signal (y, x); the used pixels stay."""
+        variance = torch.from_numpy(camera.noise_variance(expected.numpy()).astype(np.float32))
+        return WeightedImage(self.light, torch.where(self.weight > 0, 1 / variance, 0.0))
+
+    def unexplained_variance(self, signal: Tensor) -> float:
+        """Mean square of the residual light − g·s over the variance of the light, with the best gain g."""
+        used = self.weight > 0
+        light, residual = self.light[used], (self.light - self.best_gain(signal) * signal)[used]
+        return float(residual.square().mean() / light.var().clamp_min(1e-30))
+
+
+class TrainingData:
+    """The images of all captures, to train on and to score with.
+
+    Weights follow from the images alone (see `neighbour_variance`), so that a model can't lower its χ² by predicting
+    light that widens the error bars. Raises UserError for a capture that has hardly a usable pixel.
+
+    known: effects of the bench, {effect id: {parameter: value}}: black level and ambient light are subtracted.
+    """
+
+    def __init__(self, captures: Captures, known: EffectValues | None = None) -> None:
+        self.captures = captures
+        self._dark_counts = Predictor(captures).counts_without_lasers(range(len(captures)), known or {})
+        self._prepared: PreparedCaptures = prepare_captures(captures)
+        usable_share = self._prepared.usable.mean(axis=(1, 2))
+        if float(usable_share.min()) < _MIN_USABLE_SHARE:
+            worst = int(usable_share.argmin())
+            raise UserError(
+                f"camera/images, capture {worst}",
+                "hardly a pixel can be used: all are saturated or stuck",
+                expected="a picture within the camera's range",
+                remedy="leave it out or take it again with a shorter exposure",
+            )
+
+    def weighted_image(self, capture: int, model_error: float = 0.0) -> WeightedImage:
+        """The image of a capture of this index.
+
+        model_error: standard deviation of the model's own error as a share of the image's mean light. Adding it to the
+        camera's noise makes the weights more uniform, so that dim pixels with little noise don't dominate the fit of a
+        model that is still far off.
+        """
+        indices: NDArray[np.intp] = np.array([capture])
+        light = self._prepared.light[indices]
+        variance = add_model_error(neighbour_variance(self._prepared, indices), light, model_error)
+        weight = np.where(self._prepared.usable[indices], 1 / variance, 0.0).astype(np.float32)
+        lasers = light[0] - np.broadcast_to(self._dark_counts, self._prepared.light.shape)[capture]
+        return WeightedImage(torch.from_numpy(lasers), torch.from_numpy(weight[0]))
+
+
+# --- the model and its prior ---
+
+
+PRIOR_SIGMA: Mapping[str, float] = {
+    "lut_steps": 0.5,
+    "fringing_px2": 0.2,
+    "source_log_amplitude": 0.5,
+    "source_opd_m": 200e-9,
+    "warp_m": 20e-6,
+    "zernike1_m": 200e-9,
+    "zernike2_m": 200e-9,
+    "pupil1_log_amplitude": 0.3,
+    "pupil2_log_amplitude": 0.3,
+}
+"""Standard deviation of the Gaussian prior of each tensor's elements, in the tensor's unit.
+
+The prior has its mean at the nominal bench, so elements that the captures don't determine stay near zero.
+"""
+
+_CACHE_MB = 128
+
+
+class _TrainableCalibrated(Calibrated):
+    """The effect `calibrated` with maps in memory instead of in a file, so that gradients reach their tensors."""
+
+    listed: ClassVar[bool] = False
+
+    def __init__(self) -> None:
+        self.current_maps: LearnedMaps | None = None
+
+    def maps(self, v: Values) -> LearnedMaps:
+        assert self.current_maps is not None
+        return self.current_maps
+
+
+class CalibrationModel:
+    """Predicts the camera images of captures for given maps.
+
+    captures: their patterns and conditions; the images aren't used.
+    layout: of the maps.
+    known: {effect id: {parameter: value}} of effects that the bench has besides the maps.
+    double_precision: computes in complex128 instead of complex64.
+    """
+
+    def __init__(
+        self, captures: Captures, layout: MapLayout, known: EffectValues, *, double_precision: bool = False
+    ) -> None:
+        self.layout, self.known = layout, dict(known)
+        self._effect = _TrainableCalibrated()
+        self._predictor = Predictor(
+            captures, extra_effects=(self._effect,), double_precision=double_precision, cache_mb=_CACHE_MB
+        )
+        self._map_cache, self._version = MapCache(), 0
+
+    def set_maps(self, tensors: Mapping[str, Tensor]) -> None:
+        """Sets the tensors to predict with; must be called again after a tensor was changed in place."""
+        self._map_cache.of_tensors = {}
+        self._effect.current_maps = LearnedMaps(self.layout, tensors, self._map_cache)
+        self._version += 1
+
+    def predict(self, indices: Sequence[int], *, grad: bool = False) -> Tensor:
+        """Predicted images (capture, y, x) of captures, with the maps, up to one factor per capture.
+
+        grad: whether the result carries gradients with respect to the tensors.
+        """
+        # the predictor caches by parameter values: a new version number makes it evaluate the maps again
+        table = {**self.known, _TrainableCalibrated.id: {"file": f"version {self._version}"}}
+        return self._predictor(indices, table, grad=grad).signal
+
+    def predict_nominal(self, indices: Sequence[int]) -> Tensor:
+        """As `predict`, without maps: the bench with its known effects only."""
+        return self._predictor(indices, self.known).signal
+
+
+def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
+    """Σ (θ/σ)² over all elements θ of the tensors, with σ from PRIOR_SIGMA: −2 log(prior) up to a constant."""
+    parts = [(tensor / PRIOR_SIGMA[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
+    return torch.stack(parts).sum()
+
+
+# --- checkpoints ---
+
+
+_TEXTS = ("layout", "settings", "progress", "known", "captures")
+
+
+def _format(layout: MapLayout | None) -> TensorFormat:
+    """The file format for the maps of a layout; with None, for reading the metadata only."""
+    shapes = {} if layout is None else layout.shapes()
+    schemas = [part for map_ in MAP_SCHEMAS if 0 not in shapes.get(map_.name, (0,)) for part in _part_schemas(map_)]
+    return TensorFormat(
+        name="holoview-calibration-checkpoint",
+        version="1",
+        what="a checkpoint that `holoview calibrate` wrote",
+        tensors=(ArraySchema("mismatch", ("float64",), ("capture",), low=0.0, may_be_infinite=True), *schemas),
+        metadata_keys=_TEXTS,
+    )
+
+
+def _part_schemas(learned: ArraySchema) -> tuple[ArraySchema, ...]:
+    """The arrays of the file for a tensor: its value and the best one, Adam's moments and number of steps."""
+    name = learned.name
+    return (
+        learned,
+        learned.alike(f"{name}.best", learned.low, learned.high),
+        learned.alike(f"{name}.first"),
+        learned.alike(f"{name}.second", low=0.0),
+        ArraySchema(f"{name}.count", ("int64",), (1,), low=0.0, high=1e9),
+    )
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """How far a calibration has come. The field names are keys of the checkpoint's JSON.
+
+    epoch: the next one to train.
+    seconds: time spent so far.
+    best_chi2: lowest χ² per pixel on the validation captures.
+    """
+
+    epoch: int
+    seconds: float
+    best_chi2: float
+
+    def __post_init__(self) -> None:
+        if self.epoch < 0 or not 0 <= self.seconds < math.inf or math.isnan(self.best_chi2):
+            found = f"epoch {self.epoch} after {self.seconds} s, χ² {self.best_chi2}"
+            raise UserError("progress", found, expected="numbers of 0 or more")
+
+
+@dataclass(frozen=True)
+class CalibrationCheckpoint:
+    """The state of a calibration between two epochs.
+
+    known_effects_json: effects that the bench has besides the learned maps.
+    digest: `captures_digest` of the captures.
+    tensors: {name: array}, as listed at the head of this module.
+    """
+
+    layout: MapLayout
+    settings: CalibrationSettings
+    known_effects_json: str
+    digest: str
+    progress: TrainingProgress
+    tensors: dict[str, NDArray[Any]]
+
+    @staticmethod
+    def create(
+        captures: Captures,
+        known: EffectValues,
+        layout: MapLayout,
+        settings: CalibrationSettings,
+        progress: TrainingProgress,
+        tensors: Mapping[str, NDArray[Any]],
+    ) -> CalibrationCheckpoint:
+        """A checkpoint of the calibration of these captures, on a bench with these known effects."""
+        return CalibrationCheckpoint(
+            layout, settings, _effects_json(known), captures_digest(captures), progress, dict(tensors)
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file atomically: an existing file is replaced only by a complete one. Raises UserError."""
+        texts = {
+            "layout": self.layout.to_json(),
+            "settings": json.dumps(dataclasses.asdict(self.settings)),
+            "progress": json.dumps(dataclasses.asdict(self.progress)),
+            "known": self.known_effects_json,
+            "captures": self.digest,
+        }
+        _format(self.layout).write(path, self.tensors, texts)
+
+    def check_matches(
+        self, captures: Captures, known: EffectValues, layout: MapLayout, settings: CalibrationSettings, where: str
+    ) -> None:
+        """Raises UserError, naming what differs, unless captures, effects, layout and settings are the checkpoint's."""
+        differing = ["the captures"] * (self.digest != captures_digest(captures))
+        differing += ["the known effects"] * (self.known_effects_json != _effects_json(known))
+        differing += ["the maps"] * (self.layout != layout)
+        differing += differing_fields(self.settings, settings)
+        refuse_differences(differing, where, "calibration", "captures, preset and options")
+
+
+def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
+    """Reads a checkpoint. Raises UserError when the file is missing, damaged, or of another format."""
+    with _format(None).open(path) as file:
+        texts, what = file.texts, file.format.what
+    layout = read_layout(texts["layout"], f"{path}: layout")
+    settings = read_record(CalibrationSettings, texts["settings"], f"{path}: settings", what)
+    progress = read_record(TrainingProgress, texts["progress"], f"{path}: progress", what)
+    with _format(layout).open(path) as file:
+        tensors = file.tensors(map_sizes(layout))
+    return CalibrationCheckpoint(layout, settings, texts["known"], texts["captures"], progress, tensors)
+
+
+def captures_digest(captures: Captures) -> str:
+    """SHA-256 (hexadecimal) of the captures' patterns, images, conditions and geometry."""
+    digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
+    for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
+        digest.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
+    bench = {
+        "slms": [dataclasses.asdict(slm) for slm in captures.slms],
+        "camera": dataclasses.asdict(captures.camera),
+        "gap": captures.gap_m,
+        "focal_length": captures.focal_length_m,
+        "relays": [stated_keys(relay) for relay in (captures.relay1, captures.relay2)],
+    }
+    digest.update(json.dumps(bench, sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+def _effects_json(known: EffectValues) -> str:
+    return json.dumps({name: dict(values) for name, values in known.items()}, sort_keys=True)
+
+
+# --- the training ---
+
 
 _CURRICULUM_FIRST_SHARE = 0.4  # of the training captures, in the first epoch
 _CURRICULUM_END = 0.3  # share of the epochs after which all training captures take part

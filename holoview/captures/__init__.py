@@ -5,16 +5,14 @@ validation            refuses impossible captures and hints at wrong units
 nominal_bench         the nominal bench as attributes of the file and as tables of TOML
 capture_file          reads and writes the HDF5 capture file, version 1
 folder_import         imports a folder of images with captures.csv and bench.toml
-turns                 mirroring and turning pictures without resampling
+orientations          mirroring and turning pictures without resampling
 summary               captures as numbers and as a contact sheet
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates captures of a bench with effects
 records               whether patterns, pictures and settings are recorded rightly
 prepared_captures     images, masks and variances for a comparison with a model; sensitivity of pixels (PRNU)
 predictor             expected camera signals for any effects: the fast forward model; checks of users' effects
-near_field_model      camera intensity behind one or two modulators, relays and free space
-fourier_model         camera intensity in the back focal plane of a lens
-camera_model          what both share: fields whose intensities add up, transmissions, caches of tensors
+camera_model          camera intensity in the near field, and in the back focal plane of a lens
 camera_sampling       intensity on the camera's pixels of a field that is known by its spectrum
 """
 

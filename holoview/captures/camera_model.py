@@ -1,21 +1,44 @@
-"""The common part of the models of intensity on a camera: fields whose intensities add up, modulators, a cache.
+"""Intensity on a camera behind one or two modulators, in the near field and on a Fourier bench.
 
-`near_field_model` and `fourier_model` have the same modulators and different light paths behind them.
+CameraModel         the common part: fields whose intensities add up, modulators, a cache of tensors
+NearFieldModel      modulators, gap, relays and free space, for the frequencies that the relays pass
+FourierBenchModel   the camera in the back focal plane of a lens behind one modulator
+
+The near field chains the elements of `optics.bench` in the order of `engine.frame`. Each stage gives its light with a
+key that names all values it depends on, so that light is computed only if its key isn't in the cache.
+
+On a Fourier bench
+
+    E(x) = Σ_j t_j · exp(−2πi·x·r_j/(λf)) · sinc(p·x/(λf)),  I = |E|²
+
+t_j is the field behind the modulator at r_j, p the pitch of these points, f the focal length. The sum over the
+modulator's pixels is evaluated directly at the camera's pixels; a modulator pixel is a uniform square, hence the sinc
+(Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A defocus d adds the optical path −d·|r|²/(2f²), in the
+paraxial approximation.
 """
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 
-from holoview.captures.camera_sampling import PixelGrid
+from holoview.captures.camera_sampling import FrequencyBand, PixelGrid, sample_intensity, squared_magnitude
+from holoview.engine.frame import relay_behind, spectrum_behind_modulators
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.plan import Plan
+from holoview.model.effects.hook_contexts import ModulatorContext, Pose, RelayContext
+from holoview.model.plan import Grid, Plan
+from holoview.model.transfer import Transfer
+from holoview.numerics.fourier import chirp_z_transform
+from holoview.numerics.resample import band_limited_warp, centred_indices
+from holoview.optics.bench import PixelAxis, illuminated, plane_wave, relay_response, spectrum_of_pixels
+from holoview.optics.propagate import nominal_pupil
+from holoview.optics.slm import phasor
 from holoview.optics.torch_effects import TorchEffects, modulator_context
 
 Tensor = torch.Tensor
@@ -144,3 +167,239 @@ class InvariantCache(TensorCache):
     def get_invariant(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
         """The tensor of that key, computed if it isn't in the other cache."""
         return self._store.get(key, compute)
+
+
+# --- near field ---
+
+
+class NearFieldModel(CameraModel):
+    """Intensities on the camera behind relays and free space."""
+
+    def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
+        """|E|² (y, x) on the camera for unit power in one component.
+
+        drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
+        """
+        stages, distance_m = _Stages(self, drive, component, capture), float(self.plan.planes_m[0])
+        last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
+        seen = stages.transmit(last, 1, component.wavelength, distance_m)
+        pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
+
+        def compute() -> Tensor:
+            pose = self.effects.camera_pose(distance_m)
+            return sample_intensity(seen.values(), self.band(1, component), self.plan.grid, self.pixel_grid, pose)
+
+        return self.cache.get((*seen.key, "intensity", pose_key), compute)
+
+    # --- relays -----------------------------------------------------------------------------------------------------
+
+    def band(self, relay: int, component: IncoherentComponent) -> FrequencyBand:
+        """The frequencies that pass a relay."""
+        return FrequencyBand.from_transfer(self._transfer(relay, component), self.plan.grid)
+
+    def relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
+        """Names all values that the factor of a relay depends on."""
+        hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
+        return relay, self.wavelength_m(component), self._distance_m(relay), self.plan.relays[relay], hooks
+
+    def relay_factor(self, relay: int, component: IncoherentComponent) -> Tensor:
+        """Transfer function × pupil in the band of a relay, (rows, columns)."""
+        transfer, band = self._transfer(relay, component), self.band(relay, component)
+        ky, kx = band.frequency_indices
+
+        def without_effects() -> Tensor:
+            pupil = nominal_pupil(self.plan, relay, component.wavelength, torch.complex128, torch.device("cpu"))
+            return relay_response(transfer, ky, kx, pupil, torch.complex128)
+
+        def compute() -> Tensor:
+            key = ("nominal", relay, transfer.wavelength_m, transfer.distance_m, self.plan.relays[relay], band)
+            response = self.cache.get_invariant(key, without_effects)
+            sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
+            λ, nominal = transfer.wavelength_m, self.relays[relay]
+            radius = nominal.pupil_radius_sine(λ, self.plan.nominal.modulators[0].pitch_m)
+            context = RelayContext(relay, λ, sine_y[:, None], sine_x[None], radius, nominal.centre_na)
+            pupil = self.effects.pupil(context, torch.complex128)
+            return (response if pupil is None else response * pupil).to(self.dtype)
+
+        return self.cache.get(("relay", self.relay_key(relay, component), band), compute)
+
+    def _distance_m(self, relay: int) -> float:
+        return float(self.plan.planes_m[0]) if relay else float(self.plan.system.gap_m or 0.0)
+
+    def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
+        return self.plan.transfer(relay, component.wavelength, self._distance_m(relay))
+
+
+@dataclass(frozen=True)
+class _Light:
+    """A field (y, x) or a spectrum in a relay's band. key: names all values that it depends on."""
+
+    key: Key
+    values: Callable[[], Tensor]
+
+
+class _Stages:
+    """The stages of `engine.frame` for one component of a capture. Arguments as of `NearFieldModel.intensity`."""
+
+    def __init__(self, model: NearFieldModel, drive: Tensor, component: IncoherentComponent, capture: int) -> None:
+        self.plan, self._model, self._drive = model.plan, model, drive
+        self._component, self._capture = component, capture
+
+    def illuminate(self, wavelength: int, source: int) -> _Light:
+        """The plane wave that illuminates the first modulator."""
+        key, dtype = (self._capture, self._model.slopes(self._component)), self._model.dtype
+        return _Light(key, lambda: plane_wave(self.plan, wavelength, source, dtype, torch.device("cpu")))
+
+    def modulate(self, field: _Light, frame: int, modulator: int, wavelength: int) -> _Light:
+        """field × the modulator's transmission: samples, or for the first modulator pixels if effects leave them."""
+        key = (*field.key, self._model.modulator_key(modulator, self._component))
+        if modulator == 0:  # the wave is needed at pixels or at samples, as the transmission is
+            source = self._component.source
+            return _Light(key, lambda: illuminated(self.plan, wavelength, source, self._transmission(0)))
+        return _Light(key, lambda: field.values() * self._transmission(1))
+
+    def spectrum(self, field: _Light, modulator: int) -> _Light:
+        """The spectrum in the band of the next relay."""
+        band = self._model.band(relay_behind(self.plan, modulator), self._component)
+        key = (*field.key, "spectrum", band)
+
+        def compute() -> Tensor:
+            light, grid = field.values(), self.plan.grid
+            if modulator or tuple(light.shape) != self.plan.system.modulators[0].shape:
+                return band.forward(light)
+            slopes = self._model.slopes(self._component)
+            return spectrum_of_pixels(light, [_pixel_axis(grid, i, slopes[i], band, light.dtype) for i in (0, 1)])
+
+        return _Light(key, lambda: self._model.cache.get(key, compute))
+
+    def transmit(self, spectrum: _Light, relay: int, wavelength: int, distance_m: float) -> _Light:
+        """spectrum × transfer function × pupil."""
+        key = (*spectrum.key, self._model.relay_key(relay, self._component))
+        return _Light(key, lambda: spectrum.values() * self._model.relay_factor(relay, self._component))
+
+    def field(self, spectrum: _Light, relay: int) -> _Light:
+        """The field at the second modulator."""
+        key, band = (*spectrum.key, "field"), self._model.band(relay, self._component)
+        return _Light(
+            key,
+            lambda: self._model.cache.get(key, lambda: band.inverse(spectrum.values(), self.plan.grid.shape)),
+        )
+
+    def _transmission(self, number: int) -> Tensor:
+        """Complex transmission of a modulator: of samples for the second, of pixels if possible for the first."""
+        model, component = self._model, self._component
+
+        def compute() -> Tensor:
+            found = model.transmission(self._drive, number, component)
+            return model.context(number, component).sampled(found) if number else found
+
+        return model.cache.get(("transmission", self._capture, model.modulator_key(number, component)), compute)
+
+
+@lru_cache(maxsize=256)
+def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype: torch.dtype) -> PixelAxis:
+    return PixelAxis.at(grid, axis, slope, band.frequency_indices[axis], dtype)
+
+
+# --- Fourier bench ---
+
+
+_SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
+_SPARE_SAMPLES = 14  # that interpolation needs at the edges
+_SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
+
+
+class FourierBenchModel(CameraModel):
+    """Intensities on the camera in the focal plane of a lens. The plan has its plane at focal_length_m + defocus."""
+
+    def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
+        """|E|² (y, x) on the camera for unit power in one component.
+
+        Without stops and the sinc its mean over one period of the spectrum is 1. drive: the pattern of the capture as
+        fractions of the stroke, (1, y, x). capture: its index, for the cache.
+        """
+        behind = (
+            "behind the modulator",
+            capture,
+            component.path_factor,
+            self.wavelength_m(component),
+            self.slopes(component),
+            self.plan.system.modulators[0].stroke_m,
+            self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
+        )
+        plane_m, relay = float(self.plan.planes_m[0]), self.plan.system.relay2
+        pose = self.effects.cache_key("camera_pose", "camera_pose_at", laser=component.laser)
+
+        def compute() -> Tensor:
+            field = self.cache.get(behind, lambda: self._field(drive, component))
+            return self._camera_intensity(self._defocused(field, component), component)
+
+        return self.cache.get(("fourier", *behind, plane_m, relay, pose), compute)
+
+    def _camera_intensity(self, field: Tensor, component: IncoherentComponent) -> Tensor:
+        λ = self.wavelength_m(component)
+        pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
+        if pose.rotation_rad == 0:
+            return self._intensity_at_pixels(field, λ, self.pixel_grid, pose)
+        finer = self._finer_grid(field, λ, pose)
+        unrotated = self._intensity_at_pixels(field, λ, finer, Pose())
+        (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
+        scale = self.pixel_grid.pitch_m / finer.pitch_m
+        source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
+        return band_limited_warp(unrotated, source, self.pixel_grid.shape)
+
+    def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
+        """The field behind the modulator, of pixels or samples."""
+        transmission = self.transmission(drive, 0, component)
+        return illuminated(self.plan, component.wavelength, component.source, transmission)
+
+    def _defocused(self, field: Tensor, component: IncoherentComponent) -> Tensor:
+        """The field behind the modulator with the phase of the defocus, a function of y times one of x."""
+        defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m
+        if not defocus_m:
+            return field
+        context = self.context(0, component)
+        for position in context.positions(field):
+            path_m = -defocus_m * position.square() / (2 * self.focal_length_m**2)
+            field = field * phasor(path_m, context.wavelength_m, self.dtype)
+        return field
+
+    def _intensity_at_pixels(self, field: Tensor, λ: float, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
+        """|E|² at pixels whose rows and columns are parallel to the modulator's; zero where a stop blocks the light."""
+        modulator = self.plan.system.modulators[0]
+        pitch_m = modulator.pitch_m * modulator.shape[0] / field.shape[0]
+        affine, light, sines = pose.inverse_affine(pixel_grid.pitch_m), field, []
+        for axis in (0, 1):
+            pixels = centred_indices(pixel_grid.shape[axis], torch.float64, field.device)
+            scale, offset = affine[axis][axis], affine[axis][2]
+            sine = (pixels * scale + offset) * (pixel_grid.pitch_m / self.focal_length_m)
+            cycles = sine * (pitch_m / λ)  # per point of the field
+            step = scale * pixel_grid.pitch_m / self.focal_length_m * pitch_m / λ
+            light = chirp_z_transform(light.transpose(-2, -1), float(cycles[0]), step, pixel_grid.shape[axis])
+            envelope = torch.special.sinc(cycles) / field.shape[axis] ** 0.5
+            light = light * envelope.to(self.real_dtype)
+            sines.append(sine)
+        return squared_magnitude(light) * self._stop_mask(λ, *sines)
+
+    def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
+        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
+        sine2 = sine_y.square()[:, None] + sine_x.square()[None, :]
+        passes = torch.ones_like(sine2, dtype=torch.bool)
+        y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relays[1].centre_na, strict=True))
+        if self.relays[1].iris_na is not None:
+            passes &= y.square()[:, None] + x.square()[None, :] <= self.relays[1].iris_na ** 2
+        if self.relays[1].square is not None:
+            half = self.relays[1].square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
+            passes &= (y.abs()[:, None] < half) & (x.abs()[None, :] < half)
+        if self.plan.system.relay2.dc_block_na is not None:
+            passes &= sine2 > self.plan.system.relay2.dc_block_na**2
+        return passes.to(self.real_dtype)
+
+    def _finer_grid(self, field: Tensor, λ: float, pose: Pose) -> PixelGrid:
+        """A square grid that covers the rotated camera, with at least _SAMPLES_PER_SPECKLE samples in a speckle."""
+        modulator_width_m = max(field.shape) * self.plan.system.modulators[0].pitch_m
+        speckle_m = λ * self.focal_length_m / modulator_width_m
+        pitch_m = min(self.pixel_grid.pitch_m, speckle_m / _SAMPLES_PER_SPECKLE)
+        reach_m = math.hypot(*self.pixel_grid.shape) * self.pixel_grid.pitch_m + 2 * math.hypot(*pose.shift_m)
+        samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m) + _SPARE_SAMPLES
+        return PixelGrid(pitch_m, (samples, samples))

@@ -92,7 +92,7 @@ def write_captures(
     """Writes a capture file, with notes of corrections, completely or not at all.
 
     check: raises UserError for captures that mustn't be written. extend: adds content that readers of captures ignore.
-    Raises what `check` does, and WriteError.
+    Raises as `check` does, and WriteError.
     """
     check(captures)
     buffer = io.BytesIO()

@@ -28,7 +28,7 @@ ORIENTATIONS = tuple(_UNDO)
 """Their names; the first one changes nothing."""
 
 SHAPE_KEEPING = ORIENTATIONS[:4]
-"""Those that keep the numbers of rows and columns."""
+"""The orientations that keep the numbers of rows and columns."""
 
 _INVERSE = {"rotate_90": "rotate_270", "rotate_270": "rotate_90"}
 

@@ -19,11 +19,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.captures.camera_model import IncoherentComponent, InvariantCache, TensorCache
+from holoview.captures.camera_model import (
+    FourierBenchModel,
+    IncoherentComponent,
+    InvariantCache,
+    NearFieldModel,
+    TensorCache,
+)
 from holoview.captures.camera_sampling import PixelGrid
 from holoview.captures.dataset import Captures
-from holoview.captures.fourier_model import FourierBenchModel
-from holoview.captures.near_field_model import NearFieldModel
 from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.hook_contexts import CameraContext

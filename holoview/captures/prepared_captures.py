@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter
+from scipy.ndimage import maximum_filter, median_filter, uniform_filter
 
 from holoview.captures.dataset import Camera, Captures
 from holoview.numerics.sampling import taper
@@ -27,7 +27,8 @@ _PRNU_SIGNIFICANCE = 5.0  # standard deviations of the covariance of two unrelat
 _MIN_PRNU_PIXELS = 100
 _MIN_RELATIVE_LIGHT = 0.1  # of the median Σ expected² of a pixel; darker pixels don't determine a gain
 _PEAK = 15.0  # times the mean power of noise, which one of a million frequencies reaches by chance
-_TAPERED = 0.125  # of the picture on each side, over which the window of a spectrum falls to zero
+_FEET = 5  # frequencies in a row, over which the window spreads a peak
+_TAPERED = 0.25  # of the picture on each side, over which the window of a spectrum falls to zero
 _WINDOW = 3  # pixels, side of the mean that is subtracted as the smooth part of a gain map
 
 
@@ -124,7 +125,8 @@ def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[
     removed. The covariance of the two maps is the variance of the fixed pattern: errors of the model differ from
     capture to capture and don't correlate. The result is 0 unless the covariance exceeds 5 σ of unrelated maps.
     Frequencies that stand out are left out: sensitivities that differ from pixel to pixel have no preferred one, but
-    interference fringes do, which are no noise.
+    interference fringes do, which are no noise. σ² of the mean covariance of n independent frequencies with the power
+    spectra P₁ and P₂ is ⟨P₁P₂⟩/n.
     """
     maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
     known = np.isfinite(maps[0]) & np.isfinite(maps[1])
@@ -132,12 +134,12 @@ def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[
         return 0.0
     window = known * np.outer(*(taper(n, _TAPERED) for n in known.shape))
     first, second = (_spectrum(m, window) for m in maps)
-    common = (first * second.conj()).real
-    ordinary = _without_peaks(common)
-    covariance = float(common[ordinary].mean())
-    variances = [float(np.square(np.abs(s[ordinary])).mean()) for s in (first, second)]
+    ordinary = _without_peaks((first * second.conj()).real)
+    # Pixels that aren't known scatter a wave over all frequencies: without its peak it is gone from the known ones.
+    first, second = (np.fft.fft2(known * np.fft.ifft2(s * ordinary))[ordinary] for s in (first, second))
+    covariance = float((first * second.conj()).real.mean())
     count = np.square(np.square(window).sum()) / np.square(np.square(window)).sum()  # of independent pixels
-    threshold = _PRNU_SIGNIFICANCE * float(np.sqrt(variances[0] * variances[1] / count))
+    threshold = _PRNU_SIGNIFICANCE * float(np.sqrt(np.square(np.abs(first * second)).mean() / count))
     if covariance <= threshold:
         return 0.0
     passed = 1 - 1 / _WINDOW**2  # of the variance of independent pixels, by subtracting the mean of a window
@@ -152,11 +154,11 @@ def _spectrum(values: NDArray[np.float64], window: NDArray[np.float64]) -> NDArr
 
 
 def _without_peaks(power: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which values of a spectrum of noise don't stand out: peaks would be beyond `_PEAK` means of the others."""
+    """Which values of a spectrum of noise don't stand out: peaks beyond `_PEAK` means of the others, and their feet."""
     ordinary = np.ones(power.shape, dtype=bool)
     while (peaks := ordinary & (np.abs(power) > _PEAK * np.abs(power[ordinary]).mean())).any():
         ordinary &= ~peaks
-    return ordinary
+    return np.asarray(~maximum_filter(~ordinary, _FEET, mode="wrap"))
 
 
 def _high_pass_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:

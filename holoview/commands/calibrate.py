@@ -10,20 +10,23 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from holoview.calibrate import lut_file
-from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.data_split import DataSplit, split_captures
-from holoview.calibrate.efficiency_sweep import read_sweep
-from holoview.calibrate.forward_model import CalibrationModel
-from holoview.calibrate.lut import fit_lut
-from holoview.calibrate.lut_plot import plot_lut
-from holoview.calibrate.map_layout import map_layout_for
+from holoview.calibrate.calibration_result import (
+    CalibrationResult,
+    format_score,
+    maps_path,
+    score_predictions,
+    starting_bench,
+)
+from holoview.calibrate.lut_fit import fit_lut, format_lut, lut_table, plot_lut, read_sweep, save_lut, with_lut
 from holoview.calibrate.map_plots import plot_calibration
-from holoview.calibrate.prediction_score import score_predictions
-from holoview.calibrate.result import CalibrationResult, format_score, maps_path, starting_bench
-from holoview.calibrate.settings import CalibrationSettings, default_epochs
-from holoview.calibrate.train import TrainingState, train
-from holoview.calibrate.training_data import TrainingData
+from holoview.calibrate.train import CalibrationModel, TrainingData, TrainingState, load_checkpoint, train
+from holoview.calibrate.training_plan import (
+    CalibrationSettings,
+    DataSplit,
+    default_epochs,
+    map_layout_for,
+    split_captures,
+)
 from holoview.captures import read_captures
 from holoview.captures.dataset import Captures
 from holoview.commands.arguments import number, parse_seed, whole
@@ -89,7 +92,7 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
     group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
     group.add_argument(
-        "--pixels-a-node", type=whole(1), metavar="N", help="how coarse the source's maps are (default 8)"
+        "--pixels-a-node", type=whole(1, 1000), metavar="N", help="how coarse the source's maps are (default 8)"
     )
     add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
     add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
@@ -98,7 +101,7 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
 
 @dataclass(frozen=True)
 class _CalibrationTask:
-    """What to calibrate: captures and nominal bench, and how."""
+    """The data of a calibration: captures, nominal bench, split, maps and settings."""
 
     captures: Captures
     bench: System
@@ -147,8 +150,6 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
     if args.epochs is None:
         settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
     nodes = args.pixels_a_node
-    if nodes is not None and not 1 <= nodes <= 1000:
-        raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
     layout = map_layout_for(captures, split.train) if nodes is None else map_layout_for(captures, split.train, nodes)
     if len(captures.wavelengths_m) == 1:
         print_stderr("note: one wavelength only: what changes with the wavelength can't be known")
@@ -239,17 +240,17 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
     preset_system = None if args.preset is None else preset.load(args.preset)
     lut = fit_lut(read_sweep(file))
-    system = None if preset_system is None else lut_file.with_lut(preset_system, lut, wavelength)
+    system = None if preset_system is None else with_lut(preset_system, lut, wavelength)
     if args.output is not None:
-        lut_file.save_lut(args.output, lut, file.name, wavelength)
+        save_lut(args.output, lut, file.name, wavelength)
     if system is not None:
         preset.save(system, args.save_preset)
     if args.plot is not None:
         plot_lut(args.plot, lut, file.name)
     if args.json:
-        print_json(lut_file.lut_table(lut, file.name, wavelength))
+        print_json(lut_table(lut, file.name, wavelength))
     else:
-        print("\n".join(lut_file.format_lut(lut, wavelength)))
+        print("\n".join(format_lut(lut, wavelength)))
     return 0
 
 

@@ -12,42 +12,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args, with_changes
+from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args
 from holoview.commands.console import print_json, progress_bar
+from holoview.commands.hologram_files import (
+    add_field_options,
+    check_no_field_options,
+    has_field_options,
+    is_preset,
+    shown_by_args,
+)
 from holoview.commands.output_files import add_input, add_output
-from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import (
-    RetinalContrast,
-    independent_contrast,
+    RetinalCurve,
     independent_patterns,
     pupils_of,
-    retinal_contrast,
+    retinal_curve,
     speckle_contrast,
 )
-from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
 from holoview.numerics.tensors import Region
 from holoview.page.page import export_html
 from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
-from holoview.targets.image_reader import read_raster
+from holoview.targets.image_reader import file_format, read_raster
 from holoview.targets.picture import read_picture
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.view import random_drive, simulate
+from holoview.wavefield.readers.registry import is_readable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
+_HOLOGRAM_SUFFIX = ".safetensors"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(parser, "preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
+    add_input(
+        parser,
+        "names",
+        metavar="WHAT",
+        nargs="+",
+        help="a picture, a preset's name or TOML file, a hologram's file, or files that are its parts",
+    )
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
@@ -76,6 +88,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="also a page on which any browser computes the hologram and the contrast of the region again",
     )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
+    add_field_options(parser)
 
 
 @dataclass(frozen=True)
@@ -108,10 +121,10 @@ def run(args: argparse.Namespace) -> int:
     shown = _shown_hologram(args)
     if args.live is not None and shown is None:
         raise UserError(
-            "--live", f"with the picture {args.preset}", expected="a hologram or a preset, to compute again"
+            "--live", f"with the picture {args.names[0]}", expected="a hologram or a preset, to compute again"
         )
     pupils_m = _parse_pupils(args.pupils, shown)
-    image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
+    image = _of_picture(Path(args.names[0]), args) if shown is None else _of_hologram(shown)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
     speckle = speckle_contrast(image.luminance, region)
     patterns = independent_patterns(speckle.contrast)
@@ -127,9 +140,9 @@ def run(args: argparse.Namespace) -> int:
     }
     draw = speckle_figure(image.luminance, region, speckle.contrast)
     if shown is not None and pupils_m:
-        table = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
-        result |= {"pupils": table.rows, "independent_contrast": table.independent}
-        draw = table.figure()
+        curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
+        result |= {"pupils": _rows(curve), "independent_contrast": curve.independent}
+        draw = _plot(curve)
     if args.plot is not None:
         write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
@@ -163,20 +176,29 @@ def _format_result(result: dict[str, Any]) -> str:
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
     """The hologram or the random patterns that the arguments name; None for a picture."""
-    path = Path(args.preset)
+    path = Path(args.names[0])
     if path.suffix.lower() == _HOLOGRAM_SUFFIX:
         if args.scheme or not all(change.startswith("eye") for change in args.changes):
             remedy = "--set may give it an eye only"
             raise UserError(
                 "--set or --scheme", "with a hologram file", expected="the bench that it was made for", remedy=remedy
             )
-        hologram = load_hologram(path)
-        return _shown(Hologram(hologram.drive, with_changes(hologram.system, args.changes)), args.plane, path.name)
-    if path.suffix and path.suffix.lower() != _PRESET_SUFFIX and args.preset not in preset.names():
-        return None
+        return _of_files(args)
+    if not is_preset(args.names[0]) or len(args.names) > 1:
+        is_picture = (
+            len(args.names) == 1 and not has_field_options(args) and (file_format(path) or not is_readable(path))
+        )
+        return None if is_picture else _of_files(args)
+    args.preset = args.names[0]
+    check_no_field_options(args, f"the preset {args.preset}")
     system = system_from_args(args)
     hologram = Hologram(random_drive(system, args.random), system)
     return _shown(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
+
+
+def _of_files(args: argparse.Namespace) -> _ShownHologram:
+    shown = shown_by_args(args)
+    return _shown(Hologram(shown.drive, shown.system), args.plane, Path(args.names[0]).name)
 
 
 def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
@@ -222,46 +244,36 @@ def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
 # --- `--pupils`: speckle contrast on the retina against the pupil ---
 
 
-@dataclass(frozen=True)
-class ContrastByPupil:
-    """Contrasts of a region for some pupils, and that of independent patterns of the same lasers."""
-
-    contrasts: tuple[RetinalContrast, ...]
-    independent: float
-
-    @property
-    def rows(self) -> list[dict[str, Any]]:
-        """The contrasts as JSON values."""
-        return [
-            {
-                "pupil_mm": round(found.pupil_m * 1e3, 6),
-                "contrast": found.contrast,
-                "cone_contrast": found.cone_contrast,
-                "grain_arcmin": found.grain_arcmin,
-            }
-            for found in self.contrasts
-        ]
-
-    def figure(self) -> Callable[[Figure], None]:
-        """A function that draws the contrasts against the pupil."""
-        x = [row["pupil_mm"] for row in self.rows]
-        curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
-            "every sample": (x, [found.contrast for found in self.contrasts]),
-            "as cones see it": (x, [found.cone_contrast for found in self.contrasts]),
-            "independent patterns": (x, [self.independent] * len(x)),
-        }
-        return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
-
-
-def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> ContrastByPupil:
+def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> RetinalCurve:
     """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
-    found, systems = [], pupils_of(hologram.system, pupils_m)
+    systems = pupils_of(hologram.system, pupils_m)
+    images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
     with progress_bar("pupils") as progress:
-        for number, system in enumerate(systems, start=1):
-            view = simulate(system, hologram.drive, [plane_m], backend="torch")
-            found.append(retinal_contrast(system, view.xyz[0, ..., 1], region))
-            progress(number, len(systems), f"{found[-1].pupil_m * 1e3:.3g} mm")
-    return ContrastByPupil(tuple(found), independent_contrast(hologram.system))
+        return retinal_curve(systems, images, region, progress)
+
+
+def _rows(curve: RetinalCurve) -> list[dict[str, Any]]:
+    """The contrasts as JSON values."""
+    return [
+        {
+            "pupil_mm": round(found.pupil_m * 1e3, 6),
+            "contrast": found.contrast,
+            "cone_contrast": found.cone_contrast,
+            "grain_arcmin": found.grain_arcmin,
+        }
+        for found in curve.contrasts
+    ]
+
+
+def _plot(curve: RetinalCurve) -> Callable[[Figure], None]:
+    """A function that draws the contrasts against the pupil."""
+    x = [row["pupil_mm"] for row in _rows(curve)]
+    curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+        "every sample": (x, [found.contrast for found in curve.contrasts]),
+        "as cones see it": (x, [found.cone_contrast for found in curve.contrasts]),
+        "independent patterns": (x, [curve.independent] * len(x)),
+    }
+    return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
 
 
 def format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:

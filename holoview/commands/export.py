@@ -1,6 +1,7 @@
-"""`holoview export HOLOGRAM`: as a page that any browser shows live, or as patterns that drive real modulators.
+"""`holoview export HOLOGRAM`: as a page that any browser shows live, as patterns for real modulators, or as a field.
 
-`--html` writes one file for one hologram, or for several to compare (`holoview.page`). `--png` writes a PNG for each
+`--html` writes one file for one hologram, or for several to compare (`holoview.page`). `--field` writes the complex
+field behind the last modulator, or the field of another program's file, as a field file. `--png` writes a PNG for each
 frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to
 the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state
 index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.io.pictures`).
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 
 from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
+from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder
-from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram
 from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.model.bench_parts import Modulator
 from holoview.model.focus import parse_plane
@@ -27,16 +29,24 @@ from holoview.page.page import export_html
 from holoview.targets.target import Placement, target_for
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
+from holoview.view import as_field
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(parser, "hologram", nargs="+", help="a hologram file; with --html several, to compare")
+    add_input(
+        parser,
+        "hologram",
+        nargs="+",
+        help="a hologram's file; with --html several, to compare; with --parts several that are the parts of one field",
+    )
     form = parser.add_mutually_exclusive_group(required=True)
     add_output_folder(form, "--png", metavar="DIR", help="folder of patterns to write to; made if missing")
     add_output(form, "--html", metavar="HTML", suffix=".html", help="page to write, which any browser shows live")
+    add_output(form, "--field", metavar="FILE", suffix=".safetensors", help="field file to write")
     _configure_page(parser.add_argument_group("with --html"))
     _configure_patterns(parser.add_argument_group("with --png"))
+    add_field_options(parser)
 
 
 def _configure_page(group: argparse._ArgumentGroup) -> None:
@@ -75,14 +85,31 @@ def run(args: argparse.Namespace) -> int:
     """Writes the page or the patterns, and prints their paths."""
     if args.html is not None:
         return _export_page(args)
-    if len(args.hologram) > 1:
-        raise UserError("--png", f"{len(args.hologram)} holograms", expected="one", remedy="export them one by one")
-    return _export_patterns(args, load_hologram(args.hologram[0]))
+    holograms = _opened(args)
+    if len(holograms) > 1:
+        flag = "--png" if args.field is None else "--field"
+        raise UserError(flag, f"{len(holograms)} holograms", expected="one", remedy="export them one by one")
+    (_, hologram), *_ = holograms
+    if args.field is not None:
+        as_field(hologram).save(args.field)
+        print(args.field)
+        return 0
+    if hologram.system.is_field:
+        raise UserError(
+            "--png", "a field", expected="patterns of modulators", remedy="--html or --field writes a field"
+        )
+    return _export_patterns(args, hologram)
+
+
+def _opened(args: argparse.Namespace) -> list[tuple[str, Hologram]]:
+    """The holograms of the files and their names; files that are the parts of one field make one hologram."""
+    groups = [args.hologram] if args.parts else [[file] for file in args.hologram]
+    return [(Path(files[0]).stem, open_files(files, args).hologram) for files in groups]
 
 
 def _export_page(args: argparse.Namespace) -> int:
     """Writes the page, and prints its path and size."""
-    holograms = _named([(Path(file).stem, load_hologram(file)) for file in args.hologram])
+    holograms = _named(_opened(args))
     system = next(iter(holograms.values())).system
     if args.depth is not None and args.target is None:
         raise UserError("--depth", "without --target", expected="both, or neither")

@@ -1,4 +1,7 @@
-"""`holoview info PRESET`: prints numbers that follow from a bench: cut-offs, sampling, diffraction angles, memory."""
+"""`holoview info PRESET|FILE…`: what is known of a hologram's file, and numbers that follow from its bench.
+
+Cut-offs, sampling, diffraction angles, limits of the model, memory.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,14 @@ import argparse
 import math
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
-from holoview.commands.arguments import add_system, system_from_args
+from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json
+from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
+from holoview.commands.output_files import add_input
 from holoview.model import preset
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import ActiveEffects
@@ -25,7 +31,10 @@ from holoview.util import units
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_system(parser)
+    add_input(parser, "names", nargs="+", metavar="PRESET|FILE", help=NAMES_HELP)
+    add_changes(parser)
+    add_effects(parser, dest="switched_on")
+    add_field_options(parser, has_plane=False)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="machine-readable output")
     form.add_argument("--toml", action="store_true", help="the whole preset, to start your own from")
@@ -33,18 +42,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the numbers under their headings, or as JSON, or the whole preset as TOML."""
-    system = system_from_args(args)
+    shown = shown_by_args(args)
+    system = shown.system
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
     rows = info_rows(system)
     if args.json:
-        table: dict[str, dict[str, str]] = {}
+        table: dict[str, Any] = {"read": shown.read} if shown.read else {}
         for row in rows:
             table.setdefault(row.heading, {})[row.name] = row.text
         print_json(table)
         return 0
     print(f"{system.name}: {system.description}")
+    if shown.read:
+        print("\nread")
+        for known in shown.read["properties"]:
+            print(f"  {known['name']:<32}  {known['value']} ({known['origin']}: {known['reason']})")
     for heading, group in groupby(rows, key=lambda row: row.heading):
         print(f"\n{heading}")
         for row in group:
@@ -85,17 +99,18 @@ def info_rows(system: System) -> list[InfoRow]:
 def _bench(system: System) -> list[InfoRow]:
     modulator = system.modulators[0]
     rows, columns = modulator.shape
+    width_m, height_m = columns * modulator.pitch_m, rows * modulator.pitch_m
     nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
     levels = "continuous" if modulator.levels is None else f"{len(modulator.levels)} levels"
     out = [
         InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
         InfoRow("bench", "frames", str(system.frames)),
         InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
-        InfoRow("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),
+        InfoRow("bench", "field", f"{columns} x {rows} samples")
+        if system.is_field
+        else InfoRow("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),
         InfoRow("bench", "pixel pitch", units.format_rounded(modulator.pitch_m, "um")),
-        InfoRow(
-            "bench", "active area", f"{columns * modulator.pitch_m * 1e3:.4g} x {rows * modulator.pitch_m * 1e3:.4g} mm"
-        ),
+        InfoRow("bench", "active area", f"{width_m * 1e3:.4g} x {height_m * 1e3:.4g} mm"),
     ]
     if system.gap_m is not None:
         out.append(InfoRow("bench", "gap", units.format_rounded(system.gap_m, "mm")))
@@ -142,12 +157,13 @@ def _diffraction(system: System) -> list[InfoRow]:
     angles = [math.degrees(math.asin(sine)) for sine in sines]
     cone = min(0.999, system.relay2.first_order_sine(longest, modulator.pitch_m))
     blur = float(np.ptp(system.planes_m)) * math.tan(math.asin(cone)) / modulator.pitch_m
+    phase_range = InfoRow(
+        "diffraction",
+        "phase range",
+        f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm",
+    )
     return [
-        InfoRow(
-            "diffraction",
-            "phase range",
-            f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm",
-        ),
+        *([] if system.is_field else [phase_range]),
         InfoRow("diffraction", "largest angle (half)", f"{angles[0]:.3g}° to {angles[1]:.3g}°"),
         InfoRow(
             "diffraction",
@@ -166,7 +182,7 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
     ]
     for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
         out += _stops(name, relay, system)
-    longest, farthest = float(system.wavelengths_m.max()), float(plan.planes_m.max())
+    longest, farthest = float(system.wavelengths_m.max()), float(np.abs(plan.planes_m).max())
     limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
     text = f"{limit * 1e-3:.4g} cycles/mm"
     if limit >= 0.5 / dx:
@@ -248,11 +264,13 @@ def _limits(plan: Plan) -> list[InfoRow]:
 def _memory(plan: Plan) -> list[InfoRow]:
     field = math.prod(plan.grid.padded) * _COMPLEX64
     stack = len(plan.system.wavelengths_m) * len(plan.planes_m) * math.prod(plan.grid.shape) * _FLOAT32
-    return [
+    rows = [
         InfoRow("memory", "one padded field", _bytes(field)),
         InfoRow("memory", "focal stack of intensities", _bytes(stack)),
-        InfoRow("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}"),
     ]
+    if plan.system.is_field:
+        return rows
+    return [*rows, InfoRow("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}")]
 
 
 def _effects(system: System) -> list[InfoRow]:

@@ -41,11 +41,19 @@ from holoview.commands.output_files import (
     hold_outputs,
 )
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import LoopState, ModelUpdates, load_loop_checkpoint
-from holoview.experiment.camera_loop.rig_job import STEP_RAD, RigJob, RigOutcome, run_on_rig, started_in_model
+from holoview.experiment.camera_loop.loop import (
+    STEP_RAD,
+    LoopState,
+    ModelUpdates,
+    RigJob,
+    RigOutcome,
+    load_loop_checkpoint,
+    run_on_rig,
+    started_in_model,
+)
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.metrics.hologram_scores import PLACE_SCORES, render_for_score, score_hologram, score_places
+from holoview.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
 from holoview.model.focus import parse_plane, plane_label, required_eye
 from holoview.model.plan import make_plan
@@ -170,6 +178,13 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "with views.toml), or a film (MP4 and others): each of its holograms begins with the last one",
     )
     group.add_argument("--film", action="store_true", help="the folder TARGET holds the pictures of a film")
+    group.add_argument(
+        "--next-iterations",
+        metavar="N",
+        type=whole(1),
+        default=_NEXT_ITERATIONS,
+        help=f"of each picture of a film after the first ({_NEXT_ITERATIONS})",
+    )
     add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(
         "--at",
@@ -237,13 +252,6 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 
 def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
-    group.add_argument(
-        "--next-iterations",
-        metavar="N",
-        type=whole(1),
-        default=_NEXT_ITERATIONS,
-        help=f"of each picture of a film after the first ({_NEXT_ITERATIONS})",
-    )
     group.add_argument(
         "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
     )

@@ -1,4 +1,4 @@
-"""`holoview render PRESET`: renders what an observer sees of a hologram at focal planes, as PNG."""
+"""`holoview render PRESET|FILE…`: renders what an observer sees of a hologram at focal planes, as PNG."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from holoview.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
 from holoview.commands.arguments import (
     add_backend,
-    add_system,
+    add_changes,
+    add_effects,
     check_adapter_applies,
     default_output,
     number,
@@ -29,6 +30,14 @@ from holoview.commands.arguments import (
     with_effects,
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
+from holoview.commands.hologram_files import (
+    NAMES_HELP,
+    Shown,
+    add_field_options,
+    check_no_field_options,
+    is_preset,
+    shown_by_args,
+)
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.pictures import (
@@ -49,16 +58,27 @@ from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label
 from holoview.model.pupil_path import views_along
 from holoview.model.system import System
-from holoview.render.plane_images import render_each
+from holoview.render.field_picture import field_picture
+from holoview.render.planes import render_each
+from holoview.render.tone_mapping import fitting_stops
+from holoview.render.view_settings import QUANTITIES
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.view import View, random_drive, simulate
+from holoview.view import View, field_at, random_drive, simulate
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_system(parser, optional=True)
+    add_input(
+        parser,
+        "names",
+        nargs="*",
+        metavar="PRESET|FILE",
+        help=NAMES_HELP,
+    )
+    add_changes(parser)
+    add_effects(parser, dest="switched_on")
     add_input(parser, "--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
     several: dict[str, Any] = {"nargs": "+", "action": "extend"}
     add_input(
@@ -82,12 +102,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
     )
     parser.add_argument("--frames", metavar="N", type=whole(0), help="with --pupil-path: how many pictures (24)")
-    parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
+    parser.add_argument(
+        "--exposure",
+        metavar="STOPS",
+        type=_exposure,
+        help='brighten by 2^STOPS; "auto": until the brightest hundredth is white, as for fields if absent',
+    )
     parser.add_argument(
         "--colour-space",
         choices=list(COLOUR_SPACES),
         help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent",
     )
+    _add_show(parser)
     add_backend(parser)
     add_output(
         parser,
@@ -97,12 +123,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
         suffix="",
         help="several planes are numbered: OUT-10mm.png; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
     )
-    parser.add_argument("--json", action="store_true", help="print what was made as JSON")
+    parser.add_argument("--json", action="store_true", help="print what was made as JSON; of a file, what was read")
+    add_field_options(parser)
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("the field itself, of one laser, in place of what an observer sees")
+    group.add_argument("--show", choices=QUANTITIES, help="a picture of this quantity of the complex field")
+    group.add_argument(
+        "--stage",
+        metavar="NAME",
+        help="light, slm1 (of a field: field), gap, slm2, stop, plane; with an eye pupil, retina; plane if absent",
+    )
+    group.add_argument("--laser", metavar="N", type=whole(1), help="which laser, counted from 1; the first if absent")
 
 
 def run(args: argparse.Namespace) -> int:
     """Renders, writes a PNG for each plane, and prints their names with the speckle contrast."""
-    system, drive = _system_and_drive(args)
+    shown = _shown(args)
+    system, drive = shown.system, shown.drive
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
     if args.pupil_path is not None:
@@ -111,12 +150,16 @@ def run(args: argparse.Namespace) -> int:
         return render_path(args, system, drive, planes_m)
     if args.frames is not None:
         raise UserError("--frames", "without --pupil-path", expected="both, or neither")
+    if args.show is not None:
+        return _show_field(args, shown, planes_m)
+    if args.stage is not None or args.laser is not None:
+        flag = "--stage" if args.stage is not None else "--laser"
+        raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
     output = args.output or default_output(system.name, "", ".png")
     check_suffix(output, ".png")
     paths = _plane_paths(output, planes_m)
     check_files(args, {"-o": paths})
     check_adapter_applies(args)
-    check_exposure(args.exposure)
     started = time.perf_counter()
     with progress_bar("rendering") as progress:
         view = simulate(
@@ -131,12 +174,16 @@ def run(args: argparse.Namespace) -> int:
     warn_of_limits(view.notes)
     saver = ResultSaver()
     space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
-    files = _write_planes(view.exposed(args.exposure), system, paths, args.exposure, space, saver)
+    stops = _stops(args.exposure, view, system)
+    files = _write_planes(view.exposed(stops), system, paths, stops, space, saver)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
-        print_json(result | {"notes": view.notes})
+        read = {"read": shown.read} if shown.read else {}
+        print_json(result | {"exposure_stops": round(stops, 3), "notes": view.notes} | read)
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
+        if stops and args.exposure in (None, "auto"):
+            print(f"exposure: {stops:+.2f} stops")
         for entry in files:
             contrast = entry["speckle_contrast"]
             speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
@@ -144,20 +191,61 @@ def run(args: argparse.Namespace) -> int:
     return saver.exit_code
 
 
-def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64]) -> int:
+    """Writes a PNG of the field at a stage for each plane, and prints what its colours mean."""
+    system, stage, laser = shown.system, args.stage or "plane", (args.laser or 1) - 1
+    output = args.output or default_output(system.name, "", ".png")
+    check_suffix(output, ".png")
+    paths = _plane_paths(output, planes_m)
+    check_files(args, {"-o": paths})
+    saver, files = ResultSaver(), []
+    for plane_m, path in zip(planes_m.tolist(), paths, strict=True):
+        field = field_at(system, shown.drive, stage=stage, plane=plane_m, laser=laser)
+        picture, plane = field_picture(field.values, args.show), plane_label(system, plane_m)
+        texts = {"holoview.preset": system.name, "holoview.plane": plane, "holoview.stage": stage}
+        texts |= {
+            "holoview.quantity": args.show,
+            "holoview.scale": picture.scale,
+            "holoview.system": preset.dumps(system),
+        }
+        written = saver.save(path, partial(write_png, pixels=picture.srgb8, texts=texts))
+        step = f"a direction sine of {field.step[1]:.4g}" if field.is_by_direction else f"{field.step[1] * 1e6:.4g} um"
+        entry = {"plane": plane, "file": str(written), "stage": stage, "quantity": args.show, "scale": picture.scale}
+        most = float(np.abs(field.values).max())
+        files.append(entry | {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m})
+    if args.json:
+        print_json({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
+    for entry in [] if args.json else files:
+        print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}")
+    return saver.exit_code
+
+
+def _shown(args: argparse.Namespace) -> Shown:
     """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
         raise UserError(f"--{named[0]} with --{named[1]}", "contradict each other", expected="one of them")
     if args.slm2 and not args.slm1:
         raise UserError("--slm2", "without --slm1", expected="a pattern for each modulator")
+    args.preset = None
+    if args.names and not (len(args.names) == 1 and is_preset(args.names[0])):
+        if named:
+            raise UserError(f"--{named[0]}", f"with {args.names[0]}", expected="one of them")
+        return shown_by_args(args)
+    args.preset = args.names[0] if args.names else None
+    check_no_field_options(args, f"the preset {args.preset}" if args.preset else "no file")
+    return Shown(*_system_and_drive(args))
+
+
+def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+    """The bench and its patterns (frame, modulator, y, x), of a preset or --hologram."""
     if args.hologram:
         return _system_and_drive_of_hologram(args)
     if args.preset is None:
         raise UserError(
             "PRESET",
             "is missing",
-            expected="a preset's name or file, or --hologram FILE",
+            expected="a preset's name or file, or a hologram's file, also by --hologram FILE",
             remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
         )
     system = system_from_args(args)
@@ -266,10 +354,23 @@ _SHORTEST_S = 0.1
 _MAX_STOPS = 60  # 2^60 exceeds any brightness to see, and its square is still far inside the range of float64
 
 
-def check_exposure(stops: float) -> None:
-    """Raises UserError for an exposure that no picture needs."""
+def _exposure(text: str) -> float | str:
+    """An argparse type: stops, or "auto"."""
+    if text == "auto":
+        return text
+    stops = number()(text)
     if not abs(stops) <= _MAX_STOPS:
-        raise UserError("--exposure", f"{stops:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+        raise argparse.ArgumentTypeError(f"{stops:g}; expected from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+    return stops
+
+
+def _stops(exposure: float | str | None, view: View, system: System) -> float:
+    """The stops of --exposure; of "auto", and where a field has none, those that make the brightest samples white."""
+    if exposure is None and not system.is_field:
+        return 0.0
+    if isinstance(exposure, float):
+        return exposure
+    return fitting_stops(view.xyz)
 
 
 def render_path(
@@ -285,7 +386,7 @@ def render_path(
     output = args.output or default_output(system.name, "path", ".png")
     write = _open_output(args, output, count, max(path.duration_s, _SHORTEST_S))
     texts = {"holoview.preset": system.name, "holoview.path": args.pupil_path.name}
-    texts |= {"holoview.exposure": f"{args.exposure:g} stops", "holoview.system": preset.dumps(system)}
+    texts |= {"holoview.exposure": f"{_path_stops(args):g} stops", "holoview.system": preset.dumps(system)}
     started = time.perf_counter()
     frames = _frames(args, views, drive)
     if write is not None:
@@ -302,7 +403,8 @@ def _check_path_arguments(
 ) -> None:
     """Raises UserError for arguments that contradict the path or each other."""
     check_adapter_applies(args)
-    check_exposure(args.exposure)
+    if args.exposure == "auto":
+        raise UserError("--exposure", "auto with --pupil-path", expected="stops, the same for all pictures")
     if not 1 <= count <= MAX_FRAMES:
         raise UserError("--frames", str(count), expected=f"1 to {MAX_FRAMES}")
     if tells_focus and args.plane:
@@ -311,6 +413,10 @@ def _check_path_arguments(
         )
     if len(planes_m) > 1:
         raise UserError("--plane", f"{len(planes_m)} planes", expected="one, with --pupil-path")
+
+
+def _path_stops(args: argparse.Namespace) -> float:
+    return args.exposure or 0.0
 
 
 def _open_output(args: argparse.Namespace, output: Path, count: int, duration_s: float) -> Encoder | None:
@@ -333,7 +439,7 @@ def _frames(
     with progress_bar("rendering") as progress:
         rendered = render_each(views, drive, backend=args.backend, adapter=args.adapter)
         for number, xyz in enumerate(rendered, start=1):
-            yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0**args.exposure))
+            yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0 ** _path_stops(args)))
             progress(number, len(views), "pictures")
 
 

@@ -125,7 +125,6 @@ def _align(args: argparse.Namespace) -> int:
     with open_rig(rig) as devices:
         with progress_bar("aligning") as report:
             found = find_geometry(rig, devices, report)
-        assert found is not None  # nobody asks it to end: Ctrl-C interrupts
         registration = registration_of(rig, found)
         write_registration(output, registration)
         used, of = found.geometry.used
@@ -143,7 +142,6 @@ def _align(args: argparse.Namespace) -> int:
             at_their_places = limit_devices(register_devices(devices, registration), registered.limits)
             with progress_bar("checking the records") as report:
                 findings = check_rig_records(registered, at_their_places, report)
-            assert findings is not None
             for line in findings.lines:
                 print(f"records: {line}")
             if findings.corrections:

@@ -64,7 +64,7 @@ def is_crash(code: int) -> bool:
 
 
 def _run(program: Program, words: Sequence[str]) -> None:
-    """What the process of the program does."""
+    """The work of the supervised process."""
     if hasattr(os, "setpgrp"):
         os.setpgrp()  # Ctrl-C in a terminal reaches the process that supervises alone, which passes it on
     end_with_parent()

@@ -9,6 +9,12 @@ from pathlib import Path
 from holoview.app.serve_guard import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
+from holoview.commands.hologram_files import (
+    add_field_options,
+    check_no_field_options,
+    has_field_options,
+    request_from_args,
+)
 from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
@@ -16,6 +22,7 @@ from holoview.model.system import System
 from holoview.page.link import split_link
 from holoview.util.errors import UserError
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
+from holoview.wavefield.reading import remember
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -29,7 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="PRESET|FILE",
-        help=f"a preset, a hologram file, pattern PNGs or a picture to show; a hologram for {_PRESET} if absent",
+        help="a preset, a hologram file, files of a field of another program, pattern PNGs or a picture to show; "
+        f"a hologram for {_PRESET} if absent",
     )
     add_changes(parser)
     add_input(
@@ -41,12 +49,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
     _add_serve_options(parser)
+    parser.add_argument("--listen", action="store_true", help="show fields that programs on this machine send: hv.push")
+    parser.add_argument(
+        "--listen-port", metavar="PORT", type=whole(0, 65535), help="the port to listen on; a free one if absent"
+    )
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
     parser.add_argument(
         "--until-image",
         action="store_true",
         help="end when the first image is displayed, and say so",
     )
+    add_field_options(parser, has_plane=False)
     parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     add_input(parser, "--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     add_output(parser, "--screenshot", metavar="PNG", suffix=".png", help="a picture of the window; with --offscreen")
@@ -81,6 +94,9 @@ def run(args: argparse.Namespace) -> int:
     serve_options = _serve_options(args)
     system = _system(args)
     names = [name for name in args.names if not _is_preset(name)]
+    request = request_from_args(args) if has_field_options(args) else None
+    if request is not None and not names:
+        check_no_field_options(args, "no file")
     if args.random and names:
         raise UserError("--random", f"with {names[0]}", expected="a preset or nothing with it")
     script = _read(args.script) if args.script is not None else ""
@@ -108,7 +124,11 @@ def run(args: argparse.Namespace) -> int:
         recovers=args.recover,
         serve_options=serve_options,
         rig=args.rig,
+        request=request,
+        listen_port=(args.listen_port or 0) if args.listen else None,
     )
+    if request is not None and args.remember:
+        remember(names[0], request)
     try:
         launch(options, startup, print_stderr)
     except DeviceLost as error:
@@ -128,6 +148,10 @@ def _check(args: argparse.Namespace) -> None:
         raise UserError("--serve", "with --offscreen", expected="one of them")
     if args.offscreen and args.script is None and args.screenshot is None and not args.until_image:
         raise UserError("--offscreen", "alone would show nothing", expected="--script or --screenshot with it")
+    if args.listen_port is not None and not args.listen:
+        raise UserError("--listen-port", "without --listen", expected="--listen with it")
+    if args.listen and (args.offscreen or args.until_image):
+        raise UserError("--listen", "without a window", expected="a window, or --serve")
     others = {"--serve": args.serve, "--script": args.script, "--screenshot": args.screenshot}
     for flag, value in others.items():
         if args.until_image and value is not None:

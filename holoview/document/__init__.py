@@ -1,17 +1,16 @@
-"""What a viewer or notebook edits, computes in the background and saves; it knows no window.
+"""The document that a viewer or notebook edits, its background jobs and its files; this package knows no window.
 
 document              system, patterns, target and view settings as immutable data; undo and redo as a list of them
-editing_session       the document with undo, jobs, snapshots and messages, owned by one thread
+editing_session       the document with undo, jobs, snapshots and messages, owned by one thread; choices of a user
 jobs                  background jobs with progress, pause and cancellation
 focus                 edits of the focal plane, of the eye, and of the pupil's recorded path
 target                what a hologram should show, built on a worker thread
 measure               measurements of an image; those of the displayed one, kept up to date
-retinal_curve         speckle contrast on the retina against the diameter of the pupil
-scheme_comparison     compares two colour schemes by speckle contrast
-optimisation_choices  what a user has chosen for the next optimisation
+speckle_jobs          speckle contrast against the diameter of the pupil, and in two colour schemes
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash
 example               the shipped hologram, which a new session shows
 files                 opens files: recognises, reads, and reloads them when they are rewritten
+received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session
 session_store         finds, saves and restores sessions; the user's preferences

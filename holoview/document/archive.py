@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.document import Document, HistoryStep, as_readonly_drive
-from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
+from holoview.document.editing_session import OptimisationChoices
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.document.target import TargetSpec, example_target
 from holoview.model import preset
 from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
-from holoview.render.view_settings import ComparisonSide, ViewSettings
+from holoview.render.scene import Drive
+from holoview.render.view_settings import ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError
@@ -38,7 +38,7 @@ from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
-from holoview.util.tables import parse_json_table
+from holoview.util.tables import parse_json_table, record_from_table, typed_value
 
 
 def view_settings_table(view: ViewSettings) -> dict[str, Any]:
@@ -49,73 +49,9 @@ def view_settings_table(view: ViewSettings) -> dict[str, Any]:
 def view_settings_from_table(table: Mapping[str, Any], pupil_path: PupilPath | None = None) -> ViewSettings:
     """The view settings of a table; a field that is missing gets its default, an unknown one is left out.
 
-    Raises TypeError or KeyError for a value of a wrong type, UserError or ValueError for one out of range.
+    Raises UserError for a value of a wrong type or out of range.
     """
-    read_values = {name: read(table[name]) for name, read in _READERS.items() if name in table}
-    return ViewSettings(**read_values, pupil_path=pupil_path)
-
-
-def pupil_path_from_table(table: Mapping[str, Any]) -> PupilPath:
-    """The path whose columns a table holds. Raises as `view_settings_from_table` does."""
-    read = _several(finite)
-    columns = {field.name: read(table[field.name]) for field in fields(PupilPath) if field.default is MISSING}
-    further = {
-        field.name: _optional(read)(table[field.name]) for field in fields(PupilPath) if field.name not in columns
-    }
-    return PupilPath(**columns, **further)
-
-
-def finite(value: Any) -> float:
-    """A finite number. Raises TypeError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TypeError(f"{value!r} is no finite number")
-    return float(value)
-
-
-def text(value: Any) -> str:
-    """A text. Raises TypeError for anything else."""
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} is no text")
-    return value
-
-
-def index(value: Any) -> int:
-    """A whole number from 0. Raises TypeError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise TypeError(f"{value!r} is no whole number from 0")
-    return value
-
-
-def _optional(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return lambda value: None if value is None else read(value)
-
-
-def _several(read: Callable[[Any], Any], count: int | None = None) -> Callable[[Any], tuple[Any, ...]]:
-    """A list of values, of a fixed number of them if `count` says so, as a tuple."""
-
-    def read_all(value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list) or count not in (None, len(value)):
-            raise TypeError(f"{value!r} is no list of {count or 'values'}")
-        return tuple(map(read, value))
-
-    return read_all
-
-
-def _side(value: Any) -> ComparisonSide:
-    return ComparisonSide(text(value["kind"]), text(value["name"]))
-
-
-_READERS: dict[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("plane_m", "exposure_stops", "gamma", "low", "high", "wipe", "zoom"), finite),
-    **dict.fromkeys(("channel", "false_colour", "page", "compare", "score"), text),
-    **dict.fromkeys(("frame", "modulator"), index),
-    **dict.fromkeys(("a", "b"), _side),
-    "solo": _optional(index),
-    "muted": lambda value: frozenset(_several(index)(value)),
-    "region": _optional(_several(index, 4)),
-    "profile": _optional(_several(finite, 4)),
-    "centre": _several(finite, 2),
-}
+    return record_from_table(ViewSettings, table, "view settings: ", skips_unknown=True, pupil_path=pupil_path)
 
 
 # --- the archive -----------------------------------------------------------------------------------------------------
@@ -124,15 +60,9 @@ FORMAT, VERSION = "holoview-session", 1
 SESSION_FILE = "session.json"
 _WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of a thousand steps has about a million
 _TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
-_TARGET_READERS: dict[str, Callable[[Any], Any]] = {
-    "title": text,
-    "brightness": finite,
-    "saturation": finite,
-    "space": text,
-    "is_example": bool,
-}
+_TARGET_KEYS = ("title", "brightness", "saturation", "space", "is_example")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
-"""What reading a file raises that isn't as it was written; UserError is a ValueError."""
+"""Exceptions that a damaged file raises when it is read; UserError is a ValueError."""
 _ARRAY = TensorFormat(
     "holoview-object",
     "1",
@@ -231,7 +161,7 @@ class SessionArchive:
         }
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
-        table = {key: getattr(target_spec, key) for key in _TARGET_READERS}
+        table = {key: getattr(target_spec, key) for key in _TARGET_KEYS}
         if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
             return table
         placement = asdict(target_spec.placement)
@@ -240,7 +170,7 @@ class SessionArchive:
             return table | {"stack": str(target_spec.source)}
         return table | {"picture": self._store_array(target_spec.source.rgb), "source": target_spec.source.source}
 
-    def _store_array(self, array: NDArray[np.float32]) -> str:
+    def _store_array(self, array: Drive) -> str:
         """Writes an array to a file named by its hash, unless that exists; returns the name without suffix."""
         entry = self._names.get(id(array))
         if entry is None or entry[0]() is not array:
@@ -249,8 +179,13 @@ class SessionArchive:
             self._names[id(array)] = entry
         path = self._objects / f"{entry[1]}.safetensors"
         if not path.is_file():
-            _ARRAY.write(path, {"array": array}, {})
+            _ARRAY.write(path, {"array": _as_real(array)}, {})
         return entry[1]
+
+
+def _as_real(drive: Drive) -> NDArray[np.float32]:
+    """A drive as it is stored: the values of a field as pairs of real numbers, without a copy."""
+    return drive[..., None].view(np.float32) if np.iscomplexobj(drive) else drive
 
 
 def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
@@ -301,12 +236,12 @@ def read_session(folder: Path) -> tuple[SessionData, list[str]]:
 def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, list[str]]:
     reader = _Reader(folder, table)
     steps: list[HistoryStep] = []
-    position, present = 0, index(table["position"])
+    position, present = 0, typed_value(table["position"], int, "position")
     for number, entry in enumerate(table["steps"]):
-        label = text(entry["label"])
+        label = typed_value(entry["label"], str, "label")
         document = reader.document(entry, f'step "{label}"')
         if document is not None:
-            steps.append(HistoryStep(label, document, finite(entry["when"])))
+            steps.append(HistoryStep(label, document, typed_value(entry["when"], float, "when")))
         if number <= present:
             position = max(len(steps) - 1, 0)
     if not steps:
@@ -319,7 +254,7 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
 
 
 def _reason(error: Exception) -> str:
-    """What is wrong, in words."""
+    """The reason in words."""
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
@@ -329,6 +264,7 @@ class _Reader:
     def __init__(self, folder: Path, table: Mapping[str, Any]) -> None:
         self._folder, self._table = folder, table
         self._arrays: dict[str, NDArray[np.float32]] = {}
+        self._fields: dict[str, Drive] = {}
         self._systems: dict[str, System] = {}
         self._targets: dict[str, TargetSpec] = {}
         self._paths: dict[str, PupilPath] = {}
@@ -337,13 +273,14 @@ class _Reader:
     def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
         """A document; None where it can't be read, which is then noted in `unreadable`."""
         try:
+            system = self._system(entry["system"])
             return Document(
-                self._system(entry["system"]),
-                self._array(entry["drive"]),
+                system,
+                self._field(entry["drive"]) if system.is_field else self._array(entry["drive"]),
                 self._view(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
-                text(entry["origin"]),
-                None if entry["path"] is None else Path(text(entry["path"])),
+                typed_value(entry["origin"], str, "origin"),
+                None if entry["path"] is None else Path(typed_value(entry["path"], str, "path")),
             )
         except _DAMAGE as error:
             self.unreadable.append(f"{what}: {_reason(error)}")
@@ -352,7 +289,7 @@ class _Reader:
     def choices(self, table: Mapping[str, Any]) -> OptimisationChoices:
         """Choices for the next optimisation; the usual ones where they can't be read, which is then noted."""
         try:
-            return choices_from_table(table)
+            return record_from_table(OptimisationChoices, table, skips_unknown=True)
         except _DAMAGE as error:
             self.unreadable.append(f"choices for the next optimisation: {_reason(error)}")
             return OptimisationChoices()
@@ -381,24 +318,33 @@ class _Reader:
             self._arrays[name] = as_readonly_drive(tensors["array"])
         return self._arrays[name]
 
+    def _field(self, name: str) -> Drive:
+        """The values of a field, which are stored as pairs of real numbers; steps of the history share them."""
+        if name not in self._fields:
+            pairs = self._array(name)
+            self._fields[name] = np.ascontiguousarray(pairs).view(np.complex64)[..., 0]
+            self._fields[name].setflags(write=False)
+        return self._fields[name]
+
     def _target(self, key: str) -> TargetSpec:
         if key not in self._targets:
             table = self._table["targets"][key]
-            fields = {name: read(table[name]) for name, read in _TARGET_READERS.items() if name in table}
-            self._targets[key] = (
-                replace(example_target(), **fields)
-                if fields.get("is_example")
-                else TargetSpec(self._target_source(table), placement=Placement(**table["placement"]), **fields)
+            if table.get("is_example"):
+                source, placement = example_target().source, example_target().placement
+            else:
+                source, placement = self._target_source(table), record_from_table(Placement, table["placement"])
+            self._targets[key] = record_from_table(
+                TargetSpec, table, "target: ", skips_unknown=True, source=source, placement=placement
             )
         return self._targets[key]
 
     def _view(self, table: Mapping[str, Any]) -> ViewSettings:
         key = table.get("pupil_path")
         if key is not None and key not in self._paths:
-            self._paths[key] = pupil_path_from_table(self._table["pupil_paths"][key])
+            self._paths[key] = record_from_table(PupilPath, self._table["pupil_paths"][key], skips_unknown=True)
         return view_settings_from_table(table, None if key is None else self._paths[key])
 
     def _target_source(self, table: Mapping[str, Any]) -> Picture | Path:
         if "stack" in table:
-            return Path(text(table["stack"]))
-        return Picture(self._array(table["picture"]), text(table["source"]))
+            return Path(typed_value(table["stack"], str, "stack"))
+        return Picture(self._array(table["picture"]), typed_value(table["source"], str, "source"))

@@ -21,11 +21,12 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """What is edited and undone as a whole.
+    """The data that are edited and undone as a whole.
 
-    drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only. origin: where the patterns come from, in words.
-    path: the hologram file that they were read from or written to. View settings that refer to lasers, frames,
-    modulators or samples that don't exist are adjusted. Raises UserError when the drive doesn't have the shape that
+    drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
+    (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
+    they were read from or written to. View settings that refer to lasers, frames, modulators or samples that don't
+    exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
     the system needs.
     """
 
@@ -37,20 +38,21 @@ class Document:
     path: Path | None = None
 
     def __post_init__(self) -> None:
-        if self.drive.shape != self.system.drive_shape:
+        if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
             raise UserError(
                 "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
             )
         object.__setattr__(self, "drive", as_readonly_drive(self.drive))
-        frames, modulators = self.system.drive_shape[:2]
-        count = len(self.system.wavelengths_m)
-        object.__setattr__(
-            self, "view_settings", self.view_settings.clamped_to(count, self.image_shape, frames, modulators)
+        view = self.view_settings.clamped_to(
+            len(self.system.wavelengths_m), self.image_shape, self.system.frames, len(self.system.modulators)
         )
+        if view.plane_m < self.system.plane_type.item.low:
+            view = view.with_(plane_m=middle_plane(self.system))
+        object.__setattr__(self, "view_settings", view)
 
     @property
     def scene(self) -> Scene:
-        """What the image is rendered from."""
+        """The scene from which the image is rendered."""
         return Scene(self.system, self.drive, self.view_settings.plane_m)
 
     @property
@@ -121,24 +123,33 @@ def is_same_document(one: Document, other: Document) -> bool:
     )
 
 
-def as_readonly_drive(drive: NDArray[np.floating]) -> Drive:
-    """A read-only float32 copy of a drive; the array itself if it is both already."""
-    if drive.dtype == np.float32 and not drive.flags.writeable:
+def as_readonly_drive(drive: NDArray[np.inexact]) -> Drive:
+    """A read-only copy of a drive in single precision; the array itself if it is both already."""
+    dtype = np.complex64 if np.iscomplexobj(drive) else np.float32
+    if drive.dtype == dtype and not drive.flags.writeable:
         return drive
-    copy = np.array(drive, dtype=np.float32)
+    copy: Drive = np.array(drive, dtype=dtype)
     copy.setflags(write=False)
     return copy
 
 
-def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
+def fit_drive(drive: Drive, shape: tuple[int, int, int, int]) -> tuple[Drive, str]:
     """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of what was done.
 
     Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
-    patterns become random, because phase patterns can't be resampled like pictures.
+    patterns become random, because phase patterns can't be resampled like pictures. Raises UserError for a field, whose
+    samples and wavelengths are given.
     """
     frames, modulators = shape[:2]
+    if np.iscomplexobj(drive):
+        raise UserError(
+            "field",
+            f"{len(drive)} frames, {drive.shape[1]} wavelengths, {drive.shape[3]} x {drive.shape[2]} samples",
+            expected="a bench with as many",
+            remedy="open a preset to begin with modulators",
+        )
     if drive.shape[2:] != shape[2:]:
-        return _random(shape, seed), "random patterns of the new size"
+        return _random(shape), "random patterns of the new size"
     notes = []
     if drive.shape[0] != frames:
         fewer = f"{frames} of {drive.shape[0]} frames"
@@ -146,15 +157,15 @@ def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> 
         drive = drive[np.arange(frames) % drive.shape[0]]
     if drive.shape[1] < modulators:
         notes.append("a random second modulator")
-        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]), seed)], axis=1)
+        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]))], axis=1)
     elif drive.shape[1] > modulators:
         notes.append("the first modulator's patterns")
         drive = drive[:, :modulators]
     return np.ascontiguousarray(drive), ", ".join(notes)
 
 
-def _random(shape: tuple[int, int, int, int], seed: int) -> Drive:
-    return np.random.default_rng(seed).random(shape, dtype=np.float32)
+def _random(shape: tuple[int, int, int, int]) -> Drive:
+    return np.random.default_rng(0).random(shape, dtype=np.float32)
 
 
 # --- Undo and redo as a list of documents, each with the label of the edit that led to it ---
@@ -188,9 +199,9 @@ class History:
         self._clock = clock
 
     @classmethod
-    def from_steps(cls, steps: list[HistoryStep], position: int, clock: Callable[[], float] = time.time) -> History:
+    def from_steps(cls, steps: list[HistoryStep], position: int) -> History:
         """A history of saved steps; `position` is the index of the present one."""
-        history = cls(steps[0], clock)
+        history = cls(steps[0])
         history.steps, history.position = list(steps), position
         history.end_gesture()
         return history

@@ -2,10 +2,14 @@
 
 One thread owns a session. Worker threads deliver results with `call_on_owner`; these take effect when the owner calls
 `poll`. The function `wake` tells the owner, from any thread, that there is something to poll.
+
+A user's choices for the next optimisation (`OptimisationChoices`) are saved with the session, but are no step of its
+history.
 """
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
 from collections import deque
@@ -20,10 +24,11 @@ from numpy.typing import NDArray
 
 from holoview.document.document import Document, History, HistoryStep, is_same_document, middle_plane
 from holoview.document.jobs import JobManager
-from holoview.document.optimisation_choices import OptimisationChoices
 from holoview.document.target import TargetBuilder, TargetSpec
 from holoview.model import preset
 from holoview.model.system import System
+from holoview.optimise.eyes import CHROMATIC, OptimisedEyes
+from holoview.optimise.settings import LOSS_SPACES
 from holoview.render.scene import Drive, Scene
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
@@ -163,7 +168,7 @@ class EditingSession:
 
     @property
     def optimisation_choices(self) -> OptimisationChoices:
-        """What is chosen for the next optimisation; undo leaves it as it is."""
+        """The choices for the next optimisation; undo leaves them as they are."""
         return self._choices
 
     def choose_optimisation(self, choices: OptimisationChoices) -> None:
@@ -436,9 +441,9 @@ class Message:
 class MessageLog:
     """The last MAX_MESSAGES messages. on_change: called after each new message."""
 
-    def __init__(self, on_change: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self._messages: deque[Message] = deque(maxlen=MAX_MESSAGES)
-        self._on_change, self._clock = on_change, clock
+        self._on_change = on_change
 
     @property
     def all(self) -> tuple[Message, ...]:
@@ -447,12 +452,12 @@ class MessageLog:
 
     def recent(self, seconds: float) -> tuple[Message, ...]:
         """Messages of the last seconds, oldest first."""
-        since = self._clock() - seconds
+        since = time.time() - seconds
         return tuple(message for message in self._messages if message.when >= since)
 
     def post(self, text: str, kind: str = "info", details: str = "") -> None:
         """Adds a message; its text may quote a file."""
-        self._messages.append(Message(printable(text), kind, details, self._clock()))
+        self._messages.append(Message(printable(text), kind, details, time.time()))
         self._on_change()
 
     def post_error(self, error: BaseException, where: str = "") -> None:
@@ -463,3 +468,51 @@ class MessageLog:
             return
         details = "".join(traceback.format_exception(error))
         self.post(f"{prefix}{type(error).__name__}: {error}", "error", details)
+
+
+# --- What a user has chosen for the next optimisation ---
+
+
+SCHEMES = (
+    *("simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3", "holochrome-16"),
+    "holochrome-8+multisource-3x3",
+)
+START_PATTERNS = ("now", "random", "smooth")
+MOST_ITERATIONS = 100_000
+
+
+@dataclass(frozen=True)
+class OptimisationChoices:
+    """Choices for an optimisation.
+
+    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer.
+    start_patterns: "now" for the present ones, "random", or "smooth". iterations: number of them. eyebox: weight of an
+    evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
+    chromatic aberration is compensated or ignored.
+
+    Raises UserError for what isn't one of these.
+    """
+
+    scheme: str = ""
+    loss: str = ""
+    start_patterns: str = START_PATTERNS[1]
+    iterations: int = 60
+    eyebox: float = 0.0
+    pupils: str = ""
+    chromatic: str = CHROMATIC[0]
+
+    def __post_init__(self) -> None:
+        options_of = {"scheme": ("", *SCHEMES), "loss": ("", *LOSS_SPACES), "start_patterns": START_PATTERNS}
+        for key, options in options_of.items():
+            if getattr(self, key) not in options:
+                expected = ", ".join(option or "nothing" for option in options)
+                raise UserError(key, f'"{getattr(self, key)}"', expected=expected)
+        if not 1 <= self.iterations <= MOST_ITERATIONS:
+            raise UserError("iterations", str(self.iterations), expected=f"1 to {MOST_ITERATIONS}")
+        if not 0 <= self.eyebox < math.inf:
+            raise UserError("eyebox", f"{self.eyebox:g}", expected="a weight of 0 or more")
+        OptimisedEyes.from_text(self.pupils or None, self.chromatic)
+
+    def eyes_for(self, system: System) -> OptimisedEyes:
+        """For which eyes a system is optimised; without an eye, none of them is moved and nothing is ignored."""
+        return OptimisedEyes() if system.eye is None else OptimisedEyes.from_text(self.pupils or None, self.chromatic)

@@ -61,7 +61,7 @@ def is_example_bench(system: System | None) -> bool:
 
 
 def random_patterns_hint(target_spec: TargetSpec) -> str:
-    """What a user can do who sees the speckle of random patterns."""
+    """A hint for a user who sees the speckle of random patterns."""
     return f"Random patterns show speckle. Ctrl+Enter finds patterns that show the target, {target_spec.title}."
 
 

@@ -26,7 +26,7 @@ from holoview.model.focus import with_pupil_at
 from holoview.model.pupil_path import PupilPath, views_along
 from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
-from holoview.render.plane_images import render_each, render_planes
+from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
 from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
@@ -202,7 +202,7 @@ def _sweep_frames(document: Document, count: int, control: JobControl) -> Iterat
         control.report(written, count, f"plane {written} of {count}")
 
 
-# --- Writes the path of the pupil as a table, and what is seen along it as an animation or as pictures ---
+# --- Writes the path of the pupil as a table, and the views along it as an animation or as pictures ---
 
 
 _SHORTEST_S = 0.1  # of an animation
@@ -216,7 +216,7 @@ def save_path(session: EditingSession, path: Path) -> None:
 
 
 def save_path_animation(session: EditingSession, path: Path, *, frames: int = 24) -> BackgroundJob:
-    """Writes what is seen at `frames` equal steps along the path, as long as it takes, in the background.
+    """Writes the views at `frames` equal steps along the path as an animation of its duration, in the background.
 
     Raises UserError without a path or an eye, and as `open_encoder` does.
     """
@@ -234,7 +234,7 @@ def save_path_animation(session: EditingSession, path: Path, *, frames: int = 24
 
 
 def save_path_pictures(session: EditingSession, path: Path, *, frames: int = 24) -> BackgroundJob:
-    """Writes what is seen at `frames` equal steps along the path as PATH-000.png …, in the background.
+    """Writes the views at `frames` equal steps along the path as PATH-000.png …, in the background.
 
     Raises UserError without a path or an eye, and for a number out of range.
     """
@@ -273,14 +273,14 @@ def _views(document: Document, count: int) -> list[Document]:
 
 
 def _path_frames(views: list[Document], control: JobControl) -> Iterator[Pixels]:
-    """What is seen, 8-bit sRGB, with the tone mapping of the view settings."""
+    """The image as it is displayed, 8-bit sRGB, with the tone mapping of the view settings."""
     systems = [(view.system, view.view_settings.plane_m) for view in views]
     for done, xyz in enumerate(render_each(systems, views[0].drive, check=control.check), start=1):
         yield tone_map(xyz, views[0].view_settings)
         control.report(done, len(views), f"picture {done} of {len(views)}")
 
 
-# --- Writes what an eye sees from nine places of the eyebox as a contact sheet ---
+# --- Writes the views from nine places of the eyebox as a contact sheet ---
 
 
 _SIDE = 3  # places along each axis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
@@ -21,6 +21,7 @@ from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
+from holoview.io.load_field import open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
@@ -30,6 +31,7 @@ from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
+from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import ViewSettings
 from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
@@ -38,8 +40,11 @@ from holoview.util.errors import UserError
 from holoview.util.files import expand_home, read_text
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
-from holoview.view import random_drive
+from holoview.view import random_drive, simulate
+from holoview.wavefield.readers.registry import is_readable
+from holoview.wavefield.reading import ReadRequest
 
+_MOST_FITTED = 1 << 24  # values of a field whose picture is computed before it is shown, to fit its exposure
 _RETRY_FOR_S = 10.0
 """How long a watched file may stay unreadable, being half written, before an error is reported."""
 
@@ -61,11 +66,14 @@ class FileLoader:
         self._stop = session.add_listener(lambda change: self._update_watcher() if "drive" in change.kinds else None)
         self._update_watcher()
 
-    def open(self, names: str | Path | Sequence[str | Path]) -> BackgroundJob:
-        """Opens one or several files, or a preset by its name; errors become messages."""
+    def open(self, names: str | Path | Sequence[str | Path], request: ReadRequest | None = None) -> BackgroundJob:
+        """Opens one or several files, or a preset by its name; errors become messages.
+
+        request: what is known of a field of another program; None where its content tells what a file is.
+        """
         system = self._session.system
-        title = _title(names)
-        return self._session.jobs.start(f"Open {title}", lambda control: read_content(names, system), self.apply)
+        work = partial(read_content, names, system, request)
+        return self._session.jobs.start(f"Open {_title(names)}", lambda control: work(), self.apply)
 
     def paste(self, picture: NDArray[np.uint8] | bytes) -> None:
         """Makes 8-bit sRGB pixels (y, x, 3 or 4), or the bytes of a picture file, the target. Raises UserError."""
@@ -98,7 +106,11 @@ class FileLoader:
         view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
         if content.plane_m is not None:
             view_settings = view_settings.with_(plane_m=content.plane_m)
+        if content.exposure_stops is not None:
+            view_settings = view_settings.with_(exposure_stops=content.exposure_stops)
         target_spec = None if has_example_target(session) and not is_preset else session.target_spec
+        if system.is_field != session.system.is_field:
+            target_spec = None
         session.edit(
             f"Open {content.title}",
             system=system,
@@ -116,7 +128,7 @@ class FileLoader:
         session = self._session
         view_settings = session.document.view_settings_for_picture
         session.edit(f"Target {target_spec.title}", target_spec=target_spec, view_settings=view_settings)
-        if self.optimises_new_targets and running_optimisation(session) is None:
+        if self.optimises_new_targets and not session.system.is_field and running_optimisation(session) is None:
             start_quick_optimisation(session)
 
     def _set_pupil_path(self, title: str, path: PupilPath) -> None:
@@ -196,19 +208,21 @@ def _title(names: str | Path | Sequence[str | Path]) -> str:
 # hologram, page     system and patterns                TOML         a system, with random patterns
 # pattern PNGs       patterns for the present system    a name       the preset of that name
 # picture, stack     the target                         CSV          the path of the pupil
+# .npy, .mat, …      a field of another program
 
 
-CONTENT_KINDS = ("hologram", "page", "preset", "patterns", "picture", "stack", "pupil path")
 _EXPECTED = (
-    "a preset, a hologram file or page, pattern PNGs, a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
+    "a preset, a hologram file or page, a field of another program, pattern PNGs, "
+    "a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user.
+    """The content of a file: its kind, a title, the parts of a document, notes for the user.
 
-    plane_m: the focal plane that it is to be shown at; None for that of the viewer.
+    kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
+    plane_m, exposure_stops: the focal plane and the exposure that it is to be shown at; None for those of the viewer.
     """
 
     kind: str
@@ -219,11 +233,27 @@ class FileContent:
     pupil_path: PupilPath | None = None
     path: Path | None = None
     plane_m: float | None = None
+    exposure_stops: float | None = None
     notes: tuple[str, ...] = field(default=())
 
 
-def read_content(names: str | Path | Sequence[str | Path], system: System) -> FileContent:
+@dataclass(frozen=True)
+class FilesToOpen:
+    """Files that are opened together. names: theirs, or that of a preset. request: as `read_content` takes it."""
+
+    names: Sequence[str] = ()
+    request: ReadRequest | None = None
+
+
+NO_FILES = FilesToOpen()
+
+
+def read_content(
+    names: str | Path | Sequence[str | Path], system: System, request: ReadRequest | None = None
+) -> FileContent:
     """Reads one or several files, a folder, or the preset of a name; patterns must fit `system`.
+
+    request: what is known of the files as the parts of a field of another program; None where they may be anything.
 
     Raises UserError for an unknown format, a damaged file, and patterns that don't fit.
     """
@@ -231,20 +261,22 @@ def read_content(names: str | Path | Sequence[str | Path], system: System) -> Fi
     if not names_list:
         raise UserError("open", "nothing", expected=_EXPECTED)
     paths = [expand_home(name) for name in names_list]
+    if request is not None:
+        return _field(paths, request)
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
     if str(names_list[0]) in preset.names() and not path.exists():
         return _preset(preset.load(path.name), path.name, None)
+    page, state = split_link(path)
+    if is_page(page):
+        return _page(page, state)
     if path.is_dir():
         return _folder(path, system)
     return _file(path, system)
 
 
 def _file(path: Path, system: System) -> FileContent:
-    page, state = split_link(path)
-    if is_page(page):
-        return _page(page, state)
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
@@ -253,7 +285,7 @@ def _file(path: Path, system: System) -> FileContent:
     if kind in ("PNG", "JPEG", "TIFF", "OpenEXR"):
         return _stack(path) if is_stack(path) else _picture(path)
     file_type = format_of(path)
-    if file_type == "holoview-hologram":
+    if file_type in ("holoview-hologram", "holoview-field"):
         hologram = load_hologram(path)
         return FileContent("hologram", path.name, hologram.system, hologram.drive, path=path)
     if file_type == "holoview-checkpoint":
@@ -266,7 +298,19 @@ def _file(path: Path, system: System) -> FileContent:
         return FileContent("hologram", path.name, checkpoint.system.edit(lasers), drive, path=path)
     if _is_toml(path):
         return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
+    if is_readable(path):
+        return _field([path], ReadRequest())
     raise UserError(str(path), "isn't a file that can be opened", expected=_EXPECTED)
+
+
+def _field(paths: list[Path], request: ReadRequest) -> FileContent:
+    """A field of another program, with an exposure that fits it; what nothing tells is guessed, which the notes say."""
+    opened = open_hologram(paths, replace(request, accept_guesses=True))
+    system, drive = opened.hologram.system, opened.hologram.drive
+    stops = 0.0
+    if drive.size <= _MOST_FITTED:
+        stops = round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
+    return FileContent("field", paths[0].name, system, drive, path=paths[0], exposure_stops=stops, notes=opened.notes)
 
 
 def _page(path: Path, state: str) -> FileContent:
@@ -321,6 +365,8 @@ def is_pattern_png(path: Path, system: System) -> bool:
         with Image.open(path) as image:
             if "holoview.pattern" in getattr(image, "text", {}):
                 return True
+            if system.is_field:
+                return False
             rows, columns = system.modulators[0].shape
             return image.size == (columns, rows) and image.mode in ("L", "I;16", "I")
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError):
@@ -329,6 +375,9 @@ def is_pattern_png(path: Path, system: System) -> bool:
 
 def _patterns(paths: list[Path], system: System) -> FileContent:
     """One PNG for each frame and modulator, assigned by "slm1" and "slm2" in the names, else in the given order."""
+    if system.is_field:
+        remedy = "open a preset first; --parts opens files that are the parts of a field"
+        raise UserError("patterns", "for a field", expected="a bench with modulators", remedy=remedy)
     frames, modulators, *shape = system.drive_shape
     if len(paths) != frames * modulators:
         raise UserError(
@@ -347,7 +396,10 @@ def _patterns(paths: list[Path], system: System) -> FileContent:
 # --- pixels from the clipboard --------------------------------------------------------------------------------------
 
 
-def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture") -> TargetSpec:
+_PASTED = "pasted picture"
+
+
+def target_from_pixels(pixels: NDArray[np.uint8], title: str = _PASTED) -> TargetSpec:
     """A target from 8-bit sRGB pixels (y, x, 3 or 4), composited over black. Raises UserError for another shape."""
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or pixels.size == 0:
         raise UserError(title, f"pixels of shape {pixels.shape}", expected="(y, x, 3) or (y, x, 4)")
@@ -357,13 +409,13 @@ def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture")
     return TargetSpec(Picture(light.astype(np.float32), title), title)
 
 
-def target_from_image_bytes(data: bytes, title: str = "pasted picture") -> TargetSpec:
+def target_from_image_bytes(data: bytes) -> TargetSpec:
     """A target from the bytes of a picture file, e.g. of the clipboard. Raises UserError when they aren't a picture."""
     try:
         with Image.open(io.BytesIO(data)) as image:
-            return target_from_pixels(np.asarray(image.convert("RGBA")), title)
+            return target_from_pixels(np.asarray(image.convert("RGBA")))
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise UserError(title, "isn't a picture", expected="a picture, e.g. PNG") from error
+        raise UserError(_PASTED, "isn't a picture", expected="a picture, e.g. PNG") from error
 
 
 # --- Polls a file and reports when another program has rewritten it ---

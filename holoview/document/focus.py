@@ -23,12 +23,28 @@ _STEP_FRACTION = 0.02  # of the range, for one step
 def focus_range_m(system: System) -> tuple[float, float]:
     """The distances in metres that can be focused at: the system's planes with a margin of half their range.
 
-    An eye sees other wavelengths in other planes, none of which lies before the modulator.
+    An eye sees other wavelengths in other planes, none of which lies before the modulator. A field is looked at up to
+    half its distance to either side; one whose image lies in its plane, as far as its finest detail walks off by its
+    size.
     """
     low, high = float(system.planes_m.min()), float(system.planes_m.max())
-    margin = 0.5 * (high - low) or 0.2 * high
-    least = 0.0 if system.eye is None else -float(min(system.eye.focus_shift_m(system.wavelengths_m).min(), 0.0))
-    return max(low - margin, least), high + margin
+    margin = 0.5 * (high - low) or (_margin_of_field_m(system) if system.is_field else 0.2 * high)
+    nearest, farthest = system.plane_type.item.low, system.plane_type.item.high
+    shift = 0.0 if system.eye is None else float(min(system.eye.focus_shift_m(system.wavelengths_m).min(), 0.0))
+    return max(low - margin, nearest - shift), high + margin if not system.is_field else min(high + margin, farthest)
+
+
+def _margin_of_field_m(system: System) -> float:
+    """How far to either side of its one plane a field is looked at."""
+    pitch_m, shape = system.modulators[0].pitch_m, system.modulators[0].shape
+    return 0.5 * abs(float(system.planes_m[0])) or min(shape) * pitch_m**2 / float(system.wavelengths_m.max())
+
+
+def look_on_other_side(session: EditingSession) -> None:
+    """Mirrors the planes of a field about it: the image lies there if its phase or distance has the other sign."""
+    plane_m = -session.view_settings.plane_m + 0.0
+    system = session.system.edit({"planes": -session.system.planes_m[::-1] + 0.0})
+    session.edit("Other side", system=system, view_settings=session.view_settings.with_(plane_m=plane_m))
 
 
 def focus_at(session: EditingSession, plane_m: float) -> None:
@@ -125,7 +141,7 @@ def dioptres_of(system: System, plane_m: float) -> float:
 
 
 def dioptres_text(system: System, plane_m: float) -> str:
-    """That vergence with its unit; planes that differ by rounding alone read alike."""
+    """The vergence of a plane with its unit; planes that differ by rounding alone read alike."""
     return f"{round(round(dioptres_of(system, plane_m), 9), 2) + 0.0:.2f} D"
 
 

@@ -99,7 +99,7 @@ class BackgroundJob:
 
     @property
     def note(self) -> str:
-        """What the work reported last, in words."""
+        """The last report of the work, in words."""
         return self.control.note
 
     @property

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
-from holoview.metrics.delta_e import delta_e_linear_srgb
-from holoview.metrics.psnr import psnr, psnr_linear_srgb
+from holoview.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.metrics.speckle import (
     RetinalContrast,
     SpeckleHistogram,
@@ -118,24 +117,19 @@ def contrast_by_wavelength(
     intensity: Callable[[int], NDArray[np.floating]],
     system: System,
     region: Region,
-    target: NDArray[np.floating] | None = None,
 ) -> ContrastCurve:
     """Speckle contrast of a region as lasers are added one by one, brightest first.
 
-    intensity: returns the intensity (y, x) of a wavelength's index, with its amplitude applied. target (y, x, 3) in
-    linear sRGB: its luminance is divided out; this is exact for grey targets only, since a colour isn't equally bright
-    in every laser. Raises UserError when no visible laser is on.
+    intensity: returns the intensity (y, x) of a wavelength's index, with its amplitude applied.
+    Raises UserError when no visible laser is on.
     """
     means = laser_luminances(system)
     visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
-    reference = None if target is None else crop(np.asarray(target) @ SRGB_TO_XYZ[1], region)
-    if reference is not None and not np.any(reference > 0):
-        reference = None
     total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
     for count, wavelength in enumerate(order, start=1):
         total = total + visible[wavelength] * np.asarray(crop(intensity(wavelength), region), dtype=np.float64)
-        measured.append(speckle_contrast(total, target=reference).contrast)
+        measured.append(speckle_contrast(total).contrast)
         added = means[:, order[:count]]
         independent.append(float(np.sqrt(np.square(added).sum() / sources) / added.sum()))
     if not order:

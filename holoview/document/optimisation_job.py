@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from holoview.document.document import Document
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.optimisation_choices import START_PATTERNS, OptimisationChoices
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
@@ -27,7 +26,7 @@ from holoview.optimise.settings import Settings
 from holoview.render.scene import Drive
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.tables import read_record
+from holoview.util.tables import read_record, record_from_table
 
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
@@ -35,7 +34,7 @@ _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
 
 @dataclass(frozen=True)
 class OptimisationRequest:
-    """What to optimise, and how.
+    """A request for an optimisation: its settings, target planes and eyes.
 
     settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
     the present ones, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
@@ -183,9 +182,12 @@ class OptimisationJob(BackgroundJob):
 def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
     """Starts an optimisation of the session's patterns for its target; the low exposure of random patterns is reset.
 
-    Raises UserError without a target, while another optimisation runs, and for an invalid scheme or settings.
+    Raises UserError for a field, without a target, while another optimisation runs, and for an invalid scheme or
+    settings.
     """
     request = request or OptimisationRequest()
+    if session.system.is_field:
+        raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
     if session.target_spec is None:
         raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
     if running_optimisation(session) is not None:
@@ -267,7 +269,7 @@ _WHAT = "the rest of an optimisation"
 
 @dataclass(frozen=True)
 class RestOfOptimisation:
-    """What was still to be done.
+    """The rest of an optimisation that was interrupted.
 
     settings: with the iterations that are left, as JSON. pupils, chromatic: of its eyes, as text; no pupils for the
     own place alone. Other fields as of its request.
@@ -295,19 +297,19 @@ class RestOfOptimisation:
 
 @dataclass(frozen=True, eq=False)
 class UnfinishedOptimisation:
-    """The best result so far, and what is left to do; None where it can't go on from that result."""
+    """The best result so far, and the rest of the optimisation; None where it can't go on from that result."""
 
     best: Document
     rest: RestOfOptimisation | None = None
 
     def rest_table(self) -> dict[str, Any] | None:
-        """What is left, as a table."""
+        """The rest as a table."""
         return None if self.rest is None else dataclasses.asdict(self.rest)
 
 
 def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
-    """What was left, from its table. Raises UserError for another table."""
-    return None if table is None else read_record(RestOfOptimisation, json.dumps(table), "unfinished", _WHAT)
+    """The rest of an optimisation from its table. Raises UserError for another table."""
+    return None if table is None else record_from_table(RestOfOptimisation, table, "unfinished: ", expected=_WHAT)
 
 
 def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation | None:

@@ -24,11 +24,9 @@ from holoview.document.archive import (
     SESSION_FILE,
     SessionArchive,
     SessionData,
-    finite,
     is_of_other_version,
     read_metadata,
     read_session,
-    text,
 )
 from holoview.document.document import Document, History
 from holoview.document.editing_session import Change, EditingSession
@@ -36,6 +34,7 @@ from holoview.document.optimisation_job import UnfinishedOptimisation, continue_
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
 from holoview.util.processes import process_start
+from holoview.util.tables import typed_value
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000
@@ -51,13 +50,12 @@ class SavedSession:
     when: float
     steps: int
 
-    def restore(self, wake: Callable[[], None] = lambda: None) -> EditingSession:
-        """Reads the session with its undo history; what can't be read is reported in its messages.
+    def restore(self) -> EditingSession:
+        """Reads the session with its undo history; unreadable parts are reported in its messages.
 
         The result of an unfinished optimisation becomes a snapshot. Raises UserError when nothing can be read.
         """
-        session, _ = self.restore_with_unfinished(wake)
-        return session
+        return self.restore_with_unfinished()[0]
 
     def restore_with_unfinished(
         self, wake: Callable[[], None] = lambda: None
@@ -76,7 +74,7 @@ class SavedSession:
         _report_unreadable(session, unreadable)
 
     def _read(self) -> tuple[SessionData, History, dict[str, Document], list[str]]:
-        """What is saved; its history; its snapshots, with an unfinished optimisation; and what can't be read."""
+        """The saved data, history, snapshots with an unfinished optimisation, and sentences on unreadable parts."""
         data, unreadable = read_session(self.folder)
         snapshots = dict(data.snapshots)
         if data.unfinished is not None:
@@ -171,7 +169,8 @@ class SessionStore:
         """The session in a folder; None where there is none that can be offered."""
         try:
             table = read_metadata(folder)
-            title, when, steps = text(table["title"]), finite(table["when"]), table["steps"]
+            title, steps = typed_value(table["title"], str, "title"), table["steps"]
+            when = typed_value(table["when"], float, "when")
             time.localtime(when)
             return SavedSession(folder, title, when, len(steps))
         except (UserError, KeyError, TypeError, ValueError, OverflowError, OSError):

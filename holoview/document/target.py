@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from holoview.document.jobs import CallOnOwner
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.focal_stack import Target, target_from_stack
-from holoview.targets.light_field import is_light_field, read_light_field
-from holoview.targets.moving_pupil import StacksAt, moving_target, moving_target_from_views, target_from_views
+from holoview.targets.focal_stack import Target
+from holoview.targets.light_field import LightField, is_light_field, read_light_field
+from holoview.targets.moving_pupil import StacksAt
 from holoview.targets.picture import Picture, read_picture
-from holoview.targets.target import Placement, scene_depth, target_for
+from holoview.targets.target import Placement, scene_depth
+from holoview.targets.target_source import TargetContent
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.util.latest_task import LatestTask
@@ -25,7 +26,7 @@ from holoview.util.latest_task import LatestTask
 
 @dataclass(frozen=True, eq=False)
 class TargetSpec:
-    """What a hologram should show, independent of the system that shows it.
+    """The target of a hologram, independent of the system that shows it.
 
     source: a picture in linear light, or the path of a rendered focal stack or of a folder of views. brightness: a
     factor on linear light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
@@ -45,35 +46,26 @@ class TargetSpec:
         """Whether it is a rendered stack, which has pictures for the system's own planes only."""
         return isinstance(self.source, Path) and not is_light_field(self.source)
 
+    def _content(self, system: System) -> TargetContent:
+        source: Picture | LightField | Path = self.source
+        if isinstance(source, Path) and not self.is_stack:
+            source = read_light_field(system, source, saturation=self.saturation, space=self.space)
+        return TargetContent(source, self.placement, self.brightness, self.saturation, self.space)
+
     def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the planes of a system; at `planes_m` (n,) in metres instead, unless it is a rendered stack.
 
-        Raises UserError as `target_for`, `target_from_stack` and `target_from_views` do.
+        Raises UserError as `TargetContent.build` does, and for views that can't be read.
         """
-        if isinstance(self.source, Path) and not self.is_stack:
-            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
-            return target_from_views(system, field, self.brightness, planes=planes_m)
-        if isinstance(self.source, Path):
-            return target_from_stack(
-                system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
-            )
-        return target_for(
-            system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
-        )
+        return self._content(system).build(system, planes_m)
 
     def stack_for(self, system: System) -> NDArray[np.float32]:
         """The focal stack (plane, y, x, 3) at the planes of a system, or on which its eye is focused."""
         return self.build(system).stack
 
     def moving(self, radius_m: float, system: System) -> StacksAt:
-        """The focal stacks from any places of the pupil within a radius; not of a rendered stack.
-
-        Raises UserError as `moving_target` and `moving_target_from_views` do.
-        """
-        if isinstance(self.source, Path):
-            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
-            return moving_target_from_views(system, field, self.brightness)
-        return moving_target(system, self.source, self.placement, radius_m, self.brightness, saturation=self.saturation)
+        """The focal stacks from any places of the pupil within a radius; not of a rendered stack."""
+        return self._content(system).moving(radius_m, system)
 
     def depth_at(self, system: System, row: int, column: int) -> float:
         """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.
@@ -180,7 +172,7 @@ class _TargetRequest:
 
 
 def _geometry_key(system: System) -> Hashable:
-    """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it.
+    """Properties of a system that change a target: planes, sampling, and the cone of light that blurs it.
 
     With an eye, also its pupil, and the lasers, each of which it sees in another focus.
     """

@@ -1,4 +1,4 @@
-"""What a diagnosis is told of an aligned rig, and causes that are within the alignment's uncertainty: no faults."""
+"""The alignment of a rig as a diagnosis needs it; causes within its uncertainty are no faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from holoview.rig.registration import Registration
 
 @dataclass(frozen=True)
 class KnownEffects:
-    """What a bench is known to have: stated effects by name, and the places that `rig align` has found."""
+    """Known effects of a bench: stated effects by name, and the places that `rig align` has found."""
 
     effects: Values
     registrations: Sequence[Registration]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import stated_keys
 from holoview.model.bench_parts import Source
 from holoview.model.system import System
@@ -26,7 +25,8 @@ _WHITE_LASERS = 3  # fewer can't be balanced to white
 def system_of_rig(rig: RigDescription) -> System:
     """The nominal bench with all lasers, at three planes within the stage's limits.
 
-    Three lasers or more are balanced to white and seen by an eye, fewer by a mono camera.
+    Three lasers or more are balanced to white and seen by an eye, fewer by a mono camera. On a Fourier bench the lens
+    isn't part of the system: its one plane is next to the modulator.
     """
     system = rig.blank_capture().nominal_system(list(rig.wavelengths_m), default_distances(rig).tolist())
     low, high = _EYE_M
@@ -126,24 +126,4 @@ def _laser(wavelength_m: float, rig: RigDescription) -> float:
 
 def read_rig_system(path: Path) -> System:
     """The bench of rig.toml. Raises UserError for a wrong description."""
-    return rig_system(read_rig(path))
-
-
-def rig_system(rig: RigDescription) -> System:
-    """The bench with all its lasers, in white, and focal planes over the range of the stage.
-
-    On a Fourier bench the lens isn't part of it: what is seen there is the plane next to the last modulator's.
-    """
-    empty = Captures(
-        levels=np.zeros((1, len(rig.bench.slms), *rig.slm_shape), np.uint8),
-        images=np.zeros((1, *rig.camera_shape), np.uint16),
-        wavelength_m=np.array([rig.wavelengths_m[0]]),
-        distance_m=np.array([rig.limits.stage_m[0]]),
-        power=np.ones(1),
-        exposure_s=np.ones(1),
-        **rig.bench.as_fields(),
-    )
-    low, high = rig.limits.stage_m
-    planes = np.unique(np.linspace(max(low, 0.0), max(high, 0.0), 3)).tolist()
-    nominal = empty.nominal_system(rig.wavelengths_m, planes)
-    return nominal.with_(name=rig.name, observer="eye").edit({"amplitudes": "white"})
+    return system_of_rig(read_rig(path))

@@ -72,7 +72,10 @@ class Device:
 
     `raw` is the wgpu device, for what this class doesn't wrap (textures, drawing). `limits` are the limits that all
     sizes are checked against. Of the compiled shaders, the `max_pipelines` that were asked for last are kept.
+    `largest_radix`: values that an invocation of an FFT holds in registers at most, up to 32; fewer compile faster.
     """
+
+    largest_radix = 32
 
     def __init__(
         self, raw: Any, info: AdapterInfo, limits: Mapping[str, int], max_pipelines: int = _MAX_PIPELINES

@@ -411,10 +411,10 @@ MAX_LENGTH = 8192
 
 
 @cache
-def radices(n: int, last_multiple_of: int = 1) -> tuple[int, ...]:
+def radices(n: int, last_multiple_of: int = 1, largest: int = MAX_RADIX) -> tuple[int, ...]:
     """The radices of the passes over n points, largest first: the smallest number of factors, then the smallest sum.
 
-    last_multiple_of: a divisor, up to 32, of n; the last radix is a multiple of it.
+    last_multiple_of: a divisor, up to `largest`, of n; the last radix is a multiple of it. largest: up to 32.
 
     Few passes need little memory bandwidth; similar radices need few registers. A single point needs no pass.
     Raises UserError unless n = 2^a·3^b·5^c ≤ 8192; its remedy names the next possible size.
@@ -426,7 +426,7 @@ def radices(n: int, last_multiple_of: int = 1) -> tuple[int, ...]:
         raise UserError("FFT size", f"{n} points a side", expected="a product of 2, 3 and 5", remedy=remedy)
     possible = (
         (*factors[:i], *factors[i + 1 :], last)
-        for factors in _factorisations(n, MAX_RADIX)
+        for factors in _factorisations(n, largest)
         for i, last in enumerate(factors)
         if last % last_multiple_of == 0 and last not in factors[i + 1 :]
     )

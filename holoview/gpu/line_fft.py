@@ -42,7 +42,6 @@ import numpy as np
 from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
 from holoview.gpu.fft_codegen import (
     LINE_RANGE,
-    MAX_RADIX,
     Axis,
     generate_pass_shader,
     merge_passes,
@@ -155,7 +154,8 @@ class LineFft:
         self._length = shape[1] if axis == "x" else shape[0]
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
-        self._radices = radices(self._length, math.lcm(*(step.repeats for step in self._steps)))
+        repeats = math.lcm(*(step.repeats for step in self._steps))
+        self._radices = radices(self._length, repeats, device.largest_radix)
         generators = {
             "passes": self._pass_shaders,
             "workgroup": self._workgroup_shader,
@@ -250,12 +250,14 @@ def spectrum_order(device: Device, n: int, strategy: Strategy, band: Range | Non
     Raises UserError for a size that can't be transformed.
     """
     lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
-    return SpectrumOrder.reversed_order(radices(n), band) if lanes is None else SpectrumOrder.natural(n, lanes, band)
+    if lanes is not None:
+        return SpectrumOrder.natural(n, lanes, band)
+    return SpectrumOrder.reversed_order(radices(n, largest=device.largest_radix), band)
 
 
 def can_transform_repeats(device: Device, n: int, repeats: int, strategy: Strategy) -> bool:
     """Whether the strategy can transform lines of n points with `Step.repeats`."""
-    if n % repeats or repeats > MAX_RADIX:
+    if n % repeats or repeats > device.largest_radix:
         return False
     lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
     return lanes is None or can_repeat(n, lanes, repeats)
@@ -289,9 +291,9 @@ def subgroup_size(device: Device) -> int:
 
 
 def _is_supported(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
-    radices(n)  # raises UserError for sizes that no strategy can transform
+    factors = radices(n, largest=device.largest_radix)  # raises UserError for sizes that no strategy can transform
     if strategy == "workgroup":
-        return fit_tile(axis, n, radices(n), device.limits[_WORKGROUP_MEMORY]) is not None
+        return fit_tile(axis, n, factors, device.limits[_WORKGROUP_MEMORY]) is not None
     if strategy == "subgroup":
         return lanes_per_line(n, subgroup_size(device)) is not None
     return True

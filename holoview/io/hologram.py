@@ -1,5 +1,7 @@
 """The hologram file: patterns and the system that shows them, in one safetensors file.
 
+A hologram that is a complex field is stored as a field file (`holoview.wavefield.field_file`), with its system.
+
 drive        float32 (frame, modulator, y, x), 0…1 of the modulator's stroke; or uint8, 0…255 for the same range
 amplitudes   float64 (frame, wavelength)
 wavelengths  float64 (wavelength,), m
@@ -20,7 +22,10 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.safetensors_file import TensorFormat, metadata_of
+from holoview.util.safetensors_file import TensorFormat, format_of, metadata_of
+from holoview.wavefield.field_bench import bench_of_field, lit_field
+from holoview.wavefield.field_file import FIELD_FORMAT, read_field, save_field
+from holoview.wavefield.wavefield import Wavefield
 
 FORMAT, VERSION = "holoview-hologram", "1"
 _MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
@@ -52,9 +57,10 @@ _FILE = TensorFormat(
 
 @dataclass(frozen=True)
 class Hologram:
-    """Patterns and the system that shows them.
+    """Patterns and the system that shows them, or a complex field and the bench that shows it.
 
-    drive: (frame, modulator, y, x) float32, 0…1 of the stroke, of shape `system.drive_shape`.
+    drive: (frame, modulator, y, x) float32, 0…1 of the stroke, of shape `system.drive_shape`; of a field
+    (frame, wavelength, y, x) complex64.
     system: the display, with the amplitudes of its lasers.
 
     Raises UserError when the drive has another shape, or values outside 0…1 or NaN.
@@ -66,22 +72,48 @@ class Hologram:
     (1, 2, 48, 64)
     """
 
-    drive: NDArray[np.float32]
+    drive: NDArray[Any]
     system: System
 
     def __post_init__(self) -> None:
         if self.drive.shape != self.system.drive_shape:
-            raise UserError(
-                "drive", f"shape {self.drive.shape}", expected=f"(frame, modulator, y, x) = {self.system.drive_shape}"
-            )
+            axes = f"(frame, {'wavelength' if self.system.is_field else 'modulator'}, y, x)"
+            raise UserError("drive", f"shape {self.drive.shape}", expected=f"{axes} = {self.system.drive_shape}")
+        if self.system.is_field:
+            self.field()
+            return
         if not (np.isfinite(self.drive).all() and self.drive.min() >= 0 and self.drive.max() <= 1):
             raise UserError("drive", "values outside 0…1", expected="fractions of the modulator's stroke")
+
+    @staticmethod
+    def of_field(field: Wavefield) -> Hologram:
+        """A field with the bench that shows it. Raises UserError as `bench_of_field` does."""
+        return Hologram(lit_field(field), bench_of_field(field))
+
+    def field(self) -> Wavefield:
+        """The field of a hologram that is one, lit. Raises UserError for patterns, and for values that aren't finite.
+
+        >>> import holoview as hv, numpy as np
+        >>> field = hv.load_field(np.ones((48, 64), np.complex64), pitch="8 um", wavelengths=["532 nm"])
+        >>> field.field().describe()
+        '64 × 48 samples at 8 um, 1 wavelength (532 nm)'
+        """
+        system = self.system
+        if not system.is_field:
+            raise UserError(
+                "hologram", "patterns of a modulator", expected="a field", remedy="`holoview export --field`"
+            )
+        pitch_m = system.modulators[0].pitch_m
+        planes_m = system.planes_m
+        distance_m = float(planes_m[len(planes_m) // 2])
+        return Wavefield(self.drive, (pitch_m, pitch_m), system.wavelengths_m, distance_m, name=system.name)
 
     def save(self, path: str | os.PathLike[str], *, as_uint8: bool = False) -> None:
         """Writes the hologram to a file, atomically.
 
         path: of the file (safetensors), which is replaced if it exists.
-        as_uint8: stores the drive in 8 bits, a quarter of the size, rounded to the nearest 255th of the stroke.
+        as_uint8: stores the drive in 8 bits, a quarter of the size, rounded to the nearest 255th of the stroke; a
+        field can't be.
 
         Raises UserError when the file can't be written.
 
@@ -89,6 +121,11 @@ class Hologram:
         >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
         >>> hv.Hologram(hv.random_drive(system), system).save("speckle.safetensors")
         """
+        if self.system.is_field:
+            if as_uint8:
+                raise UserError("as_uint8", "with a field", expected="patterns of modulators")
+            save_field(path, self.field(), {"system": preset.dumps(self.system)})
+            return
         tensors: dict[str, NDArray[Any]] = {
             "drive": np.rint(self.drive * _MAX_CODE).astype(np.uint8) if as_uint8 else self.drive.astype(np.float32),
             "amplitudes": self.system.amplitudes,
@@ -98,7 +135,7 @@ class Hologram:
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
-    """Reads a hologram file that `Hologram.save` or `holoview optimise` wrote.
+    """Reads a hologram file that `Hologram.save` or `holoview optimise` wrote; also the file of a field.
 
     path: of the file (safetensors).
 
@@ -111,6 +148,8 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     >>> hv.load_hologram("speckle.safetensors").system == system
     True
     """
+    if format_of(path) == FIELD_FORMAT:
+        return _load_field_hologram(path)
     with _FILE.open(path) as file:
         system = preset.loads(file.texts["system"], f"{path}: system")
         tensors = file.tensors(drive_sizes(system))
@@ -125,10 +164,24 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
         raise error.inside(f"{path}: ") from error
 
 
+def _load_field_hologram(path: str | os.PathLike[str]) -> Hologram:
+    """A field with the bench that its file holds, or else with one that is made for it."""
+    field, texts = read_field(path)
+    try:
+        if "system" not in texts:
+            return Hologram.of_field(field)
+        system = preset.loads(texts["system"], f"{path}: system")
+        if not np.array_equal(system.wavelengths_m, field.wavelengths_m) or not system.is_field:
+            raise UserError("wavelengths", "contradict the file's own system", remedy="write the field again")
+        return Hologram(lit_field(field), system)
+    except UserError as error:
+        raise error if error.where.startswith(str(path)) else error.inside(f"{path}: ") from error
+
+
 def system_name_of(path: str | os.PathLike[str]) -> str | None:
     """The name of the bench in a hologram file; None for any other file. Only the header is read."""
     metadata = metadata_of(path)
-    if metadata.get("format") != FORMAT:
+    if metadata.get("format") not in (FORMAT, FIELD_FORMAT):
         return None
     try:
         return str(tomllib.loads(metadata["system"]).get("name", ""))

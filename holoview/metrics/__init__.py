@@ -2,14 +2,13 @@
 
 No metric fits the brightness of the image to that of the target.
 
-psnr               peak signal-to-noise ratio of any channels, of linear sRGB, XYZ or luminance, and of each plane
-delta_e            mean CIEDE2000 colour difference
+fidelity           peak signal-to-noise ratio, mean CIEDE2000 colour difference
+field_scores       SNR and SSIM of complex fields, PSNR and SSIM of 8-bit views
 perceptual_scores  names of the perceptual scores, and which of them are installed
 perceptual         MS-SSIM, FLIP and ColorVideoVDP
 speckle            contrast σ/μ of a region, its histogram, independent patterns, contrast on the retina
 eyebox             uniformity of the light in the eyebox, to be read beside every PSNR
 band_contrast      contrast in a band of visual spatial frequencies
 gamut              chromaticities and the area that the lasers span
-image_quality      fidelity, speckle and eyebox for a view of a hologram
-hologram_scores    all scores of a hologram: at its planes, between them, from places of the eye's pupil
+image_quality      fidelity, speckle and eyebox of a hologram: at its planes, between them, from places of the pupil
 """

@@ -14,8 +14,8 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, srgb_encode
+from holoview.metrics.fidelity import PlaneScores, Stack, as_stacks
 from holoview.metrics.perceptual_scores import samples_per_degree
-from holoview.metrics.psnr import PlaneScores, Stack, as_stacks
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional

@@ -17,7 +17,7 @@ the dark pixels would be far below 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,6 +29,7 @@ from holoview.model.eye import PUPIL, sample_degrees
 from holoview.model.system import System
 from holoview.numerics.tensors import Region, region_slices
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 
 TARGET_FLOOR = 0.05
 """Least target value, as a fraction of its mean in the region, of a pixel that counts."""
@@ -281,6 +282,39 @@ def retinal_contrast(
         cone_contrast=speckle_contrast(seen_by_cones(luminance, degrees), region, blurred).contrast,
         grain_arcmin=60 * float(np.degrees(mean_wavelength(system) / diameter_m)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class RetinalCurve:
+    """Contrasts through pupils of several diameters, and the contrast of independent patterns of the same lasers.
+
+    has_target: whether the structure of a target was divided out.
+    """
+
+    contrasts: tuple[RetinalContrast, ...]
+    independent: float
+    has_target: bool = False
+
+
+def retinal_curve(
+    systems: Sequence[System],
+    images: Iterable[NDArray[np.floating]],
+    region: Region,
+    progress: ProgressCallback,
+    target_of: Callable[[System], NDArray[np.floating] | None] = lambda system: None,
+) -> RetinalCurve:
+    """The contrasts of a region in what the eye of each system sees.
+
+    systems: of `pupils_of`. images: XYZ (y, x, 3), one for each system; they may be computed one by one. progress:
+    called after each. target_of: luminance (y, x) of the target as the eye of a system sees it; None for none.
+    """
+    contrasts, has_target = list[RetinalContrast](), False
+    for number, (system, xyz) in enumerate(zip(systems, images, strict=True), start=1):
+        target = target_of(system)
+        has_target |= target is not None
+        contrasts.append(retinal_contrast(system, xyz[..., 1], region, target))
+        progress(number, len(systems), f"{contrasts[-1].pupil_m * 1e3:.3g} mm")
+    return RetinalCurve(tuple(contrasts), independent_contrast(systems[0]), has_target)
 
 
 def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,20 @@ Floats = NDArray[np.float64]
 
 _ANGLE = Number("mrad", low=-1.0, high=1.0)
 _APERTURE = Number(low=1e-5, high=1.0, optional=True)
+
+
+@dataclass(frozen=True)
+class StrokeField(Number):
+    """Field type of a modulator's stroke; the plane of a field has none, which is 0 and isn't written."""
+
+    def parse(self, value: Any, where: str) -> float | None:
+        return 0.0 if value is None or value == 0.0 else super().parse(value, where)
+
+    def to_toml(self, value: float | None) -> Any:
+        return super().to_toml(value) if value else None
+
+
+_STROKE = StrokeField("nm", low=1e-9, high=20e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +81,17 @@ class Source(Description):
 
 @dataclass(frozen=True, eq=False)
 class Modulator(Description):
-    """A phase modulator with square pixels of constant optical path and a fill factor of 1.
+    """A phase modulator with square pixels of constant optical path and a fill factor of 1, or the plane of a field.
 
     pitch_m: distance between pixel centres, 0.1 µm to 1 mm.
     shape: (rows, columns) of pixels, each from 2 to 16384.
-    stroke_m: optical path that full drive adds, 1 nm to 20 µm. Drive is given as a fraction 0…1 of it.
+    stroke_m: optical path that full drive adds, 1 nm to 20 µm. Drive is given as a fraction 0…1 of it. 0 for a field.
     levels: stroke fractions that can be shown, rising from 0 to 1, or a number of equal levels; None: continuous.
+    content: "phase", or "field": a plane in which a complex field is known at points, one for each "pixel", as another
+    program or a recording has it. Such a plane has neither stroke nor levels, and its drive is the field itself.
 
-    Lengths are metres or text such as "8 um". Raises UserError for values out of range.
+    Lengths are metres or text such as "8 um". Raises UserError for values out of range, and for a phase modulator
+    without a stroke.
 
     >>> import holoview as hv
     >>> modulator = hv.Modulator(pitch_m="8 um", shape=(768, 1024), stroke_m="800 nm", levels=3)
@@ -83,11 +101,32 @@ class Modulator(Description):
 
     pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
     shape: tuple[int, int] = described_field(Shape(), "Rows and columns of pixels.")
-    stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
+    stroke_m: float = described_field(_STROKE, "Optical path that full drive adds.", default=None)
     levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
+    content: str = described_field(
+        Choice(("phase", "field"), unwritten="phase"),
+        "phase: a phase modulator; field: the plane of a complex field, without stroke and levels.",
+        default="phase",
+    )
 
     def __post_init__(self) -> None:
         validate(self)
+        if self.is_field and (self.stroke_m or self.levels is not None):
+            raise UserError(
+                "stroke" if self.stroke_m else "levels", "with a field", expected="none: a field isn't shown by pixels"
+            )
+        if not self.is_field and not self.stroke_m:
+            raise UserError("stroke", "is missing", expected="Optical path that full drive adds.")
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it is the plane of a complex field.
+
+        >>> import holoview as hv
+        >>> hv.Modulator("8 um", (48, 64), content="field").is_field
+        True
+        """
+        return self.content == "field"
 
 
 @dataclass(frozen=True, eq=False)

@@ -210,9 +210,13 @@ class Shape:
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """One of the words in `options`, or any text when there are none."""
+    """One of the words in `options`, or any text when there are none.
+
+    unwritten: the value that TOML files leave out.
+    """
 
     options: tuple[str, ...] = ()
+    unwritten: str = ""
 
     def parse(self, value: Any, where: str) -> str:
         if not isinstance(value, str):
@@ -223,8 +227,8 @@ class Choice:
             raise UserError(where, f'"{value}"', expected=" or ".join(f'"{o}"' for o in self.options))
         return value
 
-    def to_toml(self, value: str) -> str:
-        return value
+    def to_toml(self, value: str) -> str | None:
+        return None if value == self.unwritten else value
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.eye import VERGENCE, Eye
-from holoview.model.system import PLANE_DISTANCES, System
+from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -16,7 +16,7 @@ from holoview.util.errors import UserError
 def focused_planes(system: System) -> NDArray[np.float64]:
     """Distances (plane,) of the focal planes, or of those on which the system's eye is focused.
 
-    Raises UserError for an accommodation before the modulator or beyond 1 m.
+    Raises UserError for an accommodation out of the range of planes.
     """
     eye = system.eye
     if eye is None or eye.accommodation_dpt is None:
@@ -64,7 +64,8 @@ def plane_label(system: System, plane_m: float, digits: int | None = None) -> st
 def parse_plane(system: System, text: str, where: str) -> float:
     """The distance (m) of a plane from text: "10 mm", or with an eye "0.5 D".
 
-    Raises UserError for text of another kind, for dioptres without an eye, and for a plane before the last modulator.
+    Raises UserError for text of another kind, for dioptres without an eye, for a plane before the last modulator, and
+    for one too far from a field.
     """
     if not text.rstrip().endswith("D"):
         plane_m = units.parse(text, where)
@@ -74,16 +75,21 @@ def parse_plane(system: System, text: str, where: str) -> float:
         )
     else:
         plane_m = float(system.eye.plane_m(units.parse(text, where, "vergence"), system.planes_m))
-    if plane_m < 0:
+    if system.is_field:
+        system.plane_type.parse([plane_m], where)
+    elif plane_m < 0:
         raise UserError(
             where, f"{text} lies before the last modulator", expected="0 mm or more behind it, where its light goes"
         )
     return plane_m
 
 
-def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances of planes in metres, from numbers or text. Raises UserError for an empty list or a wrong distance."""
-    read = PLANE_DISTANCES.parse(planes, "planes")
+def parse_planes(system: System, planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances of a system's planes in metres, from numbers or text.
+
+    Raises UserError for an empty list or a wrong distance.
+    """
+    read = system.plane_type.parse(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")
     return read
@@ -106,7 +112,7 @@ def _check_focus(
     """Raises UserError if an eye is focused before the last modulator or too far behind it at any wavelength."""
     assert system.eye is not None
     distances_m = planes_m[:, None] + shift_m[None, :]
-    low, high = PLANE_DISTANCES.item.low, PLANE_DISTANCES.item.high
+    low, high = system.plane_type.item.low, system.plane_type.item.high
     outside = np.argwhere((distances_m < low) | (distances_m > high))
     if len(outside) == 0:
         return

@@ -149,8 +149,8 @@ class Plan:
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
         wavelength: index of the wavelength in `system`.
-        distance_m: distance in metres, at least 0. With an eye, that of the plane on which it is focused at its
-        reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
+        distance_m: distance in metres; negative before the plane of a field. With an eye, that of the plane on which it
+        is focused at its reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
         eye: of the plane; that of `nominal` when None.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
@@ -235,14 +235,14 @@ def make_plan(
 
     system: the display.
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
-    when None, or with an eye those on which it is focused.
+    when None, or with an eye those on which it is focused. Those of a field may be negative: before its plane.
     places_m: places (y, x) of the eye's pupil, from each of which all planes are seen, in this order; its own place
     when empty.
 
     Returns a `Plan`. `holoview.model.validity` tells whether the model is true of it; a plan that leaves nothing to see
-    is refused where it is rendered. Raises UserError for an empty list of planes, for a negative distance or one above
-    1 m, for an eye that is focused at such a distance at any wavelength, or so far away that the grid holds none of its
-    light, for places without an eye, and for effects that such a system can't have.
+    is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range (0 to
+    1 m, of a field -2 m to 2 m), for an eye that is focused at such a distance at any wavelength, or so far away that
+    the grid holds none of its light, for places without an eye, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
@@ -250,13 +250,14 @@ def make_plan(
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
-    planes_m = focused_planes(system) if planes is None else parse_planes(planes)
+    planes_m = focused_planes(system) if planes is None else parse_planes(system, planes)
     if system.effects:
         system, moments = _as_built(system.edit({"planes": planes_m}))
         planes_m = system.planes_m
     sources = len(system.source.directions_rad)
     shift_m, eyes = focus_shift(nominal, planes_m, system.wavelengths_m), eyes_at(nominal, len(planes_m), places_m)
-    farthest_m = float(planes_m.max() + max(shift_m.max(), 0.0))
+    behind_m, before_m = planes_m.max() + max(shift_m.max(), 0.0), planes_m.min() + min(shift_m.min(), 0.0)
+    farthest_m = float(max(behind_m, -before_m))
     grid, planes_m = _grid(system, farthest_m), np.tile(planes_m, max(len(places_m), 1))
     if eyes and nominal.sampling.propagation != "periodic":
         check_eye_sampled(grid.padded, grid.pitch_m, float(nominal.wavelengths_m.max()), farthest_m)
@@ -284,12 +285,13 @@ def walk_off(system: System, relay: Relay, distance_m: float) -> float:
     """How many samples the steepest ray moves sideways over a distance, z·tan θ / dx.
 
     The steepest ray is that of the highest sampled frequency at the longest wavelength, or of the relay's stops.
+    Distances before a field count as those behind it.
     """
     pitch_m = system.modulators[0].pitch_m
     dx = pitch_m / system.sampling.upsample
     longest = float(system.wavelengths_m.max())
     sine = min(longest / (2 * dx), relay.axis_sine(longest, pitch_m), _STEEPEST_SINE)
-    return distance_m * sine / math.sqrt(1 - sine * sine) / dx
+    return abs(distance_m) * sine / math.sqrt(1 - sine * sine) / dx
 
 
 def _grid(system: System, farthest_m: float) -> Grid:

@@ -35,21 +35,29 @@ from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
 
-_EYE_RANGE_M = (390e-9, 830e-9)
+EYE_RANGE_M = (390e-9, 830e-9)
+"""Wavelengths at which the responses of the observers "eye" and "cie1931" are known."""
 _LONGEST_M = 1.0  # of any gap or plane, so that a 3 that was meant in millimetres is refused instead of taken as 3 m
+
+_FIELD_REACH_M = 2.0  # of a field, whose image may lie before its plane: digital holography and far displays
 
 PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M), most=4096)
 """Field type of the distances of focal planes, measured from the last modulator."""
+FIELD_DISTANCES = Array(Number("mm", low=-_FIELD_REACH_M, high=_FIELD_REACH_M), most=4096)
+"""Field type of the distances of focal planes from the plane of a field; negative before it."""
 
 
 @dataclass(frozen=True, eq=False)
 class System(Description):
     """A display: lasers, one or two phase modulators, relays, focal planes, observer and sampling. Frozen.
 
+    In place of modulators it may have the plane of a complex field (`Modulator.content`), alone and without padding
+    between its samples: `upsample` is 1. Its planes may lie before it.
+
     wavelengths_m: (wavelength,) vacuum wavelengths of the lasers, m.
     amplitudes: (frame, wavelength) relative power of each laser in each frame; it multiplies the intensity. Frames and
     directions of the source are averaged.
-    modulators: one or two `Modulator`s of equal shape and pitch.
+    modulators: one or two `Modulator`s of equal shape and pitch, or the plane of a field.
     gap_m: distance from modulator 1 to modulator 2, m; None with one modulator.
     planes_m: (plane,) distances of the focal planes from the last modulator, m; larger is nearer to the viewer.
     source: illumination of the first modulator, a `Source`.
@@ -62,9 +70,10 @@ class System(Description):
     `holoview.effects`.
     name, description: of the preset.
 
-    Lengths are metres or text such as "2 mm", at most 1 m. Arrays are read-only. Two systems are equal, and have equal
-    hashes, when all values are. Raises UserError, with the key, the value and a remedy, when a value is out of range
-    or values contradict each other. Usually made by `load` and changed by `with_`:
+    Lengths are metres or text such as "2 mm", at most 1 m; planes of a field lie from -2 m to 2 m. Arrays are
+    read-only. Two systems are equal, and have equal hashes, when all values are. Raises UserError, with the key, the
+    value and a remedy, when a value is out of range or values contradict each other. Usually made by `load` and changed
+    by `with_`:
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[48, 64], planes=["5 mm", "10 mm"])
@@ -78,14 +87,14 @@ class System(Description):
         Array(Number("nm", low=100e-9, high=10e-6)), "Vacuum wavelength of each laser."
     )
     amplitudes: Floats = described_field(
-        Array(Number(low=0.0, high=1e6), axes=2), "Relative power of each laser in each frame."
+        Array(Number(low=0.0, high=1e12), axes=2), "Relative power of each laser in each frame."
     )
     modulators: tuple[Modulator, ...] = described_field(NestedList(Modulator), "One or two phase modulators.")
     gap_m: float | None = described_field(
         Number("mm", low=0.0, high=_LONGEST_M, optional=True), "From modulator 1 to 2.", default=None
     )
     planes_m: Floats = described_field(
-        PLANE_DISTANCES, "Focal planes, measured from the last modulator.", default=(0.01,)
+        FIELD_DISTANCES, "Focal planes, measured from the last modulator.", default=(0.01,)
     )
     source: Source = described_field(Nested(Source), "Illumination.", default_factory=Source)
     relay1: Relay = described_field(Nested(Relay), "Between the modulators.", default_factory=Relay)
@@ -112,6 +121,8 @@ class System(Description):
                 raise UserError(key, f"an array of shape {array.shape}", expected="a list of at least one length")
         self._check_amplitudes()
         self._check_modulators()
+        self._check_field()
+        self.plane_type.parse(self.planes_m, "planes")
         self._check_source()
         self._check_stops()
         if self.observer != "mono" or self.eye is not None:
@@ -159,6 +170,17 @@ class System(Description):
                 expected="two modulators of equal shape and pitch (as imaged onto each other by relay 1)",
             )
 
+    def _check_field(self) -> None:
+        is_field = [modulator.is_field for modulator in self.modulators]
+        if any(is_field) and len(is_field) > 1:
+            raise UserError("modulators", "a field beside a modulator", expected="the plane of a field alone")
+        if any(is_field) and self.sampling.upsample != 1:
+            raise UserError(
+                "sampling.upsample",
+                f"{self.sampling.upsample} with a field",
+                expected="1: a field is known at points, not by pixels",
+            )
+
     def _check_source(self) -> None:
         tilts = self.source.tilts_rad
         if tilts is not None and len(tilts) != len(self.wavelengths_m):
@@ -177,7 +199,7 @@ class System(Description):
                 raise error.inside(f"{key}.") from error
 
     def _check_visible(self) -> None:
-        low, high = _EYE_RANGE_M
+        low, high = EYE_RANGE_M
         for i, wavelength in enumerate(self.wavelengths_m):
             if not low <= wavelength <= high:
                 raise UserError(
@@ -198,14 +220,51 @@ class System(Description):
         return len(self.amplitudes)
 
     @property
+    def is_field(self) -> bool:
+        """Whether it has the plane of a complex field in place of modulators.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").is_field
+        False
+        """
+        return self.modulators[0].is_field
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Where a frame's light can be looked at, in the order in which it passes.
+
+        "light": what lights the first modulator, or the field. "slm1": behind modulator 1; of a field "field". "gap":
+        at modulator 2, before it. "slm2": behind modulator 2. "stop": in the Fourier plane of relay 2, behind its
+        stops, by direction. "plane": in the focal plane. With an eye "pupil": in its pupil, by direction, with the
+        phase that its focus on the plane leaves; "retina": on the retina.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").stages
+        ('light', 'slm1', 'gap', 'slm2', 'stop', 'plane')
+        """
+        if self.is_field:
+            before: tuple[str, ...] = ("light", "field")
+        else:
+            before = ("light", "slm1") if self.gap_m is None else ("light", "slm1", "gap", "slm2")
+        return (*before, "stop", "plane", *(() if self.eye is None else ("pupil", "retina")))
+
+    @property
+    def plane_type(self) -> Array:
+        """Field type of the distances of its focal planes, with their range."""
+        return FIELD_DISTANCES if self.is_field else PLANE_DISTANCES
+
+    @property
     def drive_shape(self) -> tuple[int, int, int, int]:
         """Shape (frame, modulator, y, x) of a drive, the patterns that the modulators show.
+
+        For a field (frame, wavelength, y, x): its drive is the complex field itself.
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").with_(shape=[48, 64]).drive_shape
         (1, 2, 48, 64)
         """
-        return (self.frames, len(self.modulators), *self.modulators[0].shape)
+        count = len(self.wavelengths_m) if self.is_field else len(self.modulators)
+        return (self.frames, count, *self.modulators[0].shape)
 
     @property
     def field_m(self) -> tuple[float, float]:

@@ -108,8 +108,10 @@ def lit_wavelengths(plan: Plan) -> NDArray[np.float64]:
 
 
 def paths(plan: Plan) -> list[Path]:
-    """The ways that light goes: the gap, and to the farthest plane at any wavelength."""
-    ways = [("planes" if plan.nominal.eye is None else "eye", 1, float(plan.distances_m.max()))]
+    """The ways that light goes: the gap, and to the farthest plane at any wavelength, which may lie before a field."""
+    distances = plan.distances_m.ravel()
+    farthest_m = float(distances[np.argmax(np.abs(distances))])
+    ways = [("planes" if plan.nominal.eye is None else "eye", 1, farthest_m)]
     return ways if plan.system.gap_m is None else [("gap", 0, plan.system.gap_m), *ways]
 
 
@@ -233,7 +235,9 @@ def envelope_excess(upsample: int, cycles: float) -> float:
     return float(1 / np.sinc(cycles / upsample) ** 2 - 1)
 
 
-def _envelope(plan: Plan) -> Measured:
+def _envelope(plan: Plan) -> Measured | None:
+    if plan.system.is_field:  # a field is known at points and has no pixels
+        return None
     pitch_m, upsample = plan.system.modulators[0].pitch_m, plan.grid.upsample
     relays = [plan.relays[number] for _, number, _ in paths(plan)]
     cycles = max(
@@ -325,7 +329,7 @@ def _phase_error(plan: Plan) -> Measured:
             if _is_band_limited(plan):
                 limits = [min(limits[0], band_limit(n, grid.pitch_m, λ, distance_m)) for n in grid.padded]
             stop = plan.relays[number].steepest_sine(λ, plan.system.modulators[0].pitch_m)
-            turns = remainder_turns(distance_m / λ, min(stop**2, (λ * math.hypot(*limits)) ** 2))
+            turns = remainder_turns(abs(distance_m) / λ, min(stop**2, (λ * math.hypot(*limits)) ** 2))
             error = 2 * math.pi * _ROUNDINGS * _UNIT_ROUNDOFF * turns
             if error >= worst:
                 worst, worst_key = error, key
@@ -412,7 +416,7 @@ EVANESCENT = Limit(
 
 def _distance_in_waves(plan: Plan) -> Measured | None:
     distances = [(z, "gap") for key, _, z in paths(plan) if key == "gap" and z > 0]
-    distances += [(z, "planes") for z in plan.distances_m.ravel().tolist() if z > 0]
+    distances += [(abs(z), "planes") for z in plan.distances_m.ravel().tolist() if z != 0]
     if not distances:
         return None
     (nearest_m, key), λ = min(distances), float(lit_wavelengths(plan).max())

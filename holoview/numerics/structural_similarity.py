@@ -66,6 +66,15 @@ def multi_scale_similarity(image: Tensor, target: Tensor, data_range: float = 1.
     return similarity
 
 
+def similarity(image: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+    """SSIM of each channel, (channel,): the mean of l·s at the finest scale alone.
+
+    image, target: (channel, y, x) of equal shape, at least as large as the window. data_range: between black and white.
+    """
+    luminance, structure = _comparisons(image, target, data_range)
+    return (luminance * structure).mean(dim=(1, 2))
+
+
 def _comparisons(image: Tensor, target: Tensor, data_range: float) -> tuple[Tensor, Tensor]:
     """l and s of every window, (channel, y − 10, x − 10)."""
     c1, c2 = (_K1 * data_range) ** 2, (_K2 * data_range) ** 2

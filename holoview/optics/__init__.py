@@ -6,4 +6,5 @@ slm            phase modulator: drive → quantised optical path → transmissio
 propagate      what a relay does to a spectrum: free space with the relay's stops, and pupils
 torch_effects  active effects applied to modulators, pupils and camera images
 first_order    the first diffraction order of the modulator, which is the eyebox, in blocks
+free_space     a field over any distance into any window: angular spectrum, Fresnel and Fourier transforms
 """

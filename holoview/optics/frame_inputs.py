@@ -7,6 +7,7 @@ second, for which the first picture of the viewer doesn't wait.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +20,15 @@ from holoview.util.errors import UserError
 if TYPE_CHECKING:
     import torch
 
-    from holoview.optics.torch_effects import SampledTransmissions
+    from holoview.optics.torch_effects import FieldTransmissions, SampledTransmissions
 
 
 class FrameInputs:
     """What the frames of a plan are computed from.
 
-    drive: (frame, modulator, y, x) in 0…1 of the stroke; an array, or a tensor, which may require a gradient. Raises
-    UserError when it has another shape than `plan.nominal.drive_shape`, or values outside 0…1.
+    drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex.
+    An array, or a tensor, which may require a gradient. Raises UserError when it has another shape than
+    `plan.nominal.drive_shape`, or values outside 0…1, of a field such that aren't finite.
     """
 
     def __init__(self, plan: Plan, drive: torch.Tensor | NDArray[np.generic]) -> None:
@@ -59,17 +61,24 @@ class FrameInputs:
         return tuple(tuple(pupil_with_effects(self.plan, relay, i) for i in wavelengths) for relay in (0, 1))
 
     @cached_property
-    def sampled_transmissions(self) -> SampledTransmissions | None:
+    def sampled_transmissions(self) -> SampledTransmissions | FieldTransmissions | None:
         """Of modulators whose transmission isn't exp(2πi·opd/λ) of their pixels; None if there is none."""
-        if not self.plan.nominal.effects:
+        if not (self.plan.nominal.effects or self.plan.nominal.is_field):
             return None
-        from holoview.optics.torch_effects import SampledTransmissions
+        from holoview.optics.torch_effects import FieldTransmissions, SampledTransmissions
 
+        if self.plan.nominal.is_field:
+            return FieldTransmissions(self.plan, self._drive)
         transmissions = SampledTransmissions(self.plan, self._drive_tensor)
         return transmissions if transmissions.is_any_sampled else None
 
     def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
-        """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke, which keeps a drive exact."""
+        """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke, which keeps a drive exact.
+
+        A single 0 for the plane of a field, which has none and for which nothing reads them.
+        """
+        if self.plan.nominal.is_field:
+            return np.zeros((1, 1), np.float32)
         is_plain = self.plan.moments == (1.0,) and all(m.levels is None for m in self.plan.system.modulators)
         if is_plain and isinstance(self._drive, np.ndarray) and not self.plan.nominal.effects:
             return np.ascontiguousarray(self._drive[frame, modulator], dtype=np.float32)
@@ -94,7 +103,13 @@ class FrameInputs:
 
 
 def check_drive(plan: Plan, drive: Any) -> None:
-    """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1."""
+    """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1.
+
+    That of a field: unless it is complex, has the system's shape and is finite.
+    """
+    if plan.nominal.is_field:
+        _check_field(drive, plan.nominal.drive_shape)
+        return
     if isinstance(drive, np.ndarray):
         values, size = drive, drive.size
         if drive.dtype.kind not in "fiub":
@@ -111,6 +126,18 @@ def check_drive(plan: Plan, drive: Any) -> None:
         raise UserError(
             "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"
         )
+
+
+def _check_field(field: Any, expected: tuple[int, ...]) -> None:
+    """Raises UserError unless a field, an array or a tensor, is complex, has the expected shape and is finite."""
+    is_complex = field.dtype.kind == "c" if isinstance(field, np.ndarray) else field.is_complex()
+    if not is_complex:
+        raise UserError("field", f"values of type {field.dtype}", expected="complex numbers")
+    if tuple(field.shape) != expected:
+        found = f"an array of shape {tuple(field.shape)}"
+        raise UserError("field", found, expected=f"(frame, wavelength, y, x) = {expected}")
+    if not math.isfinite(float(abs(field).max())):
+        raise UserError("field", "values that aren't finite (NaN or infinite)", expected="finite numbers")
 
 
 def _has_pupils(plan: Plan) -> bool:

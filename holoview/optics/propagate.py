@@ -44,14 +44,25 @@ def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor,
 
 def free_space_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """H (A, B) complex without stops and displacement, which is even in both frequencies: gathered from a quadrant."""
+    return free_space(transfer.waves, transfer.sine_step, ky, kx, dtype)
+
+
+def free_space(
+    waves: float, sine_step: tuple[float, float], ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype
+) -> torch.Tensor:
+    """H (A, B) complex without stops at rows ky (A,) and columns kx (B,) of signed frequency indices.
+
+    waves: z/λ, below 0 for the way back. sine_step: direction sines (y, x) between neighbouring frequencies.
+    """
     ky, kx = ky.abs(), kx.abs()
+    lowest = int(ky.min()), int(kx.min())
     sine_y, sine_x = (
-        torch.arange(int(k.max()) + 1, device=k.device).double() * step
-        for k, step in zip((ky, kx), transfer.sine_step, strict=True)
+        torch.arange(low, int(k.max()) + 1, device=k.device).double() * step
+        for low, k, step in zip(lowest, (ky, kx), sine_step, strict=True)
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
-    quadrant = phasor_of_turns(-transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
-    return quadrant[ky][:, kx]
+    quadrant = phasor_of_turns(-waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
+    return quadrant[ky - lowest[0]][:, kx - lowest[1]]
 
 
 def stopped(whole: torch.Tensor, transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor) -> torch.Tensor:

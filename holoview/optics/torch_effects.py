@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import MODULATOR_HOOKS
@@ -150,6 +151,28 @@ class SampledTransmissions:
         nominal_m = self.plan.nominal.wavelengths_m
         lines = len(self.plan.system.wavelengths_m) // len(nominal_m)
         return int(np.count_nonzero(nominal_m < nominal_m[wavelength // lines]))
+
+
+class FieldTransmissions:
+    """The samples of a complex field, which the plane of a field multiplies its illumination by.
+
+    plan: its wavelengths are those of the system with effects. field: (frame, wavelength, y, x) complex, of the nominal
+    system; an array or a tensor.
+    """
+
+    def __init__(self, plan: Plan, field: Tensor | NDArray[np.complexfloating]) -> None:
+        self._field = field
+        self._lines = len(plan.system.wavelengths_m) // len(plan.nominal.wavelengths_m)
+
+    def is_sampled(self, modulator: int) -> bool:
+        """Always."""
+        return True
+
+    def sampled_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
+        """The field (y, x) complex128 of a frame; a line of a laser's spectrum has the field of its laser."""
+        samples = self._field[frame, wavelength // self._lines]
+        tensor = samples if isinstance(samples, Tensor) else torch.from_numpy(np.array(samples))
+        return tensor.to(torch.complex128)
 
 
 def modulator_context(

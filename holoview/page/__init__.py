@@ -6,6 +6,7 @@ link        the state of a page as the end of its address, applied to a hologram
 recording   a frame as buffers, pipelines and dispatches, for a program without Python to replay
 
 replay.js     replays a recording on a browser's device
+open.js       opens the device and compiles while the rest of the file is read
 bench.js      the numbers that change with a slider: the twin of the plan
 measure.js    speckle contrast and PSNR
 hologram.js   what of a frame is stale after a change

@@ -18,35 +18,51 @@ from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
 from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.page.recording import record_frames, unpack_content
+from holoview.page.recording import Frame, record_frames, strategies, unpack_content
 
 _STRUCTS = (PLANE_WAVE, MODULATOR, PROPAGATION, BLEND_TERM, SRGB_ENCODING)
+_QUICK_SAMPLES = 1 << 19  # of the padded grid: with fewer, a whole frame is quick
 
 
 def page_document(
-    hologram: Hologram, name: str, farthest_m: float
+    hologram: Hologram, name: str, plane_m: float, farthest_m: float
 ) -> tuple[dict[str, Any], list[dict[str, Any]], bytes]:
     """The JSON of one hologram of a page, its frame recordings, and the binary data of both.
 
-    name: what the page calls it. farthest_m: the focal plane with the largest distance that the page can show.
-    Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
+    name: what the page calls it. plane_m: the focal plane that it opens with. farthest_m: the one with the largest
+    distance that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
-    system = hologram.system
-    plan = make_plan(system, [*focused_planes(system), farthest_m])
+    plan = make_plan(hologram.system, [*focused_planes(hologram.system), farthest_m])
     inputs = FrameInputs(plan, hologram.drive)
-    patterns = np.ascontiguousarray(hologram.drive, dtype=np.float32)
+    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, farthest_m)
+    frames = strategies(Frame(plan, inputs, plane_m))
+    if quick is not None:
+        frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), plane_m, is_quick=True))
+    patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(hologram.system))
     pixels = patterns.reshape(-1, *patterns.shape[2:])
-    recordings = record_frames(plan, inputs, [pattern.tobytes() for pattern in pixels])
+    recordings = record_frames(frames, [pattern.tobytes() for pattern in pixels])
     document = {
         "name": name,
-        "toml": preset.dumps(system),
+        "toml": preset.dumps(hologram.system),
         "bench": bench_numbers(plan, is_sampled=inputs.sampled_transmissions is not None),
+        "quick": None if quick is None else _grid_numbers(quick),
         "structs": {struct.name: _layout(struct) for struct in _STRUCTS},
         "contents": recordings.contents,
         "patterns": recordings.also,
     }
     return document, recordings.heads, recordings.data
+
+
+def _quick_plan(plan: Plan, farthest_m: float) -> Plan | None:
+    """The plan of a preview, padded by the light's walk-off only; None where it wouldn't be much faster or as true."""
+    system = plan.nominal
+    if system.sampling.propagation != "linear" or system.effects or _has_pupils(system):
+        return None
+    if plan.grid.padded[0] * plan.grid.padded[1] < _QUICK_SAMPLES:
+        return None
+    return make_plan(system.with_(propagation="compact"), [*focused_planes(system), farthest_m])
 
 
 def read_document(document: dict[str, Any], data: bytes) -> Hologram:
@@ -55,9 +71,15 @@ def read_document(document: dict[str, Any], data: bytes) -> Hologram:
     parts, numbers, shape = document["contents"], document["patterns"], system.drive_shape
     if len(numbers) != shape[0] * shape[1]:
         raise ValueError(f"{len(numbers)} patterns, expected {shape[0] * shape[1]}")
-    size = 4 * shape[2] * shape[3]
+    dtype = _drive_type(system)
+    size = dtype.itemsize * shape[2] * shape[3]
     patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in numbers]
-    return Hologram(np.frombuffer(b"".join(patterns), np.float32).reshape(shape), system)
+    return Hologram(np.frombuffer(b"".join(patterns), dtype).reshape(shape), system)
+
+
+def _drive_type(system: System) -> np.dtype[Any]:
+    """The type of the numbers of a drive: of patterns, or of a complex field."""
+    return np.dtype(np.complex64 if system.is_field else np.float32)
 
 
 def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
@@ -65,13 +87,10 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
 
     is_sampled: whether a modulator's transmission is given sample by sample, so that wavelengths can't be moved.
     """
-    system, nominal, grid = plan.system, plan.nominal, plan.grid
-    bands = frame_shape(plan, has_plain_pixels=not is_sampled).bands
-    dx = grid.pitch_m
-    sines = plan.slopes * system.wavelengths_m[None, :, None] / dx
-    has_pupils = any(r.aberration_m or r.apodisation_na is not None for r in (nominal.relay1, nominal.relay2))
-    has_pupils |= nominal.eye is not None and nominal.eye.has_pupil_function
-    return {
+    system, nominal = plan.system, plan.nominal
+    sines = plan.slopes * system.wavelengths_m[None, :, None] / plan.grid.pitch_m
+    has_pupils = _has_pupils(nominal)
+    return _grid_numbers(plan, is_sampled=is_sampled) | {
         "wavelengths_m": system.wavelengths_m.tolist(),
         "nominal_wavelengths_m": nominal.wavelengths_m.tolist(),
         "weights": plan.weights.tolist(),
@@ -81,14 +100,27 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
         "planes_m": nominal.planes_m.tolist(),
         "sines": sines.tolist(),
         "pixel_pitch_m": system.modulators[0].pitch_m,
-        "grid": {"shape": grid.shape, "padded": grid.padded, "pitch_m": grid.pitch_m, "upsample": grid.upsample},
-        "propagation": system.sampling.propagation,
         "relays": [_relay(relay) for relay in plan.relays],
-        "bands": bands,
         "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),
         "observer": observer_table(system.observer),
-        "fixed": {"wavelengths": bool(is_sampled or has_pupils or nominal.effects), "pupil": bool(has_pupils)},
+        "fixed": {"wavelengths": bool(is_sampled or has_pupils or nominal.effects), "pupil": has_pupils},
     }
+
+
+def _grid_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
+    """The numbers of a plan that depend on its grid."""
+    grid = plan.grid
+    return {
+        "grid": {"shape": grid.shape, "padded": grid.padded, "pitch_m": grid.pitch_m, "upsample": grid.upsample},
+        "propagation": plan.system.sampling.propagation,
+        "bands": frame_shape(plan, has_plain_pixels=not is_sampled).bands,
+    }
+
+
+def _has_pupils(system: System) -> bool:
+    """Whether a relay or the eye has a pupil function, which Python computes for the file's wavelengths."""
+    relays = any(relay.aberration_m or relay.apodisation_na is not None for relay in (system.relay1, system.relay2))
+    return relays or (system.eye is not None and system.eye.has_pupil_function)
 
 
 def observer_table(observer: str) -> dict[str, Any]:

@@ -14,22 +14,36 @@ function packStruct(layout, values) {
 }
 
 class LiveHologram {
-    constructor(document, replay) {
-        Object.assign(this, { document, bench: document.bench, structs: document.structs, stops: new Map(), others: [] })
-        this.use(replay)
+    // bench: the numbers of the recordings' plan. heads: the recordings, one for each strategy. open: a recording's
+    // replay, with its buffers filled; it is called when the first image is computed.
+    constructor(document, bench, heads, open) {
+        Object.assign(this, { document, bench, heads, open, structs: document.structs, stops: new Map() })
+    }
+
+    // Compiles the first recording, unless it is.
+    async opened() {
+        if (!this.replay) this.use(await (this.opening ??= this.open(this.heads[0])))
+        return this
     }
 
     // Computes by a recording from now on; all results are stale.
     use(replay) {
+        const { head } = replay
         this.replay = replay
-        this.shape = replay.head.shape
+        this.shape = head.shape
         this.written = new Map() // table and wavelength → what its contents were computed from
         this.done = new Map() // step → what its result was computed from
         this.xyz = null
-        const steps = replay.head.steps
-        this.composites = steps.filter(step => step.name === "composite")
-        this.show = steps.find(step => step.name === "show")
-        this.ofPair = name => (frame, wavelength) => steps.filter(
+        this.bench.wavelengths_m.forEach((λ, w) => { // as Python wrote them
+            this.written.set(`propagations 0|${w}`, `${λ}|${this.bench.gap_m}|`)
+            this.written.set(`support 0|${w}`, `${λ}|${this.bench.gap_m}|`)
+            if (head.plane_m === null) return
+            this.written.set(`propagations 1|${w}`, `${λ}|${head.plane_m}|null`)
+            this.written.set(`support 1|${w}`, `${λ}|${head.plane_m}|null`)
+        })
+        this.composites = head.steps.filter(step => step.name === "composite")
+        this.show = head.steps.find(step => step.name === "show")
+        this.ofPair = name => (frame, wavelength) => head.steps.filter(
             step => step.name === name && step.frame === frame && step.wavelength === wavelength,
         )
         this.weightsOf = step => this.boundTo(step, 0, 1)
@@ -49,8 +63,8 @@ class LiveHologram {
             }
             return best
         }
-        for (const open of this.others) {
-            const other = await open()
+        for (const head of this.heads.slice(1).filter(each => suits(device, each))) {
+            const other = await this.open(head)
             if ((await seconds(other)) < (await seconds(this.replay))) this.use(other)
         }
     }
@@ -115,31 +129,35 @@ class LiveHologram {
         this.fill(`support ${relay}`, w, key, () => new Uint8Array(compute().support.buffer))
     }
 
+    // The frames and wavelengths with light in a state whose results are stale, each with the keys of field and intensity.
+    stale(state) {
+        return this.replay.head.lit.filter(([frame, w]) => this.power(state, frame, w)).map(([frame, w]) => {
+            const field = `${state.wavelengths_m[w]}|${state.gap_m}`
+            return { frame, w, field, key: `${field}|${state.plane_m}|${JSON.stringify(state.eye)}` }
+        }).filter(({ frame, w, key }) => this.done.get(`${frame}|${w}`) !== key)
+    }
+
     // Computes what the state asks for and isn't computed yet. `isOutdated` ends it early; true when it is complete.
-    async update(state, isOutdated = () => false) {
-        const { device, head } = this.replay
+    async update(state, isOutdated = null) {
+        const { device, head } = (await this.opened()).replay
         let submitted = 0
-        for (const [frame, w] of head.lit) {
-            if (!this.power(state, frame, w)) continue
-            const fieldKey = `${state.wavelengths_m[w]}|${state.gap_m}`
-            const key = `${fieldKey}|${state.plane_m}|${JSON.stringify(state.eye)}`
-            const name = `${frame}|${w}`
-            if (this.done.get(name) === key) continue
-            if (submitted++ % 2 === 1) await device.queue.onSubmittedWorkDone()
-            if (isOutdated()) return false
+        for (const { frame, w, field, key } of this.stale(state)) {
+            if (isOutdated && submitted++ % 2 === 1) await device.queue.onSubmittedWorkDone()
+            if (isOutdated?.()) return false
             this.fillWavelength(state, w)
+            const name = `${frame}|${w}`
             const fields = this.ofPair("field")(frame, w)
             const intensities = this.ofPair("intensity")(frame, w)
-            const isKept = head.is_kept && this.done.get(`field|${name}`) === fieldKey
+            const isKept = head.is_kept && this.done.get(`field|${name}`) === field
             const order = head.is_kept ? [...(isKept ? [] : fields), ...intensities]
-                : fields.flatMap((field, i) => [field, intensities[i]])
+                : fields.flatMap((each, i) => [each, intensities[i]])
             this.replay.run(order)
-            this.done.set(`field|${name}`, fieldKey)
+            this.done.set(`field|${name}`, field)
             this.done.set(name, key)
         }
         this.composite(state)
         this.xyz = null
-        return !isOutdated()
+        return !isOutdated?.()
     }
 
     power(state, frame, w) {

@@ -40,7 +40,11 @@ def split_link(name: str | Path) -> tuple[Path, str]:
     """The file of a link to a page and what follows "#"; other names, and files of that very name, have nothing."""
     path, text = Path(name), str(name)
     stem, mark, state = text.partition(".html#")
-    return (Path(f"{stem}.html"), state) if mark and not path.exists() else (path, "")
+    try:
+        is_file = path.exists()
+    except OSError:  # a name that is too long
+        is_file = False
+    return (Path(f"{stem}.html"), state) if mark and not is_file else (path, "")
 
 
 def shown_by_link(hologram: Hologram, state: str) -> Shown:

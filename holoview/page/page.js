@@ -1,35 +1,9 @@
 // The page: what a reader changes, and what is shown. The optics are in bench.js, the device in replay.js.
 
-const $ = id => document.getElementById(id)
 const PAGE = JSON.parse($("holoview-page").textContent)
 const WHOLE_MM = metres => `${(metres * 1e3).toPrecision(4)} mm`
 const SVG = "http://www.w3.org/2000/svg"
-
-async function inflate(base64) {
-    const bytes = Uint8Array.from(atob(base64), each => each.charCodeAt(0))
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))
-    return new Uint8Array(await new Response(stream).arrayBuffer())
-}
-
-async function openDevice() {
-    if (!navigator.gpu) {
-        throw new Refusal("This browser has no WebGPU, so the hologram can't be computed here: stored pictures are shown. " +
-            "Chrome and Edge have it, Safari from version 26, Firefox on some systems.")
-    }
-    const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" })
-    if (!adapter) {
-        throw new Refusal("This browser has WebGPU, but no graphics device for it: stored pictures are shown. " +
-            "Switching on hardware acceleration in the browser's settings may help.")
-    }
-    const most = adapter.limits.maxComputeWorkgroupStorageSize
-    return [await adapter.requestDevice({ requiredLimits: { maxComputeWorkgroupStorageSize: most } }), adapter.info]
-}
-
-// Whether a device has the workgroup memory that a recording needs; all else are WebGPU's default limits.
-const suits = (device, head) => head.limits["max-compute-workgroup-storage-size"] <= device.limits.maxComputeWorkgroupStorageSize
-
-// Adapters that compute on the processor: there, long shaders take minutes to compile and are slower.
-const isSoftware = info => info.isFallbackAdapter || /swiftshader|llvmpipe|basic render|warp/i.test(`${info.architecture} ${info.description}`)
+const QUICK = "Quick image; the exact one follows …"
 
 // --- state ------------------------------------------------------------------------------------------------------------
 
@@ -134,13 +108,12 @@ function fromHash(hash, state, bench) {
 // --- the viewer ---------------------------------------------------------------------------------------------------------
 
 class Viewer {
-    // first: the first hologram. open: opens another one by its number, when it is shown for the first time.
-    constructor(first, open, info) {
-        this.holograms = [first]
-        this.open = open
+    // holograms: each {full, quick}, LiveHologram; quick is null where full frames are quick.
+    constructor(holograms, info) {
+        this.holograms = holograms
         this.info = info
-        this.bench = first.bench
-        this.shape = first.shape
+        this.bench = PAGE.holograms[0].bench
+        this.shape = PAGE.shape
         this.state = fromHashOrFirst(this.bench)
         this.pictures = new Map() // view → OffscreenCanvas
         this.zoom = null // null: the whole image; else {scale, x, y}: canvas pixels a sample, sample in the middle
@@ -150,10 +123,11 @@ class Viewer {
         this.canvas = $("image")
         this.context = this.canvas.getContext("2d", { colorSpace: this.space })
         this.version = 0
-        this.frameTimes = []
+        this.times = { quick: [], exact: [] } // of the last frames, ms
+        this.firstImage = new Promise(resolve => { this.showFirst = resolve })
     }
 
-    // Shows what the state says; resolves when it is computed. Later changes make earlier ones end early.
+    // Shows what the state says; resolves when it is computed exactly. Later changes make earlier ones end early.
     async refresh() {
         const version = ++this.version
         const isOutdated = () => version !== this.version
@@ -163,17 +137,42 @@ class Viewer {
     async compute(isOutdated) {
         if (isOutdated()) return
         const began = performance.now()
-        for (const index of this.shownHolograms()) {
-            const hologram = (this.holograms[index] ??= await this.open(index))
-            if (!(await hologram.update(this.stateOf(index), isOutdated))) return
-            const rgba = await hologram.rgba(this.isWide ? PAGE.xyz_to_p3 : PAGE.xyz_to_srgb, this.state.exposure)
-            this.keep(`hologram ${index + 1}`, rgba, hologram.shape, this.space)
+        const shown = this.shownHolograms()
+        const slow = shown.filter(index => this.isSlow(index))
+        for (const index of slow) await this.show(index, this.holograms[index].quick)
+        if (slow.length) {
+            await this.drawn()
+            $("message").textContent = QUICK
+            this.note("quick", performance.now() - began)
         }
+        for (const index of shown) {
+            if (!(await this.show(index, this.holograms[index].full, slow.length ? isOutdated : null))) return
+        }
+        await this.drawn()
+        if ($("message").textContent === QUICK) $("message").textContent = ""
+        this.note("exact", performance.now() - began)
+        if (!isOutdated()) await this.report()
+    }
+
+    // Whether a hologram has a quick image, and its exact one isn't computed yet.
+    isSlow(index) {
+        const { quick, full } = this.holograms[index]
+        return quick !== null && (!full.replay || full.stale(this.stateOf(index)).length > 0)
+    }
+
+    // Computes a hologram and keeps its picture; false if that ended early.
+    async show(index, hologram, isOutdated = null) {
+        if (!(await hologram.update(this.stateOf(index), isOutdated))) return false
+        const rgba = await hologram.rgba(this.isWide ? PAGE.xyz_to_p3 : PAGE.xyz_to_srgb, this.state.exposure)
+        this.keep(`hologram ${index + 1}`, rgba, hologram.shape, this.space)
+        return true
+    }
+
+    async drawn() {
         if (this.state.view.includes("target")) await this.loadTarget()
         this.draw()
-        this.note(performance.now() - began)
-        if (isOutdated()) return
-        await this.report()
+        $("stored").hidden = true
+        this.showFirst()
     }
 
     // The state as it is for one of several holograms: lasers of its own bench where these differ from the first one's.
@@ -280,15 +279,15 @@ class Viewer {
 
     // What a region of the (first shown) hologram measures; the whole image without a region.
     async measure(region) {
-        const hologram = this.holograms[this.shownHolograms()[0]]
-        const [height, width] = hologram.shape
+        const { full } = this.holograms[this.shownHolograms()[0]]
+        const [height, width] = this.shape
         const whole = { x: 0, y: 0, width, height }
         const r = region ?? whole
         const isWhole = [r.x, r.y, r.width, r.height].every(Number.isInteger)
         if (!isWhole || r.x < 0 || r.y < 0 || r.width < 1 || r.height < 1 || r.x + r.width > width || r.y + r.height > height) {
             throw new Refusal(`The region must lie inside the image of ${width} × ${height} samples.`)
         }
-        const xyz = await hologram.readXyz()
+        const xyz = await full.readXyz()
         const found = speckle(xyz, width, r)
         if (PAGE.target) {
             await this.loadTarget()
@@ -320,11 +319,14 @@ class Viewer {
         $("claims").textContent = lines.join(" ")
     }
 
-    note(milliseconds) {
-        this.frameTimes = [...this.frameTimes.slice(-8), milliseconds]
-        const sorted = [...this.frameTimes].sort((a, b) => a - b)
+    // Keeps how long a frame took, and states the median of the last ones.
+    note(kind, milliseconds) {
+        this.times[kind] = [...this.times[kind].slice(-8), milliseconds]
+        const median = times => Math.round([...times].sort((a, b) => a - b)[times.length >> 1])
+        const quick = this.times.quick.length ? `${median(this.times.quick)} ms to its quick image, ` : ""
+        const exact = this.times.exact.length ? `${median(this.times.exact)} ms to its exact one` : "the exact one is computed"
         const device = [this.info.vendor, this.info.architecture, this.info.description].filter(Boolean).join(" ")
-        $("speed").textContent = `${Math.round(sorted[sorted.length >> 1])} ms from a change to its image (median of the last ${sorted.length}), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
+        $("speed").textContent = `From a change: ${quick}${exact} (medians), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
     }
 }
 
@@ -366,6 +368,7 @@ function connect(viewer) {
     $("gap-row").hidden = bench.gap_m === null
     if (bench.gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))
     const names = views()
+    $("views").hidden = names.length < 2
     for (const view of names) {
         const button = document.createElement("button")
         Object.assign(button, { type: "button", textContent: viewName(view) })
@@ -421,21 +424,21 @@ function connectLasers(viewer, change) {
         on.type = "checkbox"
         on.setAttribute("aria-label", `Laser ${i + 1}`)
         swatch.className = "swatch"
-        const range = (label, low, high, step) => {
+        const range = (label, quantity, low, high, step) => {
             const [input, text] = [document.createElement("input"), document.createElement("span")]
-            Object.assign(input, { type: "range", min: low, max: high, step })
+            Object.assign(input, { type: "range", min: low, max: high, step, ariaLabel: `${quantity} of laser ${i + 1}` })
             label.append(text, input)
             return [input, text]
         }
-        const [powerInput, powerText] = range(power, 0, 2, 0.01)
-        const [waveInput, waveText] = range(wavelength, Math.max(λ * 1e9 - 30, 390), Math.min(λ * 1e9 + 30, 830), 0.1)
+        const [powerInput, powerText] = range(power, "Power", 0, 2, 0.01)
+        const [waveInput, waveText] = range(wavelength, "Wavelength", Math.max(λ * 1e9 - 30, 390), Math.min(λ * 1e9 + 30, 830), 0.1)
         waveInput.disabled = bench.fixed.wavelengths
         const list = (name, value) => viewer.state[name].map((each, j) => (j === i ? value : each))
         on.addEventListener("change", () => change({ lasers: list("lasers", on.checked) }))
         powerInput.addEventListener("input", () => change({ powers: list("powers", Number(powerInput.value)) }))
         waveInput.addEventListener("input", () => {
             const asked = Number(waveInput.value) * 1e-9
-            if (viewer.holograms[0].canHold(asked)) change({ wavelengths_m: list("wavelengths_m", asked) })
+            if (viewer.holograms[0].full.canHold(asked)) change({ wavelengths_m: list("wavelengths_m", asked) })
             else $("message").textContent = "At this wavelength light passes the stops that the recorded kernels don't compute: move it less."
         })
         row.append(on, swatch, power, wavelength)
@@ -570,7 +573,10 @@ function connectPointer(viewer, change) {
     const end = event => {
         pointers.delete(event.pointerId)
         const last = start && viewer.sampleAt(event)
-        if (start && last && last.x === start.x && last.y === start.y) viewer.selection = null
+        if (start && last && last.x === start.x && last.y === start.y) {
+            viewer.selection = null
+            showSample(viewer, last) // a finger has no place to point at before
+        }
         if (start) { viewer.draw(); viewer.report() }
         start = null
     }
@@ -585,8 +591,9 @@ const regionOf = (a, b) => ({
 
 async function showSample(viewer, at) {
     if (!at) return
-    const hologram = viewer.holograms[viewer.shownHolograms()[0]]
-    const xyz = await hologram.readXyz()
+    const { full } = viewer.holograms[viewer.shownHolograms()[0]]
+    if (!full.replay) return // its quick image is shown still
+    const xyz = await full.readXyz()
     const i = 4 * (at.y * viewer.shape[1] + at.x)
     const values = [...xyz.subarray(i, i + 3)]
     const text = numbers => numbers.map(value => value.toPrecision(4)).join(", ")
@@ -661,7 +668,7 @@ function drawSpectrum(viewer) {
 
 function drawHistogram(found) {
     const svg = $("histogram")
-    svg.hidden = false
+    svg.removeAttribute("hidden") // an SVG element has no property of that name
     svg.replaceChildren()
     const most = Math.max(...found.histogram, 1)
     found.histogram.forEach((count, i) => shape(svg, "rect", {
@@ -710,26 +717,31 @@ function showStored(reason) {
 async function start() {
     $("frame").style.setProperty("--aspect", `${PAGE.shape[1]} / ${PAGE.shape[0]}`)
     previewStored()
-    const [device, info] = await openDevice()
+    const { device, info, heads, first, replay } = await opening
     device.lost.then(lost => {
         if (lost.reason !== "destroyed") $("message").textContent = `The graphics device was lost: ${lost.message}. Reload the page.`
     })
-    const open = async i => {
-        const document_ = PAGE.holograms[i]
-        $("message").textContent = `Opening ${document_.name} … The picture was rendered before.`
-        const heads = JSON.parse(new TextDecoder().decode(await inflate($(`holoview-frames-${i}`).textContent)))
-        const data = await inflate($(`holoview-data-${i}`).textContent)
-        const replay = head => FrameReplay.open(device, head, document_.contents, data)
-        const hologram = new LiveHologram(document_, await replay(heads[0]))
-        hologram.others = heads.slice(1).filter(head => suits(device, head)).map(head => () => replay(head))
-        $("message").textContent = ""
-        return hologram
-    }
-    const viewer = new Viewer(await open(0), open, info)
+    const holograms = await Promise.all(PAGE.holograms.map(async (document_, i) => {
+        const all = i === 0 ? heads : await readHeads(i)
+        const data = () => inflate($(`holoview-data-${i}`).textContent)
+        const open = async head => {
+            const [opened, bytes] = await Promise.all([head === first ? replay : FrameReplay.open(device, head), data()])
+            opened.fill(document_.contents, bytes)
+            return opened
+        }
+        const live = (bench, isQuick) => new LiveHologram(document_, bench, all.filter(head => head.is_quick === isQuick), open)
+        const hasQuick = isSoftware(info) && document_.quick
+        return { full: live(document_.bench, false), quick: hasQuick ? live({ ...document_.bench, ...document_.quick }, true) : null }
+    }))
+    const viewer = new Viewer(holograms, info)
     connect(viewer)
-    await viewer.refresh()
-    $("stored").hidden = true
-    if (!isSoftware(info)) viewer.holograms[0].chooseFastest().catch(error => console.warn(error))
+    $("message").textContent = "Computing … The picture was rendered before."
+    const complete = viewer.refresh()
+    await Promise.race([viewer.firstImage, complete])
+    if ($("message").textContent.startsWith("Computing")) $("message").textContent = ""
+    complete.then(() => isSoftware(info) || holograms[0].full.chooseFastest()).catch(error => {
+        $("message").textContent = `The device failed: ${error.message}`
+    })
     return viewer
 }
 
@@ -751,9 +763,9 @@ window.holoview = {
     async pixels() {
         const viewer = await opened
         await viewer.busy
-        const hologram = viewer.holograms[viewer.shownHolograms()[0]]
-        const [height, width] = hologram.shape
-        const rgba = await hologram.rgba(PAGE.xyz_to_srgb, viewer.state.exposure)
+        const { full } = viewer.holograms[viewer.shownHolograms()[0]]
+        const [height, width] = viewer.shape
+        const rgba = await full.rgba(PAGE.xyz_to_srgb, viewer.state.exposure)
         const srgb8 = new Uint8Array(3 * width * height)
         for (let i = 0; i < width * height; i++) srgb8.set(rgba.subarray(4 * i, 4 * i + 3), 3 * i)
         return { width, height, srgb8 }

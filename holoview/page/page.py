@@ -28,7 +28,7 @@ from PIL import Image
 
 from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, to_srgb8
 from holoview.io.hologram import Hologram
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
@@ -43,7 +43,8 @@ from holoview.util.progress import StepCallback
 from holoview.view import View, simulate
 
 FORMAT, VERSION = "holoview-page", "1"
-SCRIPTS = ("replay.js", "bench.js", "measure.js", "hologram.js", "page.js")
+FIRST_SCRIPTS = ("replay.js", "open.js")  # which run before the rest of the file is read
+SCRIPTS = ("bench.js", "measure.js", "hologram.js", "page.js")
 _TARGET_BYTES = 900_000  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
     {"lossless": True},
@@ -97,7 +98,8 @@ def export_html(
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     _check([view.xyz.shape[1:3] for view in views], target, region)
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
-    documents = [page_document(hologram, name, high) for name, hologram in holograms.items()]
+    farthest_m = max((low, high), key=abs)
+    documents = [page_document(hologram, name, plane_m, farthest_m) for name, hologram in holograms.items()]
     page = _colours() | {
         "shape": list(views[0].xyz.shape[1:3]),
         "plane_m": plane_m,
@@ -152,12 +154,13 @@ def _check(shapes: Sequence[tuple[int, ...]], target: Target | None, region: Reg
 def plane_range(system: System) -> tuple[float, float]:
     """The nearest and the farthest focal plane that a page can show, m: half the stack beyond its ends.
 
-    Of a bench with one plane, half of its distance to either side; never before the last modulator.
+    Of a bench with one plane, half of its distance to either side; never before the last modulator, but before a field.
     """
     planes = focused_planes(system)
     low, high = float(planes.min()), float(planes.max())
-    margin = (high - low) / 2 or low / 2 or 1e-3
-    return max(low - margin, 0.0), high + margin
+    margin = (high - low) / 2 or abs(low) / 2 or 1e-3
+    nearest, farthest = system.plane_type.item.low, system.plane_type.item.high
+    return max(low - margin, nearest), min(high + margin, farthest)
 
 
 def gap_range(system: System) -> list[float] | None:
@@ -236,10 +239,13 @@ def _data_url(webp: bytes) -> str:
 def _html(page: dict[str, Any], frames: Sequence[str], data: Sequence[str], title: str, note: str) -> str:
     """The text of the file. Text of strangers is escaped, and JSON can't end its element."""
     folder = Path(__file__).parent
-    script = "".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    first_script, script = (
+        "".join((folder / name).read_text(encoding="utf-8") for name in names) for names in (FIRST_SCRIPTS, SCRIPTS)
+    )
     style = (folder / "page.css").read_text(encoding="utf-8")
     policy = (
-        f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; img-src data: blob:; "
+        f"default-src 'none'; script-src '{_digest(first_script)}' '{_digest(script)}'; "
+        f"style-src '{_digest(style)}'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
@@ -251,6 +257,7 @@ def _html(page: dict[str, Any], frames: Sequence[str], data: Sequence[str], titl
         version=__version__,
         policy=Markup(policy),
         style=Markup(style),
+        first_script=Markup(first_script),
         script=Markup(script),
         document=Markup(document),
         frames=list(map(Markup, frames)),
@@ -291,6 +298,8 @@ def read_page(path: str | os.PathLike[str]) -> dict[str, Hologram]:
         page = json.loads(parts["holoview-page"])
         if (page["format"], page["version"]) != (FORMAT, VERSION):
             raise UserError(str(path), f"{page['format']} {page['version']}", expected=f"{FORMAT} {VERSION}")
+        if not page["holograms"]:
+            raise UserError(str(path), "holds no hologram", expected=expected)
         return {
             str(document["name"]): read_document(document, _inflate(parts[f"holoview-data-{i}"]))
             for i, document in enumerate(page["holograms"])

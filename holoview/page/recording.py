@@ -5,6 +5,8 @@ allocates, compiles and dispatches on it is the *frame recording*, a JSON object
 
     format, version   "holoview-frame-recording", "1"
     strategy          of the FFTs: "passes" runs on every device, "workgroup" needs more workgroup memory for long lines
+    is_quick          whether the image is a preview on a smaller grid, whose shaders compile and run faster
+    plane_m           the focal plane of the tables that change with it, or null with an eye
     limits            the device limits that the recording keeps to: those of WebGPU that every device offers, or more
     shape             samples (y, x) of the image
     pitch             pixels from one row to the next in the sRGB image
@@ -28,7 +30,7 @@ the wavelengths that changed, and those that follow.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -59,12 +61,25 @@ DEFAULT_LIMITS = {
 """What every WebGPU device offers: https://www.w3.org/TR/webgpu/#limits."""
 _MORE_WORKGROUP_MEMORY = 32768  # which nearly all graphics cards offer
 _UNIFORM_USAGE = 0x40  # GPUBufferUsage.UNIFORM
+_QUICK_RADIX = 20  # beyond it, SwiftShader takes four times as long to compile a shader
 _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are recomputed
 
 
 @dataclass(frozen=True)
+class Frame:
+    """What is recorded: the frame of a plan by a strategy within limits of the device, first at the plane `plane_m`."""
+
+    plan: Plan
+    inputs: ShaderInputs
+    plane_m: float
+    strategy: Strategy = "passes"
+    limits: Mapping[str, int] = field(default_factory=lambda: DEFAULT_LIMITS)
+    is_quick: bool = False
+
+
+@dataclass(frozen=True)
 class Recordings:
-    """Recordings of one frame, one for each strategy, as the module's description lists them, the slowest first.
+    """Recordings of frames as the module's description lists them, in the order of the frames.
 
     contents: the parts of `data`. also: the parts of further arrays; None for zeros.
     """
@@ -195,20 +210,27 @@ class RecordingDevice(Device):
         """Nothing: a recording isn't lost."""
 
 
-def record_frames(plan: Plan, inputs: ShaderInputs, also: Sequence[bytes] = ()) -> Recordings:
-    """Recordings of a frame at the last plane of `plan`, by each strategy that browsers' devices may offer.
+def strategies(frame: Frame) -> list[Frame]:
+    """A frame by each strategy of the FFTs that browsers' devices may offer, the one that runs everywhere first."""
+    more = {**DEFAULT_LIMITS, "max-compute-workgroup-storage-size": _MORE_WORKGROUP_MEMORY}
+    frames = [frame, replace(frame, strategy="workgroup", limits=more)]
+    padded = frame.plan.grid.padded
+    return [each for each in frames if each.strategy in supported_strategies(RecordingDevice(each.limits), padded)]
+
+
+def record_frames(frames: Sequence[Frame], also: Sequence[bytes] = ()) -> Recordings:
+    """Recordings of frames.
 
     also: further arrays to store with the contents of buffers; one that is a buffer's content takes no room.
     Raises UserError for a grid beyond WebGPU's default limits.
     """
     arrays: list[bytes] = []
     heads: list[dict[str, Any]] = []
-    more = {**DEFAULT_LIMITS, "max-compute-workgroup-storage-size": _MORE_WORKGROUP_MEMORY}
-    for strategy, limits in (("passes", DEFAULT_LIMITS), ("workgroup", more)):
-        device = RecordingDevice(limits)
-        if strategy not in supported_strategies(device, plan.grid.padded):
-            continue
-        heads.append(_record(device, plan, inputs, strategy, first_content=len(arrays)))
+    for frame in frames:
+        device = RecordingDevice(frame.limits)
+        if frame.is_quick:
+            device.largest_radix = _QUICK_RADIX
+        heads.append(_record(device, frame, first_content=len(arrays)))
         arrays += [bytes(device.gpu.contents.get(i, b"")) for i in range(len(device.gpu.buffers))]
     of_each, contents, data = pack_contents([*arrays, *also])
     for head in heads:
@@ -217,16 +239,15 @@ def record_frames(plan: Plan, inputs: ShaderInputs, also: Sequence[bytes] = ()) 
     return Recordings(heads, contents, data, of_each[len(arrays) :])
 
 
-def _record(
-    device: RecordingDevice, plan: Plan, inputs: ShaderInputs, strategy: Strategy, first_content: int
-) -> dict[str, Any]:
-    """The recording by one strategy. first_content: number of the first buffer's content.
+def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dict[str, Any]:
+    """The recording of a frame. first_content: number of the first buffer's content.
 
     Fields behind the last modulator are kept between frames if they fit into 512 MiB; else `field` steps write to one
     buffer, and precede each `intensity`.
     """
-    frame = FusedFrame(plan, inputs, device, strategy=strategy)
-    frame.tables.set_distance(1, float(plan.planes_m[-1]))
+    plan = recorded.plan
+    frame = FusedFrame(plan, recorded.inputs, device, strategy=recorded.strategy)
+    frame.tables.set_distance(1, recorded.plane_m)
     compositor = Compositor(device, plan.grid.shape)
     lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
     sources = range(len(plan.slopes))
@@ -265,7 +286,7 @@ def _record(
     compositor.encode_srgb(recorder, xyz, srgb)
     step("show", recorder)
     regions = [[f, w, intensities.index(region.buffer), region.first] for (f, w), region in of_each.items()]
-    return _assembled(device, compositor, steps, regions, is_kept, strategy, first_content)
+    return _assembled(device, recorded, compositor, steps, regions, is_kept, first_content)
 
 
 def _intensity_buffers(
@@ -282,11 +303,11 @@ def _intensity_buffers(
 
 def _assembled(
     device: RecordingDevice,
+    recorded: Frame,
     compositor: Compositor,
     steps: list[dict[str, Any]],
     regions: list[list[int]],
     is_kept: bool,
-    strategy: Strategy,
     first_content: int,
 ) -> dict[str, Any]:
     gpu = device.gpu
@@ -294,7 +315,9 @@ def _assembled(
     return {
         "format": FORMAT,
         "version": VERSION,
-        "strategy": strategy,
+        "strategy": recorded.strategy,
+        "is_quick": recorded.is_quick,
+        "plane_m": None if recorded.plan.nominal.eye else recorded.plane_m,
         "limits": dict(device.limits),
         "shape": list(compositor.shape),
         "pitch": compositor.pitch,

@@ -7,41 +7,36 @@ class Refusal extends Error {}
 // The contents of a buffer, as `pack_contents` stores them.
 function unpack(part, data) {
     const bytes = data.subarray(part.offset, part.offset + part.bytes)
+    const isDamaged = () => new Refusal("The hologram's data in this file are damaged: stored pictures are shown.")
+    if (bytes.length !== part.bytes) throw isDamaged()
     if (part.kind === "raw") return bytes
     const table = new Uint32Array(bytes.slice(0, 4 * part.values).buffer)
     const rest = bytes.slice(4 * part.values)
     const codes = part.kind === "codes8" ? rest : new Uint16Array(rest.buffer)
     const words = new Uint32Array(codes.length)
-    for (let i = 0; i < codes.length; i++) words[i] = table[codes[i]]
+    for (let i = 0; i < codes.length; i++) {
+        if (codes[i] >= table.length) throw isDamaged()
+        words[i] = table[codes[i]]
+    }
     return new Uint8Array(words.buffer)
 }
 
 class FrameReplay {
     // Allocates and compiles. Rejects with a Refusal where the device can't.
-    // contents, data: what buffers hold at first, as `pack_contents` stores it.
-    static async open(device, head, contents, data) {
+    static async open(device, head) {
         const replay = new FrameReplay()
         device.pushErrorScope("out-of-memory")
         device.pushErrorScope("validation")
-        Object.assign(replay, { device, head, byLabel: new Map(), versions: new Map() })
-        const unpacked = new Map()
-        const content = number => {
-            if (!unpacked.has(number)) unpacked.set(number, unpack(contents[number], data))
-            return unpacked.get(number)
-        }
-        replay.buffers = head.buffers.map((each, index) => {
-            const kind = each.usage === "uniform" ? GPUBufferUsage.UNIFORM : GPUBufferUsage.STORAGE
-            const usage = kind | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST
-            const buffer = device.createBuffer({ label: each.label, size: each.size, usage })
-            if (each.data !== null) device.queue.writeBuffer(buffer, 0, content(each.data))
-            replay.byLabel.set(each.label, index)
-            return buffer
-        })
+        Object.assign(replay, { device, head, byLabel: new Map(head.buffers.map((each, index) => [each.label, index])) })
+        replay.buffers = head.buffers.map(({ label, size, usage }) => device.createBuffer({
+            label, size, usage: (usage === "uniform" ? GPUBufferUsage.UNIFORM : GPUBufferUsage.STORAGE) |
+                GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST,
+        }))
         const modules = head.codes.map(code => device.createShaderModule({ code }))
         const layouts = head.pipelines.map(each => each.groups.map(group => device.createBindGroupLayout({
             entries: group.map(([binding, type]) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } })),
         })))
-        replay.pipelines = await Promise.all(head.pipelines.map((each, index) => device.createComputePipelineAsync({
+        const compiled = Promise.all(head.pipelines.map((each, index) => device.createComputePipelineAsync({
             label: each.label,
             layout: device.createPipelineLayout({ bindGroupLayouts: layouts[index] }),
             compute: { module: modules[each.code], entryPoint: "main", constants: each.constants },
@@ -50,10 +45,25 @@ class FrameReplay {
             layout: layouts[each.pipeline][each.group],
             entries: each.entries.map(([binding, buffer]) => ({ binding, resource: { buffer: replay.buffers[buffer] } })),
         }))
-        const wrong = await device.popErrorScope()
-        if (wrong) throw new Refusal(`This browser's WebGPU refuses the recorded frame: ${wrong.message}`)
-        if (await device.popErrorScope()) throw new Refusal("The graphics device has too little memory for this hologram.")
+        const wrong = device.popErrorScope()
+        const memory = device.popErrorScope()
+        compiled.catch(() => {}) // reported below, after what explains it
+        if (await wrong) throw new Refusal(`This browser's WebGPU refuses the recorded frame: ${(await wrong).message}`)
+        if (await memory) throw new Refusal("The graphics device has too little memory for this hologram.")
+        replay.pipelines = await compiled
         return replay
+    }
+
+    // Writes what buffers hold at first. contents, data: as `pack_contents` stores it.
+    fill(contents, data) {
+        const unpacked = new Map()
+        const content = number => {
+            if (!unpacked.has(number)) unpacked.set(number, unpack(contents[number], data))
+            return unpacked.get(number)
+        }
+        this.head.buffers.forEach((each, index) => {
+            if (each.data !== null) this.device.queue.writeBuffer(this.buffers[index], 0, content(each.data))
+        })
     }
 
     buffer(label) {

@@ -1,4 +1,4 @@
-"""The images of the pages "phase" and "spectrum": the phase of a pattern, and the eyebox.
+"""The images of the pages "phase", "field" and "spectrum": the phase of a pattern, a complex field, the eyebox.
 
 `PageImages` keeps the displayed one on the device. Both are computed in torch, which takes a second to import: call
 `phase_turns` and `eyebox_xyz` on a worker thread.
@@ -7,17 +7,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.colour import SRGB_TO_XYZ, srgb_decode
 from holoview.engine.frame import spectrum_behind_modulators
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.first_order import first_order
+from holoview.render.field_picture import field_picture
 from holoview.render.scene import DeviceImage, Drive, Scene
 from holoview.render.view_settings import ViewSettings
 from holoview.util.latest_task import LatestTask
@@ -25,10 +28,20 @@ from holoview.util.latest_task import LatestTask
 Xyz = NDArray[np.float32]
 
 
+@dataclass(frozen=True, eq=False)
+class SeenField:
+    """The picture of a field (y, x, 3) in XYZ, its values (y, x), and what its colours mean, in words."""
+
+    xyz: Xyz
+    values: NDArray[np.complex128]
+    scale: str
+
+
 class PageImages:
     """Images of derived pages. They are computed on a thread; the image before stays until the new one is ready.
 
     deliver: has the owner make a call. on_error: called by the owner with the exception.
+    seen_field: the newest of the page "field".
     """
 
     def __init__(
@@ -37,7 +50,8 @@ class PageImages:
         self._device = device
         self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
         self._requested: tuple[str, Any] | None = None
-        self._task: LatestTask[Xyz] = LatestTask("derived image", deliver, on_error)
+        self._task: LatestTask[Xyz | SeenField] = LatestTask("derived image", deliver, on_error)
+        self.seen_field: SeenField | None = None
 
     @property
     def is_busy(self) -> bool:
@@ -48,6 +62,8 @@ class PageImages:
         """The image of the page of the view settings; None until it is computed."""
         if view.page == "phase":
             self._request("phase", (scene.system, scene.drive, view.frame, view.modulator), _phase_xyz)
+        if view.page == "field":
+            self._request("field", _field_key(scene, view), _seen_field)
         if view.page == "spectrum":
             system = scene.system.with_(eye=None)  # the eyebox doesn't depend on where the pupil is
             self._request("spectrum", (system, scene.drive, scene.system.eye is not None), eyebox_xyz)
@@ -58,7 +74,7 @@ class PageImages:
         """Ends the thread."""
         self._task.close()
 
-    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz]) -> None:
+    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz | SeenField]) -> None:
         """Has the image of a page computed from `key`, unless it is there or was the last to be requested."""
         known = (self._requested, (page, self._pictures[page][0]) if page in self._pictures else None)
         if any(entry is not None and entry[0] == page and _is_same(entry[1], key) for entry in known):
@@ -66,7 +82,10 @@ class PageImages:
         self._requested = (page, key)
         self._task.submit(partial(compute, *key), partial(self._put, page, key))
 
-    def _put(self, page: str, key: Any, xyz: Xyz) -> None:
+    def _put(self, page: str, key: Any, result: Xyz | SeenField) -> None:
+        if isinstance(result, SeenField):
+            self.seen_field = result
+        xyz = result.xyz if isinstance(result, SeenField) else result
         four = np.zeros((*xyz.shape[:2], 4), np.float32)
         four[..., :3] = xyz
         self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
@@ -77,13 +96,40 @@ def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
     return np.repeat(phase_turns(system, drive, frame, modulator)[..., None], 3, axis=2)
 
 
+def _field_key(scene: Scene, view: ViewSettings) -> tuple[Any, ...]:
+    """What the page "field" depends on; the focal plane counts behind the stops only."""
+    system = scene.system
+    stage = view.stage if view.stage in system.stages else "plane"
+    is_behind = system.stages.index(stage) > system.stages.index("stop")
+    plane_m = scene.plane_m if is_behind else float(system.planes_m[0])
+    return system, scene.drive, stage, view.quantity, plane_m, view.solo or 0, view.frame
+
+
+def _seen_field(
+    system: System, drive: Drive, stage: str, quantity: str, plane_m: float, laser: int, frame: int
+) -> SeenField:
+    from holoview.engine.stage_fields import stage_field
+
+    values = stage_field(system, drive, stage, plane_m, laser=laser, frame=frame).values
+    picture = field_picture(values, quantity)
+    xyz = (srgb_decode(picture.srgb8 / 255) @ SRGB_TO_XYZ.T).astype(np.float32)
+    return SeenField(xyz, values, f"{stage}, {system.wavelengths_m[laser] * 1e9:.4g} nm: {picture.scale}")
+
+
 def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
     """Whether (system, drive, …) are equal; patterns are compared by identity, which is what edits share."""
     return one[1] is other[1] and one[0] == other[0] and one[2:] == other[2:]
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
-    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn."""
+    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn.
+
+    Of a field the phase of its values there; modulator is 0.
+    """
+    if system.is_field:
+        middle = int(np.argsort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
+        turns_of_field: NDArray[np.float32] = (np.angle(drive[frame, middle]) / (2 * np.pi) % 1.0).astype(np.float32)
+        return turns_of_field
     import torch  # slow start: a viewer begins with neither image
 
     from holoview.optics.slm import optical_path
@@ -94,9 +140,7 @@ def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDA
     return turns
 
 
-def eyebox_xyz(
-    system: System, drive: Drive, by_place: bool = False, check: Callable[[], None] = lambda: None
-) -> NDArray[np.float32]:
+def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[np.float32]:
     """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator: the eyebox.
 
     By spatial frequency, 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
@@ -104,7 +148,7 @@ def eyebox_xyz(
     less of it.
     The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is scaled to a
     mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. The eye of the system
-    doesn't count. `check` is called before each spectrum and may raise an exception to cancel.
+    doesn't count.
     """
     from holoview.engine.torch_executor import TorchExecutor
     from holoview.optics.frame_inputs import FrameInputs
@@ -119,7 +163,6 @@ def eyebox_xyz(
     for wavelength, λ in enumerate(plan.system.wavelengths_m):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
-                check()
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
                 power[band] = passed.values.abs().square().numpy()

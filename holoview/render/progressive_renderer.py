@@ -5,6 +5,10 @@
 A new edit drops the full frame of the scene before. A quick frame that was begun is shown first, then that of the
 newest scene: else edits that come faster than quick frames, as in a drag, would show nothing. Where a full frame is
 fast enough, quick frame and pause are skipped. The first picture can be computed on a thread while the window is built.
+
+The simplified system has one sample for each modulator pixel and no padding, which takes a sixteenth of the work or
+less: light of higher diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other.
+If that isn't fast enough it has three lasers only, with amplitudes that preserve the mean colour.
 """
 
 from __future__ import annotations
@@ -13,13 +17,15 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, wait
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.colour import observer_weights
 from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device
-from holoview.render.quick_system import make_quick_system
+from holoview.model.system import System
 from holoview.render.scene import DeviceImage, Scene
 from holoview.util.errors import UserError
 
@@ -282,3 +288,66 @@ class ProgressiveRenderer:
         if full is not None and quick[..., 1].any():
             self._gain_key = key
             self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())
+
+
+# --- the simplified system ---
+
+
+def make_quick_system(system: System, most_lasers: int | None = None) -> System:
+    """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three.
+
+    A field keeps its padding: its planes are often so far away that light would re-enter many times.
+    """
+    amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
+    sampling = {} if system.is_field else {"upsample": 1, "propagation": "periodic"}
+    return system.edit({**sampling, "amplitudes": amplitudes})
+
+
+def reduced_amplitudes(system: System, most: int) -> NDArray[np.float64]:
+    """Amplitudes (frame, wavelength) with three positive entries, if there are more than `most`.
+
+    The three that span the largest gamut are chosen one by one, and their amplitudes by non-negative least squares so
+    that the XYZ of a uniform image is preserved: exactly if its colour lies in their gamut.
+    """
+    lit = np.argwhere(system.amplitudes > 0)
+    if len(lit) <= most:
+        return system.amplitudes
+    weights = observer_weights(system.observer, system.wavelengths_m)
+    chosen = lit[_primaries(weights[lit[:, 1]])]
+    total_xyz = (system.amplitudes @ weights).sum(axis=0)
+    power = _nonnegative_powers(weights[chosen[:, 1]], total_xyz)
+    amplitudes = np.zeros_like(system.amplitudes)
+    amplitudes[chosen[:, 0], chosen[:, 1]] = power
+    return amplitudes if np.any(power > 0) else system.amplitudes
+
+
+def _primaries(weights: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices of three rows of `weights` (XYZ at unit power), each the farthest from the span of those before it.
+
+    They are the first pivots of a QR decomposition with column pivoting.
+    """
+    chosen: list[int] = []
+    left = weights.astype(np.float64)
+    for _ in range(weights.shape[1]):
+        lengths = np.linalg.norm(left, axis=1)
+        lengths[chosen] = -1.0
+        chosen.append(int(np.argmax(lengths)))
+        direction = left[chosen[-1]] / max(lengths[chosen[-1]], np.finfo(np.float64).tiny)
+        left = left - np.outer(left @ direction, direction)
+    return np.array(chosen, dtype=np.intp)
+
+
+def _nonnegative_powers(xyz: NDArray[np.float64], total_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The powers p ≥ 0 (laser,) of few lasers for which p·xyz (laser, 3) is the nearest to `total_xyz` (3,).
+
+    Some subset of the lasers is lit, by plain least squares: all subsets are tried.
+    """
+    best, distance = np.zeros(len(xyz)), float(np.linalg.norm(total_xyz))
+    for count in range(1, len(xyz) + 1):
+        for subset in combinations(range(len(xyz)), count):
+            power = np.zeros(len(xyz))
+            power[list(subset)] = np.linalg.lstsq(xyz[list(subset)].T, total_xyz, rcond=None)[0]
+            missed = float(np.linalg.norm(total_xyz - power @ xyz))
+            if power.min() >= 0 and missed < distance:
+                best, distance = power, missed
+    return best

@@ -1,17 +1,17 @@
-"""What an image is rendered from, a scene, and an image on the device."""
+"""Scenes, from which images are rendered, and images on the device."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from holoview.gpu.device import Buffer
 from holoview.model.system import System
 
-Drive = NDArray[np.float32]
-"""Patterns (frame, modulator, y, x) in 0…1."""
+Drive = NDArray[Any]
+"""Patterns (frame, modulator, y, x) in 0…1, float32; of a field its values (frame, wavelength, y, x), complex64."""
 
 
 @dataclass(frozen=True, eq=False)

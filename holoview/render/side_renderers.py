@@ -28,7 +28,7 @@ class _ShownTarget:
 
 
 class ComparedScenes(Protocol):
-    """What the sides of a comparison show at present: the editing session tells it."""
+    """The scenes of the sides of a comparison at present, which the editing session tells."""
 
     @property
     def view_settings(self) -> ViewSettings:
@@ -40,7 +40,7 @@ class ComparedScenes(Protocol):
 
     @property
     def target_spec(self) -> object:
-        """What the target is made from; None without a target."""
+        """The specification of the target; None without a target."""
 
     def scene_for(self, side: ComparisonSide) -> Scene | None:
         """The scene of a side; None for a side that isn't rendered."""

@@ -20,9 +20,11 @@ Line = tuple[float, float, float, float]
 CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
 FALSE_COLOURS = ("", "cubehelix", "hue")
 COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
-PAGES = ("image", "planes", "phase", "spectrum", "target")
-DERIVED_PAGES = ("phase", "spectrum")
+PAGES = ("image", "planes", "phase", "field", "spectrum", "target")
+DERIVED_PAGES = ("phase", "field", "spectrum")
 """Pages that show an image other than a focal plane of a side."""
+QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
+"""What a picture of a complex field shows."""
 SCORES = ("", *PERCEPTUAL_SCORES)
 """Scores that can stand beside the PSNR; "" for none."""
 SPECKLE_EXPOSURE_STOPS = -1.5
@@ -67,12 +69,14 @@ NOW, TARGET, ACHROMATIC = ComparisonSide("now"), ComparisonSide("target"), Compa
 class ViewSettings:
     """How a document is displayed.
 
-    plane_m: distance of the focal plane behind the last modulator, in metres.
+    plane_m: distance of the focal plane behind the last modulator, in metres; negative before a field.
     exposure_stops: a factor 2^stops on the light. gamma: an exponent 1/gamma after the sRGB transfer function.
     channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
     low, high: values of the channel, after exposure, that are shown black and white.
     solo, muted: indices of the only laser shown, and of lasers left out.
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
+    stage, quantity: what the page "field" shows, of the frame and of the solo laser, or else of the first: one of
+    `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
     region: where speckle is measured. profile: a line along which the luminance is plotted.
     score: one of SCORES, shown beside the PSNR.
@@ -94,6 +98,8 @@ class ViewSettings:
     page: str = "image"
     frame: int = 0
     modulator: int = 0
+    stage: str = "plane"
+    quantity: str = "phase-colour"
     a: ComparisonSide = NOW
     b: ComparisonSide = TARGET
     compare: str = "off"
@@ -111,11 +117,12 @@ class ViewSettings:
             ("false_colour", FALSE_COLOURS),
             ("compare", COMPARISON_MODES),
             ("page", PAGES),
+            ("quantity", QUANTITIES),
             ("score", SCORES),
         ):
             _check_choice(key, getattr(self, key), options)
-        if not 0 <= self.plane_m < math.inf:
-            raise UserError("plane", f"{self.plane_m:g} m", expected="a distance of 0 or more behind the modulator")
+        if not math.isfinite(self.plane_m):
+            raise UserError("plane", f"{self.plane_m:g} m", expected="a finite distance")
         if not abs(self.exposure_stops) <= MAX_EXPOSURE_STOPS:
             raise UserError(
                 "exposure",
@@ -128,6 +135,8 @@ class ViewSettings:
             raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        if min(self.frame, self.modulator, self.solo or 0, *self.muted) < 0:
+            raise UserError("frame, modulator and lasers", "a negative number", expected="whole numbers from 0")
         if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
             raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
 

@@ -91,16 +91,15 @@ def new_figure(
     *,
     dpi: float | None = None,
     layout: str | None = "constrained",
-    purpose: str = "figure",
 ) -> Figure:
     """An empty figure that is drawn in memory.
 
     size_in: width and height in inches. dpi: pixels an inch, matplotlib's default when None. layout: how axes are
-    placed; None: as they are told. purpose: what the figure is for, see `require_matplotlib`.
+    placed; None: as they are told.
     Raises UserError if matplotlib isn't installed.
     """
-    figure: Figure = import_optional("matplotlib.figure", purpose).Figure(figsize=size_in, dpi=dpi, layout=layout)
-    import_optional("matplotlib.backends.backend_agg", purpose).FigureCanvasAgg(figure)
+    figure: Figure = import_optional("matplotlib.figure", "figure").Figure(figsize=size_in, dpi=dpi, layout=layout)
+    import_optional("matplotlib.backends.backend_agg", "figure").FigureCanvasAgg(figure)
     return figure
 
 

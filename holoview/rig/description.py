@@ -47,28 +47,85 @@ from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
 from holoview.captures.patterns import random_levels
 from holoview.captures.validation import check_settings
-from holoview.model.fields import Array, FieldType, Number
+from holoview.model.fields import Array, Number
 from holoview.rig.devices import Counts, Levels
 from holoview.rig.limits import SafetyLimits
 from holoview.rig.registration import Registration, read_registration, registration_path
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.files import read_text
-from holoview.util.tables import check_keys, parse_toml
+from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
 _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
-_SHAPE = Array(Number(low=1, high=65536))
-_LENGTHS = Array(Number("mm", low=-1.0, high=10.0))
-_LASERS: dict[str, FieldType] = {"wavelengths": Array(Number("nm", low=100e-9, high=10e-6))}
-_STAGE: dict[str, FieldType] = {"range": _LENGTHS}
-_LIMITS: dict[str, FieldType] = {
-    "power": Number(low=0.0),
-    "exposure": Array(Number(low=0.0)),
-    "stage": _LENGTHS,
-}
 _DEVICES = ("slm1", "slm2", "camera", "lasers", "stage")
 _TABLES = ("limits", "geometry", "virtual", *_DEVICES)
+
+
+class _Positive:
+    """Field type of a number above 0."""
+
+    def parse(self, value: Any, where: str) -> float:
+        number = Number(low=0.0).parse(value, where)
+        if not number:
+            raise UserError(where, f"{value}", expected="a number greater than 0")
+        return number
+
+
+class _Shape:
+    """Field type of a shape: rows and columns."""
+
+    def parse(self, value: Any, where: str) -> tuple[int, int]:
+        numbers = Array(Number(low=1, high=65536)).parse(value, where)
+        if numbers is None or len(numbers) != 2 or any(numbers != numbers.round()):
+            raise UserError(where, str(value), expected="rows and columns, such as [1080, 1920]")
+        return int(numbers[0]), int(numbers[1])
+
+
+class _Wavelengths:
+    """Field type of the lasers' wavelengths, ascending."""
+
+    def parse(self, value: Any, where: str) -> tuple[float, ...]:
+        numbers = Array(Number("nm", low=100e-9, high=10e-6)).parse(value, where)
+        wavelengths = tuple(sorted(float(λ) for λ in numbers)) if numbers is not None else ()
+        if not wavelengths:
+            raise UserError(where, "is empty", expected="at least one wavelength")
+        if len(set(wavelengths)) != len(wavelengths):
+            raise UserError(where, "one is listed twice", expected="distinct wavelengths")
+        return wavelengths
+
+
+@dataclass(frozen=True)
+class _Range:
+    """Field type of two values, the lower one first. is_positive: whether both have to be above 0."""
+
+    kind: Number
+    is_positive: bool = False
+
+    def parse(self, value: Any, where: str) -> tuple[float, float]:
+        numbers = Array(self.kind).parse(value, where)
+        values = [] if numbers is None else [float(number) for number in numbers]
+        if len(values) != 2 or values[0] > values[1]:
+            raise UserError(where, str(values), expected="two values, the lower one first")
+        if self.is_positive and values[0] == 0:
+            raise UserError(where, "0 s", expected="exposures greater than 0")
+        return values[0], values[1]
+
+
+_LENGTHS = _Range(Number("mm", low=-1.0, high=10.0))
+_LIMITS: dict[str, ValueType] = {
+    "power": _Positive(),
+    "exposure": _Range(Number(low=0.0), is_positive=True),
+    "stage": _LENGTHS,
+}
+_FACTS: dict[str, dict[str, ValueType]] = {
+    "slm1": {"shape": _Shape()},
+    "slm2": {"shape": _Shape()},
+    "camera": {"shape": _Shape()},
+    "lasers": {"wavelengths": _Wavelengths()},
+    "stage": {"range": _LENGTHS},
+}
+"""Types of the facts of each device, beside those of the bench; all are required."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +146,7 @@ class RigDescription:
     """A rig. All lengths in m, times in s.
 
     path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
-    wavelengths_m: of the lasers, ascending. stage_m: what the stage reaches.
+    wavelengths_m: of the lasers, ascending. stage_m: the reach of the stage.
     devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
     registration: where the devices are; None: where they should be. With one, camera_shape is that of the rectified
     picture, bench has the measured pitch, and stage_m and limits are distances as measured. described: without it.
@@ -212,20 +269,23 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
             raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
     for key in ("slm1", "camera", "lasers", "stage", "limits"):
         check_keys(tables, _TABLES, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
-    facts, options = _split(tables, where)
-    slm_shape, camera_shape = _equal_shapes(facts, where), _shape(facts["camera"], f"{where}: camera")
-    stage_m = _pair(facts["stage"], "range", f"{where}: stage")
-    limits = _limits(facts["limits"], stage_m, f"{where}: limits")
+    facts = {name: _facts(tables[name], name, where) for name in _DEVICES if name in tables}
+    slm_shapes = [facts[name]["shape"] for name in ("slm1", "slm2") if name in facts]
+    if len(set(slm_shapes)) > 1:
+        expected = f"that of slm1, {list(slm_shapes[0])}"
+        raise UserError(f"{where}: slm2.shape", str(list(slm_shapes[1])), expected=expected)
+    bench = {name: {key: v for key, v in tables[name].items() if key in KEYS[name]} for name in KEYS if name in tables}
+    bench |= {"geometry": tables["geometry"]} if "geometry" in tables else {}
     rig = RigDescription(
         path=file,
         name=name,
-        bench=parse_bench_tables({key: facts[key] for key in KEYS if key in facts}, where),
-        slm_shape=slm_shape,
-        camera_shape=camera_shape,
-        wavelengths_m=_wavelengths(facts["lasers"], f"{where}: lasers"),
-        stage_m=stage_m,
-        limits=limits,
-        devices={key: _device(key, options[key], where) for key in _DEVICES if key in tables},
+        bench=parse_bench_tables(bench, where),
+        slm_shape=slm_shapes[0],
+        camera_shape=facts["camera"]["shape"],
+        wavelengths_m=facts["lasers"]["wavelengths"],
+        stage_m=facts["stage"]["range"],
+        limits=_limits(tables["limits"], facts["stage"]["range"], f"{where}: limits"),
+        devices={name: _device(name, tables[name], where) for name in facts},
         virtual=dict(tables.get("virtual", {})),
     )
     _check(replace(rig, camera_shape=rig.slm_shape))  # a raw picture may have any shape
@@ -233,90 +293,31 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
 
 
 def _check(rig: RigDescription) -> None:
-    """Raises UserError for what no capture file can hold."""
+    """Raises UserError for a rig whose captures no file can hold."""
     try:
         check_settings(rig.blank_capture())
     except UserError as error:
         raise error.inside(f"{rig.path}: ") from error
 
 
-def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-    """The facts of each table, parsed where they aren't the bench's, and what is left: options of the devices."""
-    known: dict[str, Mapping[str, FieldType]] = {"lasers": _LASERS, "stage": _STAGE, "limits": _LIMITS}
-    facts: dict[str, dict[str, Any]] = {}
-    options: dict[str, dict[str, Any]] = {}
-    for name, table in tables.items():
-        if name == "virtual":
-            continue
-        if name in known:
-            types = known[name]
-            facts[name] = {
-                key: types[key].parse(v, f"{where}: {name}.{key}") for key, v in table.items() if key in types
-            }
-        else:
-            keys = {*KEYS[name], "shape"} if name != "geometry" else set(table)
-            facts[name] = {key: v for key, v in table.items() if key in keys}
-        options[name] = {key: v for key, v in table.items() if key not in facts[name]}
-        if name == "limits":
-            check_keys(table, _LIMITS, f"{where}: limits.")
-    return facts, options
-
-
-def _equal_shapes(facts: dict[str, dict[str, Any]], where: str) -> tuple[int, int]:
-    """Rows and columns of the modulators, which are taken from their facts."""
-    shapes = [_shape(facts[name], f"{where}: {name}") for name in ("slm1", "slm2") if name in facts]
-    if len(set(shapes)) > 1:
-        raise UserError(f"{where}: slm2.shape", str(list(shapes[1])), expected=f"that of slm1, {list(shapes[0])}")
-    return shapes[0]
-
-
-def _shape(table: dict[str, Any], where: str) -> tuple[int, int]:
-    """Takes `shape` out of a table."""
-    _required(table, "shape", where)
-    value = _SHAPE.parse(table.pop("shape"), f"{where}.shape")
-    if value is None or len(value) != 2 or any(value != value.round()):
-        raise UserError(f"{where}.shape", str(value), expected="rows and columns, such as [1080, 1920]")
-    return int(value[0]), int(value[1])
-
-
-def _wavelengths(table: Mapping[str, Any], where: str) -> tuple[float, ...]:
-    values = tuple(sorted(float(λ) for λ in _required(table, "wavelengths", where)))
-    if not values:
-        raise UserError(f"{where}.wavelengths", "is empty", expected="at least one wavelength")
-    if len(set(values)) != len(values):
-        raise UserError(f"{where}.wavelengths", "one is listed twice", expected="distinct wavelengths")
-    return values
-
-
-def _pair(table: Mapping[str, Any], key: str, where: str) -> tuple[float, float]:
-    values = [float(value) for value in _required(table, key, where)]
-    if len(values) != 2 or values[0] > values[1]:
-        raise UserError(f"{where}.{key}", str(values), expected="two values, the lower one first")
-    return values[0], values[1]
-
-
-def _required(table: Mapping[str, Any], key: str, where: str) -> Any:
-    if key not in table:
-        raise UserError(f"{where}.{key}", "is missing")
-    return table[key]
+def _facts(table: Mapping[str, Any], name: str, where: str) -> dict[str, Any]:
+    """The facts of a device, parsed, without those of the bench and the options of its kind."""
+    types = _FACTS[name]
+    return read_table({key: v for key, v in table.items() if key in types}, types, f"{where}: {name}.", required=types)
 
 
 def _limits(table: Mapping[str, Any], reach_m: tuple[float, float], where: str) -> SafetyLimits:
     """The safety limits. reach_m: of the stage, beyond which they can't go."""
-    power = float(_required(table, "power", where))
-    if power == 0:
-        raise UserError(f"{where}.power", "0", expected="a number greater than 0")
-    exposures_s = _pair(table, "exposure", where)
-    if exposures_s[0] == 0:
-        raise UserError(f"{where}.exposure", "0 s", expected="exposures greater than 0")
-    stage_m = _pair(table, "stage", where) if "stage" in table else reach_m
+    values = read_table(table, _LIMITS, f"{where}.", required=("power", "exposure"))
+    stage_m = values.get("stage", reach_m)
     if not reach_m[0] <= stage_m[0] <= stage_m[1] <= reach_m[1]:
         expected = f"a range within {' … '.join(units.format_rounded(z, 'mm') for z in reach_m)}, that of the stage"
         raise UserError(f"{where}.stage", " … ".join(units.format_rounded(z, "mm") for z in stage_m), expected=expected)
-    return SafetyLimits(power, exposures_s, stage_m)
+    return SafetyLimits(values["power"], values["exposure"], stage_m)
 
 
-def _device(name: str, options: Mapping[str, Any], where: str) -> DeviceSpec:
+def _device(name: str, table: Mapping[str, Any], where: str) -> DeviceSpec:
+    options = {key: v for key, v in table.items() if key not in KEYS.get(name, ()) and key not in _FACTS[name]}
     kind = options.get("device")
     if not isinstance(kind, str):
         raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")

@@ -1,4 +1,4 @@
-"""What a modulator, a camera, lasers and a stage can do, whoever made them.
+"""Modulators, cameras, lasers and stages, whoever made them: the methods that every device has.
 
 Every kind of device is a class with these methods. All quantities are in SI units; patterns are raw grey levels, never
 phases.
@@ -56,7 +56,7 @@ class CameraDevice(Protocol):
     @property
     def exposures_s(self) -> tuple[float, float]: ...
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
 
     def take(self) -> Counts:
         """Raw counts (y, x) of one picture that was exposed after the call.
@@ -239,9 +239,9 @@ class WrappedStage:
 
 
 def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:
-    """What `call` returns; whatever a device's library raises becomes a DeviceError.
+    """The value that `call` returns; any exception of a device's library becomes a DeviceError.
 
-    name: the device in rig.toml, such as "camera". action: what was asked of it, as in "didn't …".
+    name: the device in rig.toml, such as "camera". action: the request, as in "didn't …".
     """
     try:
         return call()

@@ -39,7 +39,7 @@ class SafetyLimits:
 
 
 def limit_devices(devices: Devices, limits: SafetyLimits) -> Devices:
-    """The same devices, which refuse what the limits don't allow before anything is sent to them."""
+    """The same devices, which refuse requests beyond the limits before anything is sent to them."""
     return replace(
         devices,
         camera=_LimitedCamera(devices.camera, limits),

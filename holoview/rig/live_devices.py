@@ -43,7 +43,7 @@ class RigConnection:
     """The devices of a rig, from opening to closing.
 
     deliver: has the owner make a call. open_devices: opens the devices. before: a connection to the same rig that is
-    closed before this one is opened. watch: what the thread waits for.
+    closed before this one is opened. watch: notes the device that the thread is waiting for.
     """
 
     def __init__(
@@ -325,7 +325,7 @@ class OffThread:
 
 
 class DeviceWatch:
-    """What the thread of the devices waits for."""
+    """Notes which device the thread of the devices is waiting for."""
 
     def __init__(self) -> None:
         self._waiting: tuple[str, float] | None = None
@@ -341,7 +341,7 @@ class DeviceWatch:
 
     @property
     def waiting(self) -> tuple[str, float] | None:
-        """What is being waited for, and for how many seconds; None while nothing is."""
+        """The device that is being waited for, and for how many seconds; None while there is none."""
         found = self._waiting
         return None if found is None else (found[0], time.monotonic() - found[1])
 

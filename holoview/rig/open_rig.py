@@ -39,7 +39,7 @@ from holoview.util.errors import UserError, suggest_matches
 
 @dataclass
 class OpeningRig:
-    """What the devices of one rig share while they are opened.
+    """Libraries and processes that the devices of one rig share while they are opened.
 
     bench: the process of the virtual bench. modules: Python files that have been run. cores: configurations of
     Micro-Manager that are loaded.
@@ -64,7 +64,7 @@ _NEED_NO_GUARD = ("virtual", "manual")  # the virtual bench has an interlock; a 
 _END_S = 30.0  # for the guard to end
 
 ALL_OFF = "off"
-"""What the guard is told when it has nothing to do."""
+"""The line that tells the guard that all lasers are off."""
 
 
 class SystemClock:
@@ -101,7 +101,7 @@ def open_rig(rig: RigDescription) -> Devices:
 
 
 def open_lasers(rig: RigDescription) -> LasersDevice:
-    """Opens the lasers of a rig alone, to switch them off. Raises what `open_rig` does."""
+    """Opens the lasers of a rig alone, to switch them off. Raises as `open_rig` does."""
     spec = rig.devices["lasers"]
     with ExitStack() as stack:
         lasers: LasersDevice = _opener(rig, spec)(OpeningRig(rig, stack), spec)

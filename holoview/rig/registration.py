@@ -2,20 +2,20 @@
 
 It stands in RIG.placement.toml beside rig.toml:
 
-    [turned]                          # one of `captures.orientations`, against what modulator 1 displays
+    [turned]                          # one of `captures.orientations`, against the picture on modulator 1
     camera = "rotate_90"              # and slm2
     [picture]                         # the part of the raw picture, turned back, that shows modulator 1
     first = [24, 31]                  # row and column
     shape = [192, 256]
-    [found_for]                       # what rig.toml said; other devices need another alignment
+    [found_for]                       # the devices of rig.toml; others need another alignment
     slm_shape = [96, 128]
     camera_shape = [320, 240]
     modulators = 2
     [values]                          # each with its uncertainty, one standard deviation
     pitch = ["3.8835 um", "0.0001 um"]
 
-Turned and cropped pictures are exact. What would need resampling isn't done to them: the rest of the displacement and
-the rotation are known effects, with which a diagnosis begins.
+Turned and cropped pictures are exact. Other corrections would need resampling and aren't made: the rest of the
+displacement and the rotation are known effects, with which a diagnosis begins.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Measured:
 class Registration:
     """Where a rig's devices are.
 
-    camera_turn, slm2_turn: of the raw picture, and of what modulator 2 displays, against what modulator 1 displays;
+    camera_turn, slm2_turn: of the raw picture, and of the picture on modulator 2, against that on modulator 1;
     slm2_turn is None with one modulator. first, shape: row and column, and numbers of them, of the rectified picture in
     the raw one turned back. slm_shape, camera_shape: of the devices it was found for.
     values: by the names of the file. `pitch` is the camera's, referred to the modulators; shift, rotation and walk are
@@ -103,7 +103,7 @@ class Registration:
         return (distance_m - self["stage_offset"]) / (1 + self["stage_scale"])
 
     def known_effects(self) -> dict[str, dict[str, float]]:
-        """What the rectified pictures still have, {effect: {parameter: value}}; without what may as well be zero."""
+        """Effects that rectified pictures still have, {effect: {parameter: value}}; without values that may be zero."""
         known: dict[str, dict[str, float]] = {}
         for name, effect in _EFFECTS.items():
             found = self.values.get(name)
@@ -152,7 +152,7 @@ def write_registration(path: Path, registration: Registration) -> None:
 
 
 def read_registration(path: Path) -> Registration:
-    """Reads the file. Raises UserError that names the key of what is missing, unknown or wrong."""
+    """Reads the file. Raises UserError that names a missing, unknown or wrong key."""
     tables, where = parse_toml(read_text(path, _EXPECTED), str(path), _EXPECTED), str(path)
     for key in ("turned", "picture", "found_for", "values"):
         if not isinstance(tables.get(key), Mapping):

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
 from holoview.io.hologram import Hologram
+from holoview.metrics.fidelity import psnr, psnr_linear_srgb
 from holoview.metrics.image_quality import (
     central_region,
     eyebox_uniformity_of,
@@ -36,7 +37,6 @@ from holoview.metrics.image_quality import (
 )
 from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
-from holoview.metrics.psnr import psnr, psnr_linear_srgb
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme
@@ -112,7 +112,7 @@ def target_picture(name: str) -> Path:
 
 
 def optimise_job(
-    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
+    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback
 ) -> IterationState:
     """Optimises for a focal stack (plane, y, x, 3) and returns the last state."""
     region = _region(system, settings)
@@ -120,7 +120,7 @@ def optimise_job(
     state: IterationState | None = None
     for state in iterate(system, stack, options, device=resolve_torch_device()):
         if state.iteration % _REPORT_EVERY == 0:
-            status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
+            status(f"{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None
     return state
 
@@ -321,7 +321,7 @@ def aimed_jobs(
     ]
 
 
-def _first_results(results: Results) -> list[tuple[StudyJob, JobResult]]:
+def first_results(results: Results) -> list[tuple[StudyJob, JobResult]]:
     """The results for the first target and seed."""
     target_and_seed = {key: results[0][0].settings[key] for key in ("target", "seed")}
     return [(job, result) for job, result in results if has_settings(job, **target_and_seed)]
@@ -332,7 +332,7 @@ def write_live_page(path: Path, title: str, results: Results) -> None:
 
     Of holograms with images of different shapes those of the first one's. Raises UserError when it can't be written.
     """
-    chosen = [(job, result) for job, result in _first_results(results) if result.hologram is not None]
+    chosen = [(job, result) for job, result in first_results(results) if result.hologram is not None]
     if not chosen:
         raise UserError("--live", "no job kept a hologram", expected="a study whose jobs optimise one hologram each")
     holograms: dict[str, Hologram] = {}
@@ -348,7 +348,7 @@ def write_live_page(path: Path, title: str, results: Results) -> None:
 
 def result_pictures(results: Results) -> list[StudyPicture]:
     """The target and what each scheme shows at the middle plane, for the first target and seed."""
-    chosen = [(job, result) for job, result in _first_results(results) if result.pictures]
+    chosen = [(job, result) for job, result in first_results(results) if result.pictures]
     pictures = [StudyPicture("wanted", "wanted", chosen[0][1].pictures["wanted"])] if chosen else []
     for number, (job, result) in enumerate(chosen):
         caption = f"{job.settings['scheme']}: {result.numbers['psnr_db']:.2f} dB"

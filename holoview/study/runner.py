@@ -126,7 +126,7 @@ CONNECT_TIMEOUT_S = 10.0
 
 @dataclass(frozen=True)
 class WorkerResources:
-    """What a worker may use of its machine.
+    """The share of its machine that a worker may use.
 
     threads: CPU threads. index: number among the workers of the machine, which selects its GPU. memory: as --memory
     states it; None: as the process finds out itself.

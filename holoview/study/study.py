@@ -88,7 +88,6 @@ def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
     return " x ".join(str(2 * n) for n in reversed(shape)) + " samples", f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
-THREE_SCENES = ("still-life", "night", "bright")
 QUICK = StudyScale("quick", (48, 64), 40, 1, ("still-life",), 3)
 FULL = StudyScale("full", (384, 512), 100, 1, ("still-life",), 5)
 MIDDLE = StudyScale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)
@@ -196,17 +195,17 @@ class Study(ABC):
     name: str
     title: str
     summary: str
-    """What the study shows, and which figure of the paper it reproduces, in a sentence or two."""
+    """The question of the study, and the figure of the paper that it reproduces, in a sentence or two."""
     quick_note: str
-    """What is different at the scale "quick"."""
+    """The differences at the scale "quick"."""
     revision: int = 1
     """To be increased when `run_job` computes something else, so that stored results aren't used any more."""
 
     options: tuple[str, ...] = ()
-    """What of a scale only some studies have, and this one does: "pupils", "scores"."""
+    """Options of a scale that only some studies take, this one among them: "pupils", "scores"."""
 
     kind: str = ""
-    """What `run_job` computes; studies of one kind can share results. Empty: something of this study's own."""
+    """The kind of result of `run_job`; studies of one kind can share results. Empty: a kind of this study alone."""
 
     def make_job(self, label: str, settings: Mapping[str, Any]) -> StudyJob:
         """A job of this study's kind and revision."""

@@ -55,6 +55,45 @@ class TargetFile:
         return not self.has_views and is_stack(self.path)
 
 
+@dataclass(frozen=True, eq=False)
+class TargetContent:
+    """A picture, views of a light field, or the path of a focal stack, from which targets of any system are built.
+
+    placement: of a picture. brightness, saturation, space: as of `TargetFile`; views have their saturation already.
+    """
+
+    source: Picture | LightField | Path
+    placement: Placement = field(default_factory=Placement)
+    brightness: float = 1.0
+    saturation: float = 1.0
+    space: str = "srgb"
+
+    def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
+        """The target at the planes of a system; at others (m) if they are given, unless it is a focal stack.
+
+        Raises UserError as `target_for`, `target_from_stack` and `target_from_views` do.
+        """
+        if isinstance(self.source, LightField):
+            return target_from_views(system, self.source, self.brightness, planes=planes_m)
+        if isinstance(self.source, Path):
+            return target_from_stack(
+                system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
+            )
+        return target_for(
+            system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
+        )
+
+    def moving(self, radius_m: float, system: System) -> StacksAt:
+        """The focal stacks from any places of the pupil within a radius; not of a focal stack.
+
+        Raises UserError as `moving_target` and `moving_target_from_views` do.
+        """
+        if isinstance(self.source, LightField):
+            return moving_target_from_views(system, self.source, self.brightness)
+        assert isinstance(self.source, Picture), "a focal stack has no other views"
+        return moving_target(system, self.source, self.placement, radius_m, self.brightness, saturation=self.saturation)
+
+
 class TargetSource:
     """A target from a file.
 
@@ -72,19 +111,24 @@ class TargetSource:
         self._system, self._file, self._tell = system, file, tell
         self._told: set[str] = set()
         self._built: dict[Hashable, Target] = {}
-        self._field: LightField | None = None
-        self._picture: Picture | None = None
         self.is_stack = file.is_stack
+        source = self._read(reach_m)
+        self._content = TargetContent(source, file.placement, file.brightness, file.saturation, file.space)
+
+    def _read(self, reach_m: float) -> Picture | LightField | Path:
+        system, file = self._system, self._file
         if file.has_views:
-            self._field = read_light_field(
+            return read_light_field(
                 system, file.path, file.grid, file.zero_m, saturation=file.saturation, space=file.space
             )
-        elif not self.is_stack:
-            self._picture = read_picture(file.path, space=file.space)
-            self._tell_once(self._picture.notes)
-            if file.grid is not None:
-                grid = _covering(file.grid, required_eye(system, "--views"), system.field_m, reach_m)
-                self._field = views_of_picture(system, self._picture, file.placement, grid, saturation=file.saturation)
+        if file.is_stack:
+            return Path(file.path)
+        picture = read_picture(file.path, space=file.space)
+        self._tell_once(picture.notes)
+        if file.grid is None:
+            return picture
+        grid = _covering(file.grid, required_eye(system, "--views"), system.field_m, reach_m)
+        return views_of_picture(system, picture, file.placement, grid, saturation=file.saturation)
 
     def build(self, planes_m: NDArray[np.float64] | None = None, system: System | None = None) -> Target:
         """The target at the system's planes, or at others (m) if the target isn't a focal stack.
@@ -94,21 +138,9 @@ class TargetSource:
         system = system or self._system
         key = (system.eye, system.wavelengths_m.tobytes(), None if planes_m is None else planes_m.tobytes())
         if key not in self._built:  # with an eye, each takes as long as some iterations
-            self._built[key] = self._build(planes_m, system)
+            self._built[key] = self._content.build(system, planes_m)
             self._tell_once(self._built[key].notes)
         return self._built[key]
-
-    def _build(self, planes_m: NDArray[np.float64] | None, system: System) -> Target:
-        file = self._file
-        if self._field is not None:
-            return target_from_views(system, self._field, file.brightness, planes=planes_m)
-        if self._picture is not None:
-            return target_for(
-                system, self._picture, file.placement, file.brightness, saturation=file.saturation, planes=planes_m
-            )
-        return target_from_stack(
-            system, file.path, brightness=file.brightness, saturation=file.saturation, space=file.space
-        )
 
     def stack_for(self, system: System) -> NDArray[np.float32]:
         """The focal stack (plane, y, x, 3) that the eye of a system is to see."""
@@ -116,13 +148,7 @@ class TargetSource:
 
     def moving(self, radius_m: float, system: System) -> StacksAt:
         """The focal stacks from any places of the pupil within a radius, of a picture or a light field."""
-        file = self._file
-        if self._field is not None:
-            return moving_target_from_views(system, self._field, file.brightness)
-        assert self._picture is not None
-        return moving_target(
-            system, self._picture, file.placement, radius_m, file.brightness, saturation=file.saturation
-        )
+        return self._content.moving(radius_m, system)
 
     def _tell_once(self, notes: tuple[str, ...]) -> None:
         for note in notes:

@@ -26,20 +26,22 @@ class WriteError(UserError):
     """A file or folder that can't be written: the disk is full, read-only or gone, or the name isn't possible."""
 
 
-def write_file(path: str | os.PathLike[str], content: Content, *, is_durable: bool = True) -> None:
+def write_file(
+    path: str | os.PathLike[str], content: Content, *, is_durable: bool = True, is_private: bool = False
+) -> None:
     """Writes a file beside the one of that name, if any, and puts it in its place when it is complete.
 
     A reader sees the old file or the whole new one. When it fails, the old file stays and nothing else is left; a
     program that is killed leaves nothing either where the file system has files without a name (Linux). A link is
     followed. content: bytes, or text for UTF-8. is_durable: waits until the disk has it, so that it outlives a power
-    cut.
+    cut. is_private: only the user may read the file.
 
     Raises WriteError whatever fails.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _disk_errors(path, len(data)):
         target = _check_target(path)
-        temporary = _write_beside(target, data, is_durable)
+        temporary = _write_beside(target, data, is_durable, 0o600 if is_private else 0o666)
         try:
             temporary.replace(target)
         except BaseException:
@@ -102,24 +104,24 @@ def _check_target(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _write_beside(target: Path, data: bytes | bytearray | memoryview, is_durable: bool) -> Path:
+def _write_beside(target: Path, data: bytes | bytearray | memoryview, is_durable: bool, rights: int) -> Path:
     """Writes data to a file in the folder of `target`; where that is possible, it has no name until it is complete."""
     if hasattr(os, "O_TMPFILE"):
         with suppress(OSError):  # not on this file system; any other reason is found again below
-            return _write_without_name(target, data, is_durable)
+            return _write_without_name(target, data, is_durable, rights)
     handle, name = tempfile.mkstemp(prefix=_PREFIX, suffix=_SUFFIX, dir=target.parent)
     temporary = Path(name)
     try:
         _write(handle, data, is_durable)
-        temporary.chmod(0o666 & ~_umask())
+        temporary.chmod(rights & ~_umask())
     except BaseException:
         _remove(temporary)
         raise
     return temporary
 
 
-def _write_without_name(target: Path, data: bytes | bytearray | memoryview, is_durable: bool) -> Path:
-    handle = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o666)
+def _write_without_name(target: Path, data: bytes | bytearray | memoryview, is_durable: bool, rights: int) -> Path:
+    handle = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, rights)
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         _write(os.dup(handle), data, is_durable)

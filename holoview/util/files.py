@@ -85,12 +85,12 @@ def read_bytes(path: str | os.PathLike[str], expected: str, most: int | None = N
         raise _unreadable(file, error, expected, missing) from error
 
 
-def read_text(path: str | os.PathLike[str], expected: str, missing: str = "", most: int = TEXT_LIMIT) -> str:
+def read_text(path: str | os.PathLike[str], expected: str, most: int = TEXT_LIMIT) -> str:
     """The content of a text file in UTF-8, with or without a byte order mark; lines end with \\n.
 
     Raises UserError as `require_file` does, for other text, and for more than `most` bytes.
     """
-    data = read_bytes(path, expected, most + 1, missing)
+    data = read_bytes(path, expected, most + 1)
     if len(data) > most:
         raise UserError(str(path), f"has more than {most >> 20} MiB", expected=expected)
     try:

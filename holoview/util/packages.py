@@ -26,6 +26,7 @@ EXTRAS = {
     "pycvvdp": "perceptual",
     "pymmcore_plus": "rig",
     "serial": "rig",
+    "skimage": "unwrap",
     "slmsuite": "rig",
     "uvicorn": "serve",
     "websockets": "serve",

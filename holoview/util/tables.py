@@ -3,7 +3,8 @@
 parse_toml, parse_json    a text as tables, lists and numbers; nesting and whole numbers are bounded
 check_keys                refuses unknown and missing keys
 read_table                the values of a table whose keys have types, such as those of `holoview.model.fields`
-read_record               a dataclass from the JSON table of its fields, by their annotations
+read_record               a dataclass from the JSON text of its fields, by their annotations
+record_from_table         the same from the parsed table; typed_value: one value as an annotation says
 """
 
 from __future__ import annotations
@@ -175,16 +176,33 @@ def read_record(record: type[Record], text: str, where: str, expected: str) -> R
     of these. Raises UserError, with the place `where`, for other tables, and what the class raises, which is to check
     ranges: numbers may be infinite or NaN.
     """
-    table = parse_json_table(text, where, expected)
+    return record_from_table(record, parse_json_table(text, where, expected), f"{where}: ", expected=expected)
+
+
+def record_from_table(
+    record: type[Record],
+    table: Mapping[str, Any],
+    outer: str = "",
+    *,
+    expected: str = "",
+    skips_unknown: bool = False,
+    **given: Any,
+) -> Record:
+    """An instance of a dataclass from the table of its fields, as JSON has them; see `read_record`.
+
+    outer: what comes before a key in errors, with its punctuation. skips_unknown: leave keys out that aren't fields.
+    given: values of fields that the table doesn't tell.
+    """
     hints = typing.get_type_hints(record)
-    fields = {field.name: field for field in dataclasses.fields(typing.cast(Any, record))}
+    fields = {field.name: field for field in dataclasses.fields(typing.cast(Any, record)) if field.name not in given}
+    stated = {key: value for key, value in table.items() if key in fields} if skips_unknown else table
     required = [name for name, field in fields.items() if is_required(field)]
-    check_keys(table, fields, f"{where}: ", required=required, expected=expected)
-    values = {name: _typed(value, hints[name], f"{where}: {name}") for name, value in table.items()}
+    check_keys(stated, fields, outer, required=required, expected=expected)
+    values = {name: typed_value(value, hints[name], f"{outer}{name}") for name, value in stated.items()}
     try:
-        return record(**values)
+        return record(**values, **given)
     except UserError as error:
-        raise error.inside(f"{where}: ") from error
+        raise error.inside(outer) from error
 
 
 def is_required(field: dataclasses.Field[Any]) -> bool:
@@ -192,17 +210,25 @@ def is_required(field: dataclasses.Field[Any]) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _typed(value: Any, hint: Any, where: str) -> Any:
-    """A value of JSON as its annotation says. Raises UserError where it is another."""
+def typed_value(value: Any, hint: Any, where: str) -> Any:
+    """A value of JSON as its annotation says: see `read_record`, and sets (lists in JSON) and dataclasses (tables).
+
+    Raises UserError, with the place `where`, for another value.
+    """
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         if value is None and type(None) in arguments:
             return None
-        return _typed(value, next(argument for argument in arguments if argument is not type(None)), where)
+        return typed_value(value, next(argument for argument in arguments if argument is not type(None)), where)
+    if origin is frozenset and isinstance(value, list):
+        return frozenset(typed_value(entry, arguments[0], where) for entry in value)
+    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
+        return record_from_table(typing.cast(type, hint), value, f"{where}.")
     if origin is tuple and isinstance(value, list):
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else list(arguments)
         if len(kinds) == len(value):
-            return tuple(_typed(v, kind, f"{where}[{i}]") for i, (v, kind) in enumerate(zip(value, kinds, strict=True)))
+            pairs = zip(value, kinds, strict=True)
+            return tuple(typed_value(entry, kind, f"{where}[{i}]") for i, (entry, kind) in enumerate(pairs))
     elif hint is float and type(value) in (int, float):
         return float(value)
     elif hint in (bool, int, str) and type(value) is hint:

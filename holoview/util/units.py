@@ -67,7 +67,7 @@ def to_float(value: float | np.integer[Any] | np.floating[Any]) -> float:
 
 
 def quantity_of(unit: str) -> Quantity:
-    """What a unit measures.
+    """The quantity that a unit measures.
 
     >>> quantity_of("mrad"), quantity_of("D")
     ('angle', 'vergence')

@@ -29,7 +29,8 @@ fn transfer(propagation: Propagation, column: ColumnTerms, ky: i32) -> vec2f {
     let a = propagation.sine_step2.x * f32(ky2) + column.sine2;
     let root = 1.0 + sqrt(max(1.0 - a, 0.0));
     let rest = propagation.distance_waves * a * a / (2.0 * root * root);
-    return cis(-(f32(bitcast<i32>(paraxial)) * 2.3283064365386963e-10 + fract(rest)));
+    let turns = rest - trunc(rest);  // not fract, which makes a small negative number nearly 1 and rounds it
+    return cis(-(f32(bitcast<i32>(paraxial)) * 2.3283064365386963e-10 + turns));
 }
 
 // Whether k_y lies within the support of a column: (smallest |k_y|, lowest k_y, highest k_y) that pass.

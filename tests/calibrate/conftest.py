@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.calibrate.data_split import DataSplit, split_captures
-from holoview.calibrate.map_layout import map_layout_for
-from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
+from holoview.calibrate.training_plan import CalibrationSettings, DataSplit, map_layout_for, split_captures
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model.bench_parts import Modulator, Relay

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.calibrate.checkpoint import captures_digest
+from holoview.calibrate.train import captures_digest
 from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.model.bench_parts import Relay
 

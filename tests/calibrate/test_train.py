@@ -11,12 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.data_split import split_captures
-from holoview.calibrate.forward_model import CalibrationModel
-from holoview.calibrate.map_layout import map_layout_for
-from holoview.calibrate.settings import CalibrationSettings
-from holoview.calibrate.train import TrainingState, train
+from holoview.calibrate.train import CalibrationModel, TrainingState, load_checkpoint, train
+from holoview.calibrate.training_plan import CalibrationSettings, map_layout_for, split_captures
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
 from holoview.model.effects.hook_contexts import ModulatorContext

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.calibrate.training_data import TrainingData
+from holoview.calibrate.train import TrainingData
 from holoview.captures.dataset import Captures
 
 KNOWN = {"camera_black": {"black": 5.0}, "ambient": {"level": 300.0, "slope_x": 60.0}}

@@ -13,9 +13,9 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
+from holoview.captures.camera_model import NearFieldModel
 from holoview.captures.capture_file import read_captures
 from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.near_field_model import NearFieldModel
 from holoview.captures.predictor import Predictor, check_known_effects
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError

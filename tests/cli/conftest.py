@@ -20,9 +20,7 @@ SHAPE = (24, 32)
 
 # The real program, with a progress line at every step to wait for rather than one every ten seconds.
 PROGRAM = "import sys; from holoview.commands import console; console.LINE_INTERVAL_S = 0.0; from holoview import cli; "
-# A test run in the background of a shell ignores interrupts, and so would what it starts.
-PROGRAM += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-PROGRAM += "signal.signal(signal.SIGHUP, signal.SIG_DFL); sys.exit(cli.main())"
+PROGRAM += "sys.exit(cli.main())"
 
 
 @dataclass(frozen=True)

@@ -196,7 +196,7 @@ OUTPUTS: list[tuple[list[str], list[str]]] = [
 USAGE: list[tuple[list[str], list[str]]] = [
     ([], ["COMMAND", "holoview --help"]),
     (["nosuch"], ["'nosuch'", "presets", "render", "holoview --help"]),
-    (["info"], ["preset", "required", "holoview info --help"]),
+    (["info"], ["PRESET|FILE", "required", "holoview info --help"]),
     (["optimise", "holochrome-8"], ["TARGET", "required", "holoview optimise --help"]),
     (["presets", "--nope"], ["--nope"]),
     (["info", "holochrome-8", "--json", "--toml"], ["--toml", "not allowed with", "--json"]),

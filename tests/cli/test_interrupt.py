@@ -99,7 +99,6 @@ def test_a_second_signal_interrupts_at_once() -> None:
 # Raises SIGINT in itself when a module is about to be imported.
 _AT_IMPORT = """
 import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
 class Finder:
     def find_spec(name, path, target=None):
         if name == {module!r}:

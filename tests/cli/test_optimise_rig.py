@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment.camera_loop import rig_job
+from holoview.experiment.camera_loop import loop
 from holoview.io.hologram import load_hologram
 from holoview.rig import RigDescription
 from holoview.rig.devices import Devices
@@ -39,7 +39,7 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> _Opened:
     hidden = '[virtual.effects.gap]\ngap_error = "0.2 mm"\n'
     (tmp_path / "rig.toml").write_text(rig_text(hidden=hidden), encoding="utf-8")
     opener = _Opened()
-    monkeypatch.setattr(rig_job, "open_rig", opener)
+    monkeypatch.setattr(loop, "open_rig", opener)
     return opener
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.io.hologram import load_hologram
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.optimise.checkpoint import load_checkpoint
 
 Run = Callable[..., Any]

@@ -235,10 +235,10 @@ def _full_from_now_on(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
 
     real = file_writer._write_beside
 
-    def write_beside(target: Path, data: bytes, is_durable: bool) -> Path:
+    def write_beside(target: Path, *arguments: Any) -> Path:
         if target.parent == folder:
             raise OSError(28, os.strerror(28))
-        return real(target, data, is_durable)
+        return real(target, *arguments)
 
     monkeypatch.setattr(file_writer, "_write_beside", write_beside)
 

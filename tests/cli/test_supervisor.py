@@ -26,7 +26,6 @@ def _program(words: Sequence[str]) -> int:
     "N" is an exit code, "-N" a signal, "wait" waits for a signal.
     """
     folder = Path(words[1])
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests ignore interrupts
     try:
         return _end(folder, words)
     except KeyboardInterrupt:

@@ -1,7 +1,8 @@
-"""Links of the manual: files and headings that they name exist, on a repository's page as on the site."""
+"""Links of the manual lead to files and headings, on a repository's page as on the site; tables are tables on both."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,14 @@ PAGES = [path for name in ("*.md", "docs/**/*.md", "assets/*.md", "benchmarks/*.
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page: Path) -> None:
     assert mistakes(page, ROOT) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_blank_line_stands_before_each_table(page: Path) -> None:
+    """Else the site takes the table for text of the paragraph before; a repository's page doesn't."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    rules = [i for i, line in enumerate(lines) if re.fullmatch(r"\|(\s*:?-{3,}:?\s*\|)+", line)]
+    assert [f"line {i}" for i in rules if i >= 2 and lines[i - 2].strip()] == []
 
 
 def test_mistakes_are_told(tmp_path: Path) -> None:

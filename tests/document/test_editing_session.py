@@ -231,7 +231,7 @@ def test_looks_refuse_what_makes_no_sense() -> None:
         ("channel", "infrared"),
         ("low", 1.0),
         ("region", (0, 0, 0, 5)),
-        ("plane_m", -1.0),
+        ("plane_m", float("inf")),
         ("wipe", 2.0),
     ):
         with pytest.raises(UserError):

@@ -25,13 +25,13 @@ from holoview.document.exports import (
     scale_bar_length,
 )
 from holoview.document.files import target_from_image_bytes
-from holoview.document.scheme_comparison import NAMES as SIDES
-from holoview.document.scheme_comparison import start_scheme_comparison
+from holoview.document.speckle_jobs import NAMES as SIDES
+from holoview.document.speckle_jobs import start_scheme_comparison
 from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.page.page import read_page
-from holoview.render.plane_images import render_planes
+from holoview.render.planes import render_planes
 from holoview.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import EditingSession, OptimisationChoices
 from holoview.document.files import target_from_pixels
 from holoview.document.focus import toggle_eye
-from holoview.document.optimisation_choices import OptimisationChoices, choices_from_table
 from holoview.document.optimisation_job import OptimisationRequest, chosen_optimisation, start_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.optimise.eyes import OptimisedEyes
 from holoview.util.errors import UserError
+from holoview.util.tables import record_from_table
 
 CHOSEN = OptimisationChoices("holochrome-8", "xyz", "smooth", 7, 0.03, "random:4:0.8mm", "ignore")
 
@@ -69,7 +69,7 @@ def test_a_session_without_choices_has_the_usual_ones_and_damaged_ones_are_told(
         data, unreadable = read_session(tmp_path)
         assert data.choices == OptimisationChoices()
         assert len(unreadable) == 1 and unreadable[0].startswith("choices for the next optimisation: ")
-    assert choices_from_table({"eyebox": 1}).eyebox == 1.0
+    assert record_from_table(OptimisationChoices, {"eyebox": 1}).eyebox == 1.0
 
 
 def test_the_eyes_that_are_chosen_are_those_of_the_request(session: EditingSession) -> None:

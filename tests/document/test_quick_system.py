@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 
 from holoview.colour import observer_weights
 from holoview.model import preset
-from holoview.render.quick_system import make_quick_system, reduced_amplitudes
+from holoview.render.progressive_renderer import make_quick_system, reduced_amplitudes
 
 SYSTEM = preset.load("holochrome-8")
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import base64
+import json
 import re
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from holoview.study.runner import ResultStore
 from holoview.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
+from tests.fuzz.field_files import read_field
 from tests.fuzz.trial import Case
-from tests.fuzz.valid_files import valid, write
+from tests.fuzz.valid_files import small_system, valid, write
 
 Random = np.random.Generator
 
@@ -22,6 +27,25 @@ _VALUES = (
     *("0", "1", "-1", "2", "3", "7", "16", "1e300", "-1e300", "1e-320", "nan", "inf", "-inf", "1e38", "0.5", "65536"),
     *("99999999999999999999", "2147483648", '""', '"a"', "[]", "{}", "[1, 2]", "[[1]]", "true", '"8 um"', '"3 mm"'),
     *('"1e99 mm"', '"-3 mm"', '"\\u0000"', '"é"', '"\\u001b[31m"', '"../../x"', "[nan]", "1979-05-27", "{a = 1}"),
+)
+_JSON_VALUES = (
+    None,
+    "",
+    "a",
+    -1,
+    0,
+    3,
+    1e300,
+    10**30,
+    2**31,
+    True,
+    [],
+    {},
+    [1, 2],
+    [[1]],
+    {"a": 1},
+    "1" * 5000,
+    "\x00",
 )
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
@@ -156,12 +180,84 @@ def damaged_virtual_bench(rng: Random) -> Case:
     return Case("virtual benches", "hidden.toml", _preparation("rig", "hidden.toml", rng), call=read)
 
 
+def damaged_web_page(rng: Random) -> Case:
+    """A hologram as a web page, with damage to its text, its JSON or its unpacked data, opened by a link at random."""
+    data = valid("web page")["page.html"]
+    damages = (_damaged_json, _damaged_data, lambda data, rng: bytes(_damage(bytearray(data), rng)))
+    page = damages[int(rng.integers(len(damages)))](data, rng)
+    keys = ("plane", "gap", "laser1", "power2", "wavelength1", "pupil", "view", "x", "")
+    parts = [f"{keys[int(rng.integers(len(keys)))]}={_WORDS[int(rng.integers(len(_WORDS)))]}" for _ in range(2)]
+    link = f"page.html#{'&'.join(parts)}" if rng.random() < 0.3 else "page.html"
+
+    def read() -> None:
+        from holoview.document.files import read_content
+
+        read_content(link, small_system())
+
+    return Case("web pages", link[:80], lambda folder: write(folder, {"page.html": page}), call=read)
+
+
+def _damaged_json(data: bytes, rng: Random) -> bytes:
+    """A value anywhere in the page's document becomes another one, or is missing."""
+
+    def edit(text: bytes) -> bytes:
+        document = json.loads(text)
+        place: Any = document
+        while True:
+            keys = list(place) if isinstance(place, dict) else range(len(place))
+            key = keys[int(rng.integers(len(keys)))]
+            if isinstance(place[key], dict | list) and place[key] and rng.random() < 0.8:
+                place = place[key]
+                continue
+            if rng.random() < 0.2:
+                del place[key]
+            else:
+                place[key] = _JSON_VALUES[int(rng.integers(len(_JSON_VALUES)))]
+            return json.dumps(document).encode()
+
+    return _with_part(data, b"holoview-page", edit)
+
+
+def _damaged_data(data: bytes, rng: Random) -> bytes:
+    """The binary data, unpacked, damaged and packed again."""
+
+    def edit(text: bytes) -> bytes:
+        return base64.b64encode(zlib.compress(_damage(bytearray(zlib.decompress(base64.b64decode(text))), rng)))
+
+    return _with_part(data, b"holoview-data-0", edit)
+
+
+def _with_part(data: bytes, part: bytes, edit: Callable[[bytes], bytes]) -> bytes:
+    """A page with the text of one of its elements edited."""
+    start = data.index(b'id="' + part + b'">') + len(part) + 6
+    end = data.index(b"</script>", start)
+    return data[:start] + edit(data[start:end]) + data[end:]
+
+
+def damaged_field(rng: Random) -> Case:
+    """A hologram of another program, or the notes beside it, with damage."""
+    files = sorted(valid("field"))
+    file = files[int(rng.integers(len(files)))]
+    name = file.removesuffix(".holoview.toml")
+    return Case(
+        "fields",
+        f"{file} {int(rng.integers(1 << 30))}",
+        _preparation("field", file, rng),
+        call=partial(read_field, name),
+    )
+
+
 def _preparation(kind: str, file: str, rng: Random) -> Callable[[Path], None]:
-    data = bytearray(valid(kind)[file])
+    data = _damage(bytearray(valid(kind)[file]), rng)
+    return lambda folder: write(folder, valid(kind) | {file: bytes(data)})
+
+
+def _damage(data: bytearray, rng: Random) -> bytearray:
+    """One to three kinds of damage, in place."""
     for _ in range(int(rng.integers(1, 4))):
         if data:
             _DAMAGES[int(rng.integers(len(_DAMAGES)))](data, rng)
-    return lambda folder: write(folder, valid(kind) | {file: bytes(data)})
+    return data
 
 
 # --- options ---------------------------------------------------------------------------------------------------------
@@ -250,7 +346,8 @@ def random_cases(seed: int, families: Sequence[str] | None = None) -> Iterator[C
     rng = np.random.default_rng(seed)
     makers = [(family, partial(damaged, family, rng)) for family in COMMANDS]
     makers += [("sessions", partial(damaged_session, rng)), ("jobs", partial(damaged_job, rng))]
-    makers += [("virtual benches", partial(damaged_virtual_bench, rng))]
+    makers += [("virtual benches", partial(damaged_virtual_bench, rng)), ("web pages", partial(damaged_web_page, rng))]
+    makers += [("fields", partial(damaged_field, rng))] * 3
     makers += [("options", partial(random_option, rng))] * 3
     chosen = [make for family, make in makers if families is None or family in families]
     while True:

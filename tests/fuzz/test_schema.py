@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from safetensors.numpy import save_file
 
-from holoview.calibrate.checkpoint import _format
+from holoview.calibrate.train import _format
 from holoview.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
 from holoview.io.hologram import _FILE
 from holoview.model.effects.learned_maps import MAP_SCHEMAS, TENSORS, MapLayout, map_sizes

@@ -15,8 +15,8 @@ import tifffile
 from PIL import Image
 
 import holoview as hv
-from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
-from holoview.calibrate.settings import CalibrationSettings
+from holoview.calibrate.train import CalibrationCheckpoint, TrainingProgress
+from holoview.calibrate.training_plan import CalibrationSettings
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
 from holoview.io.pictures import write_pattern
@@ -27,6 +27,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig.registration import Measured, Registration, write_registration
 from holoview.targets.picture import read_picture
+from tests.fuzz.field_files import make_fields
 from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)
@@ -197,7 +198,13 @@ def _job(folder: Path) -> None:
     (folder / "job.json").write_text(json.dumps(text), encoding="utf-8")
 
 
+def _web_page(folder: Path) -> None:
+    system = small_system()
+    hv.export_html(folder / "page.html", hv.Hologram(hv.random_drive(system), system), backend="torch")
+
+
 _MAKERS = {
+    "web page": _web_page,
     "hologram": _hologram,
     "checkpoint": _checkpoint,
     "calibration checkpoint": _calibration_checkpoint,
@@ -210,6 +217,7 @@ _MAKERS = {
     "sweep": _sweep,
     "job": _job,
     "rig": _rig,
+    "field": make_fields,
 }
 
 

@@ -61,6 +61,7 @@ def test_the_image_fills_the_page_and_follows_its_size(device: Device, tmp_path:
         wait_for_sizes(page, 720, 500)
 
 
+@pytest.mark.explores
 def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, browser: Browser) -> None:
     options = ("--force-device-scale-factor=1.5", "--window-size=900,600")
     with serving(tmp_path, "--new") as served, browser.another(*options) as fine:
@@ -69,6 +70,7 @@ def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, brows
         wait_for_sizes(page, width, height, 1.5)
 
 
+@pytest.mark.explores
 def test_a_dropped_connection_is_told_and_opened_again(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
@@ -80,6 +82,7 @@ def test_a_dropped_connection_is_told_and_opened_again(device: Device, tmp_path:
         page.get_by_text("No connection to the viewer").wait_for(state="hidden")
 
 
+@pytest.mark.explores
 def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new") as served:
         first = browser.open(served.url, 800, 500)
@@ -111,6 +114,7 @@ def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_pa
         wait_until(lambda: served.edits() == ["Exposure", "Page"])
 
 
+@pytest.mark.explores
 def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
@@ -120,6 +124,7 @@ def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: P
         assert served.process.wait(SECONDS) == 0
 
 
+@pytest.mark.explores
 def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
@@ -148,6 +153,7 @@ def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: P
     assert served.edits() == ["Exposure", "Page"]
 
 
+@pytest.mark.explores
 def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
     leave_crashed_session(SessionStore(tmp_path / "holoview"))
     with serving(tmp_path) as served:
@@ -167,6 +173,7 @@ def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Pat
         assert (rows[0] + rows[-1]) / 2 == pytest.approx(210, abs=25)
 
 
+@pytest.mark.explores
 def test_a_page_too_many_says_so_and_gets_the_place_that_becomes_free(
     device: Device, tmp_path: Path, browser: Browser
 ) -> None:
@@ -179,6 +186,7 @@ def test_a_page_too_many_says_so_and_gets_the_place_that_becomes_free(
         wait_for_sizes(second, 640, 400)
 
 
+@pytest.mark.explores
 def test_a_page_that_nobody_uses_goes_on_at_a_click(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new", "--idle", "0.05") as served:
         page = browser.open(served.url, 640, 400)

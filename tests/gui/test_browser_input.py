@@ -102,6 +102,7 @@ def test_a_key_that_is_released_elsewhere_is_released(page: Any, served: Served)
     wait_until(lambda: served.edits() == ["Page"])
 
 
+@pytest.mark.explores
 def test_a_drag_moves_the_image_by_as_many_pixels(
     page: Any, served: Served, make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:

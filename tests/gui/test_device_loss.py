@@ -8,11 +8,12 @@ import pytest
 
 from benchmarks.device_loss import recovery
 from holoview.gpu.device import Device
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
 
-@pytest.mark.parametrize("optimises", [False, True])
+@pytest.mark.parametrize("optimises", explored([False, True], [False]))
 def test_the_work_is_back_after_the_device_was_lost(device: Device, tmp_path: Path, optimises: bool) -> None:
     found = recovery(tmp_path, ("--new", "--set", "shape=[96, 128]"), optimises)
     assert found.connected <= found.window <= found.picture

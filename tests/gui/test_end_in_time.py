@@ -28,8 +28,6 @@ def _work_in_a_library(folder: Path, saves: bool) -> None:
         (folder / "saved").touch()
         return saves
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with handled_signals(lambda _: None), end_in_time(save, _GRACE_S):
         (folder / "begun").touch()
         hashlib.pbkdf2_hmac("sha256", b"", b"", 6_000_000)

@@ -201,6 +201,7 @@ def unseen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Window, "_present", lambda window: present(window) if window.canvas.is_shown else None)
 
 
+@pytest.mark.explores
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 @given(st.lists(_gestures, min_size=1, max_size=5), st.data())
 def test_however_events_fall_on_frames_they_do_the_same(

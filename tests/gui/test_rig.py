@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from holoview.app.panels.camera import CameraPanel
-from holoview.app.panels.rig import RigPanel, open_rig
-from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
+from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel, open_rig
 from holoview.experiment.live.rig_session import RigSession
-from holoview.experiment.rig_bench import rig_system
+from holoview.experiment.rig_bench import system_of_rig
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
@@ -77,7 +75,7 @@ def rig_gui(make_gui: Callable[..., Gui], tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setitem(cast(dict[str, Opener], KINDS), "fake", bench.open)
     for name in ("OFF_TIMEOUT_S", "_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
         monkeypatch.setattr(live_devices, name, 0.2)
-    yield RigGui(make_gui(rig_system(bench.rig), SIZE, panels=PANELS), path, bench)
+    yield RigGui(make_gui(system_of_rig(bench.rig), SIZE, panels=PANELS), path, bench)
     bench.hangs.clear()
     bench.fails.clear()
 
@@ -122,6 +120,7 @@ def test_the_big_switch_does_so_as_well(rig_gui: RigGui) -> None:
     rig_gui.light_up()
     rig_gui.bench.hangs["camera"] = True
     rig_gui.wait(rig_gui.bench.hung.is_set)
+    rig_gui.wait(lambda: rig_gui.rig.waiting.startswith("waiting for the camera"))  # the line moves the switch
     rig_gui.gui.click(rig_gui.gui.item_position("lasers off"))
     rig_gui.wait(lambda: rig_gui.bench.laser is None)
 
@@ -167,7 +166,7 @@ def test_closing_the_window_switches_the_lasers_off_though_the_camera_hangs(rig_
 def test_a_viewer_to_look_at_controls_nothing(make_gui: Callable[..., Gui], rig_gui: RigGui) -> None:
     rig_gui.gui.app.close()  # a process has one window at a time
     looking = RigGui(
-        make_gui(rig_system(rig_gui.bench.rig), SIZE, panels=PANELS, is_read_only=True), rig_gui.path, rig_gui.bench
+        make_gui(system_of_rig(rig_gui.bench.rig), SIZE, panels=PANELS, is_read_only=True), rig_gui.path, rig_gui.bench
     )
     looking.open()
     assert looking.rig.view.picture is not None

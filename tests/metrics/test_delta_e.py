@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, import_colour_science
-from holoview.metrics.delta_e import delta_e_linear_srgb, delta_e_map_xyz, delta_e_xyz
+from holoview.metrics.fidelity import delta_e_linear_srgb, delta_e_map_xyz, delta_e_xyz
 from holoview.util.errors import UserError
 
 

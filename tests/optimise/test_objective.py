@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, cone_fundamentals, observer_weights, srgb_encode
-from holoview.metrics.psnr import psnr_linear_srgb, psnr_luminance
+from holoview.metrics.fidelity import psnr_linear_srgb, psnr_luminance
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise.objective import (

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.structural_similarity import multi_scale_similarity

@@ -13,8 +13,8 @@ import pytest
 import holoview as hv
 from holoview.colour import SRGB_TO_XYZ
 from holoview.io.hologram import load_hologram
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import eyebox_uniformity_of
-from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.settings import LOSS_SPACES, Settings

@@ -151,7 +151,7 @@ def test_the_pages_numbers_are_those_of_the_plan(count: int) -> None:
                 done += 1
 
 
-@pytest.mark.parametrize("name", ["replay.js", "bench.js", "measure.js", "hologram.js", "page.js"])
+@pytest.mark.parametrize("name", ["replay.js", "open.js", "bench.js", "measure.js", "hologram.js", "page.js"])
 def test_scripts_load_nothing(name: str) -> None:
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert not [

@@ -71,3 +71,5 @@ def test_a_link_is_split_unless_there_is_a_file_of_that_name(tmp_path: Path) -> 
     assert split_link(tmp_path / "b.safetensors") == (tmp_path / "b.safetensors", "")
     name.write_text("x", encoding="utf-8")
     assert split_link(name) == (name, "")
+    too_long = f"a.html#view={'x' * 300}"
+    assert split_link(too_long) == (Path("a.html"), f"view={'x' * 300}")

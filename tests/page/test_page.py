@@ -15,14 +15,14 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import srgb_decode
+from holoview.colour import COLOUR_SPACES, srgb_decode
 from holoview.gpu.device import Device
-from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.page.page import export_html, read_page
 from holoview.targets.focal_stack import Target
 from tests.chromium import Browser, needs_chromium, pixels
-from tests.page.pages import open_page, page_pixels, set_state, webgpu_browser
+from tests.page.pages import WEBGPU, open_page, page_pixels, set_state, webgpu_browser
 
 EYE = {"pupil": "2 mm", "pupil_x": "0.3 mm"}
 REGION = (20, 12, 40, 30)
@@ -262,6 +262,71 @@ def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, writ
     assert browser.close_pages() == []
 
 
+@needs_chromium
+def test_a_quick_image_says_so_and_the_exact_one_follows(
+    browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("holoview.page.document._QUICK_SAMPLES", 0)
+    file = export_html(tmp_path / "quick.html", written.first)
+    page = browser.open(file.as_uri(), 900, 800)
+    said = page.evaluate("() => window.holoview.ready.then(() => document.getElementById('message').textContent)")
+    assert said == "Quick image; the exact one follows …"
+    system = written.first.system
+    for plane_m in (10e-3, 9.3e-3):
+        set_state(page, plane_m=plane_m)
+        _is_equal(page_pixels(page), written.first, system, plane_m)
+        assert page.inner_text("#message") == ""
+        quick = page.evaluate(_QUICK_PIXELS)
+        shown = np.array(quick, np.uint8).reshape(96, 128, 4)[..., :3]
+        compact = system.with_(propagation="compact")
+        view = hv.simulate(compact, written.first.drive, planes=[plane_m, 12e-3], backend="torch64")
+        difference = np.abs(shown.astype(int) - view.srgb8[0].astype(int)).max(axis=-1)
+        assert np.mean(difference <= 1) >= 0.999  # as `_is_equal`; the page's grid holds the farthest plane, 12 mm
+    assert browser.close_pages() == []
+
+
+_QUICK_PIXELS = "async () => [...await window.holoview.viewer.holograms[0].quick.rgba(PAGE.xyz_to_srgb, 0)]"
+
+
+@needs_chromium
+def test_a_wide_screen_is_shown_display_p3(browser: Browser, written: Written) -> None:
+    with browser.another(*WEBGPU, "--force-color-profile=display-p3-d65") as wide:
+        page = open_page(wide, written.page)
+        assert "shown as Display P3" in page.inner_text("#speed")
+        shown = np.array(page.evaluate(_CANVAS), np.uint8).reshape(96, 128, 4)[..., :3]
+        assert wide.close_pages() == []
+    view = hv.simulate(written.first.system, written.first.drive, planes=[10e-3], backend="torch64")
+    linear = np.clip(view.xyz[0] @ COLOUR_SPACES["p3"].from_xyz.T, 0, 1)
+    difference = np.abs(shown.astype(int) - np.rint(255 * hv_srgb(linear)).astype(int)).max(axis=-1)
+    assert np.mean(difference <= 1) >= 0.999
+    assert np.mean(np.abs(shown.astype(int) - view.srgb8[0].astype(int)).max(axis=-1) > 1) > 0.5  # it isn't sRGB
+
+
+_CANVAS = """() => {
+    const picture = window.holoview.viewer.pictures.get("hologram 1").getContext("2d")
+    return [...picture.getImageData(0, 0, 128, 96, { colorSpace: "display-p3" }).data]
+}"""
+
+
+@needs_chromium
+def test_dragging_measures_a_region_and_pointing_tells_values(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.page)
+    box = page.locator("#image").bounding_box()
+    scale = min(box["width"] / 128, box["height"] / 96)
+    left, top = box["x"] + (box["width"] - 128 * scale) / 2, box["y"] + (box["height"] - 96 * scale) / 2
+    at = lambda x, y: (left + (x + 0.5) * scale, top + (y + 0.5) * scale)  # noqa: E731
+    page.mouse.move(*at(30, 40))
+    page.wait_for_function("() => document.getElementById('sample').textContent.startsWith('x 30, y 40: XYZ')")
+    page.mouse.down()
+    page.mouse.move(*at(60, 70), steps=3)
+    page.mouse.up()
+    view = hv.simulate(written.first.system, written.first.drive, planes=[10e-3], backend="torch64")
+    expected = speckle_contrast(view.xyz[0, ..., 1], (30, 40, 31, 31)).contrast
+    page.wait_for_function(f"() => document.getElementById('region').textContent.includes('contrast {expected:.3f}')")
+    assert page.is_visible("#histogram") and page.locator("#histogram rect").count() == 32
+    assert browser.close_pages() == []
+
+
 def test_the_page_is_read_as_data(written: Written) -> None:
     read = read_page(written.page)
     assert list(read) == ["one </script><b>", "two"]
@@ -273,7 +338,7 @@ def test_the_page_is_read_as_data(written: Written) -> None:
 def test_text_of_strangers_is_text(written: Written) -> None:
     text = written.page.read_text(encoding="utf-8")
     assert "<i>plain</i>" not in text and "&lt;i&gt;plain&lt;/i&gt;" in text
-    assert text.count("<script") == 1 + 1 + 2 * 2  # the document, the program, and two of data for each hologram
+    assert text.count("<script") == 1 + 2 + 2 * 2  # the document, two programs, and two of data for each hologram
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)
     assert policy is not None and "default-src 'none'" in policy[1] and "unsafe" not in policy[1]
 
@@ -287,10 +352,35 @@ def _edited(text: str, edit: Any) -> str:
     return text[: found.start(2)] + json.dumps(page).replace("<", "\\u003c") + text[found.end(2) :]
 
 
+@needs_chromium
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('id="holoview-frames-0">eN', 'id="holoview-frames-0">!!'),
+        ('id="holoview-frames-0">', 'id="holoview-frames-0">AAAA'),
+        ('id="holoview-data-0">eN', 'id="holoview-data-0">!!'),
+        ('id="holoview-data-0">', 'id="another">'),
+        ('"kind":"raw"', '"kind":"codes8"'),
+    ],
+)
+def test_a_damaged_page_shows_pictures_and_says_why(
+    browser: Browser, written: Written, tmp_path: Path, old: str, new: str
+) -> None:
+    damaged, text = tmp_path / "damaged.html", written.page.read_text(encoding="utf-8")
+    assert old in text
+    damaged.write_text(text.replace(old, new), encoding="utf-8")
+    page = browser.open(damaged.as_uri(), 900, 800)
+    said = page.evaluate("() => window.holoview.ready.then(() => '', error => error.message)")
+    assert said and page.is_visible("#stored")
+    assert page.inner_text("#message") != ""
+    assert browser.close_pages() == []
+
+
 @pytest.mark.parametrize(
     "edit",
     [
         lambda page: page.pop("holograms"),
+        lambda page: page.update(holograms=[]),
         lambda page: page.update(version="2"),
         lambda page: page["holograms"][0].update(toml="import os"),
         lambda page: page["holograms"][0].update(patterns=[None]),

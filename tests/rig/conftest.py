@@ -13,10 +13,16 @@ import tomli_w
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import DeviceError, DeviceGone, Devices
 from holoview.rig.limits import limit_devices
-from holoview.rig.virtual.client import VirtualCamera, VirtualClock, VirtualModulator, VirtualStage
+from holoview.rig.virtual.client import (
+    Disconnected,
+    Message,
+    VirtualCamera,
+    VirtualClock,
+    VirtualModulator,
+    VirtualStage,
+)
 from holoview.rig.virtual.server import BenchServer, FaultInjector
 from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
-from holoview.rig.virtual.wire import Disconnected, Message
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)
 LASERS_M = (450e-9, 638e-9)

@@ -39,6 +39,7 @@ DISTRIBUTIONS = {
     "pycvvdp": "cvvdp",
     "pymmcore_plus": "pymmcore-plus",
     "serial": "pyserial",
+    "skimage": "scikit-image",
 }
 """Distributions that aren't called as their modules are."""
 

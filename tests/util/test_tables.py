@@ -8,7 +8,7 @@ import pytest
 
 from holoview.model.fields import Integer, Number
 from holoview.util.errors import UserError
-from holoview.util.tables import check_keys, read_record, read_table
+from holoview.util.tables import check_keys, read_record, read_table, record_from_table
 
 TYPES = {"gap": Number("mm"), "each": Integer()}
 
@@ -71,3 +71,33 @@ def test_a_record_is_read_by_its_annotations() -> None:
 def test_wrong_records_are_refused(text: str, place: str) -> None:
     with pytest.raises(UserError, match=f"^{place}: "):
         read_record(Settings, text, "here", "settings")
+
+
+@dataclass(frozen=True)
+class Job:
+    settings: Settings
+    lasers: frozenset[int] = frozenset()
+    title: str = ""
+
+
+def test_a_table_is_read_with_the_tables_and_sets_inside_it() -> None:
+    table = {"settings": {"steps": 3}, "lasers": [2, 0, 2], "colour": 7}
+    read = record_from_table(Job, table, "job: ", skips_unknown=True, title="given")
+    assert read == Job(Settings(3), frozenset({0, 2}), "given")
+    with pytest.raises(UserError, match=r"^job: colour: unknown key"):
+        record_from_table(Job, table, "job: ")
+
+
+@pytest.mark.parametrize(
+    ("table", "place"),
+    [
+        ({"settings": {"steps": 0}}, r"settings\.steps: 0"),
+        ({"settings": {"steps": "3"}}, r"settings\.steps: '3'"),
+        ({"settings": 3}, "settings: 3"),
+        ({"settings": {"steps": 3}, "lasers": ["x"]}, "lasers: 'x'"),
+        ({"settings": {"steps": 3}, "lasers": 0}, "lasers: 0"),
+    ],
+)
+def test_a_wrong_value_inside_a_table_is_refused_with_its_place(table: dict[str, object], place: str) -> None:
+    with pytest.raises(UserError, match=f"^job: {place}; expected "):
+        record_from_table(Job, table, "job: ")

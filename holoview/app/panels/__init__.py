@@ -1,9 +1,8 @@
-"""The panels of the viewer, one module each; their order is that of the tabs in a dock."""
+"""The panels of the viewer, one module each (those of a rig share one); their order is that of the tabs in a dock."""
 
 from __future__ import annotations
 
 from holoview.app.panel import Panel
-from holoview.app.panels.camera import CameraPanel
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.eye import EyePanel
 from holoview.app.panels.files import FilesPanel
@@ -14,8 +13,7 @@ from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.app.panels.parameters import BenchPanel
-from holoview.app.panels.rig import RigPanel
-from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
+from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.app.panels.view_settings import ViewPanel
 

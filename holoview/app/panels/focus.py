@@ -10,9 +10,20 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.plane_tiles import PlaneStrip
-from holoview.document.focus import dioptres_text, focus_at, focus_at_next_plane, focus_range_m, step_focus
+from holoview.document.focus import (
+    dioptres_text,
+    focus_at,
+    focus_at_next_plane,
+    focus_range_m,
+    look_on_other_side,
+    step_focus,
+)
 
 _SWEEP_S = 3.0  # from the first plane to the last
+_PLANE_DOC = (
+    "Distance of the focal plane behind the last modulator: larger is nearer to the viewer. Ctrl+click: exact entry."
+)
+_PLANE_DOC_OF_FIELD = "Distance of the focal plane from the field; negative before it. Ctrl+click: exact entry."
 
 
 class FocusPanel(Panel):
@@ -40,6 +51,13 @@ class FocusPanel(Panel):
             "Space",
             "Plays through the focal stack; again to stop.",
         )
+        add(
+            "Other side",
+            lambda: look_on_other_side(session),
+            "Focal plane",
+            help="A field's image on the other side of its plane: the sign of z, or of the phase, is the other one.",
+            is_enabled=lambda: session.system.is_field,
+        )
         self._thumbnails = PlaneStrip(context)
 
     def toggle_play(self, context: AppContext) -> None:
@@ -55,6 +73,12 @@ class FocusPanel(Panel):
         if imgui.button("Stop" if self.is_playing else "Play", imgui.ImVec2(52, 0)):
             self.toggle_play(context)
         imgui.same_line()
+        if context.session.system.is_field:
+            if imgui.button("Other side"):
+                context.attempt(look_on_other_side, context.session)
+            context.record_item_rect("other side")
+            tooltip("The image lies there if the distance, or the phase, has the other sign.")
+            imgui.same_line()
         imgui.set_next_item_width(-1)
         changed, shown = imgui.slider_float(
             "##plane",
@@ -65,10 +89,7 @@ class FocusPanel(Panel):
             imgui.SliderFlags_.no_round_to_format,
         )
         context.record_item_rect("plane")
-        tooltip(
-            "Distance of the focal plane behind the last modulator: larger is nearer to the viewer. "
-            "Ctrl+click: exact entry."
-        )
+        tooltip(_PLANE_DOC_OF_FIELD if context.session.system.is_field else _PLANE_DOC)
         if changed:
             self.is_playing = False
             context.attempt(focus_at, context.session, shown * 1e-3)
@@ -81,7 +102,10 @@ class FocusPanel(Panel):
 
     def _sweep(self, context: AppContext) -> None:
         """Moves the plane as a triangle wave in real time, however long frames take."""
-        low, high = float(context.session.system.planes_m.min()), float(context.session.system.planes_m.max())
+        planes_m = context.session.system.planes_m
+        low, high = float(planes_m.min()), float(planes_m.max())
+        if low == high:
+            low, high = focus_range_m(context.session.system)
         phase = ((time.perf_counter() - self._since) / _SWEEP_S) % 2.0
         plane_m = low + (high - low) * (phase if phase <= 1 else 2 - phase)
         context.attempt(focus_at, context.session, plane_m)

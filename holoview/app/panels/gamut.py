@@ -106,14 +106,15 @@ DISPLAY_PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
 D65_XY = (0.3127, 0.3290)
 """Chromaticity of the daylight illuminant D65, CIE 1931."""
 _LOCUS_RANGE_M = (390e-9, 700e-9)  # the locus turns back by less than a line's width beyond 700 nm
+_LOCUS_POINTS = 156
 _MIN_LUMINANCE = 0.01
 
 
 @cache
-def spectral_locus(observer: str = "eye", count: int = 156) -> Floats:
-    """Chromaticities (count, 2) of monochromatic light from 390 to 700 nm; CIE 1931 for the observer "mono"."""
+def spectral_locus(observer: str = "eye") -> Floats:
+    """Chromaticities (wavelength, 2) of monochromatic light from 390 to 700 nm; CIE 1931 for the observer "mono"."""
     kind = "cie1931" if observer == "mono" else observer
-    xy = chromaticity(observer_weights(kind, np.linspace(*_LOCUS_RANGE_M, count)))
+    xy = chromaticity(observer_weights(kind, np.linspace(*_LOCUS_RANGE_M, _LOCUS_POINTS)))
     xy.setflags(write=False)
     return xy
 

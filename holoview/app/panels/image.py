@@ -53,7 +53,7 @@ class ImagePanel(Panel):
         add("Zoom out", lambda: self._zoom_by(context, 1 / _ZOOM_PER_NOTCH), "Image", "-", repeats=True)
 
     def displayed_pixels(self) -> NDArray[np.uint8] | None:
-        """What the panel shows, 8-bit sRGB (y, x, 3); None before anything was drawn."""
+        """The image that the panel shows, 8-bit sRGB (y, x, 3); None before anything was drawn."""
         return None if self._viewport is None or self._viewport.view is None else self._viewport.pixels()
 
     def draw(self, context: AppContext) -> None:

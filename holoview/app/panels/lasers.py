@@ -116,8 +116,10 @@ class LasersPanel(Panel):
     # --- sets and table ---------------------------------------------------------------------------------------------
 
     def _draw_buttons(self, context: AppContext, system: System) -> None:
+        imgui.begin_disabled(system.is_field)
         if imgui.button("Add"):
             _add(context)
+        imgui.end_disabled()
         tooltip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
         imgui.same_line()
         if imgui.button("White"):
@@ -185,7 +187,7 @@ class LasersPanel(Panel):
             muted = context.session.view_settings.muted ^ {index}
             context.edit_view("Mute", muted=muted)
         imgui.same_line(spacing=2)
-        imgui.begin_disabled(len(system.wavelengths_m) == 1)
+        imgui.begin_disabled(len(system.wavelengths_m) == 1 or system.is_field)
         if imgui.small_button("×"):
             _remove(context, system, index)
         context.record_item_rect(f"remove {index}")

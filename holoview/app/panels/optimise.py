@@ -13,8 +13,7 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.document.editing_session import EditingSession
-from holoview.document.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
+from holoview.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
 from holoview.document.optimisation_job import (
     OptimisationJob,
     chosen_optimisation,
@@ -85,6 +84,9 @@ class OptimisePanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         """Draws the target, then the settings or the progress of a running optimisation."""
+        if context.session.system.is_field:
+            imgui.text_wrapped("A field has no patterns to optimise. Open a preset to find patterns for a picture.")
+            return
         _draw_target(context)
         job = running_optimisation(context.session)
         if job is None:

@@ -52,7 +52,7 @@ class BenchPanel(Panel):
         for key, field in describe.fields_by_key(type(system)).items():
             if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Nested):
                 continue
-            if key == "relay1" and len(system.modulators) == 1:
+            if key == "relay1" and system.gap_m is None:
                 continue
             if _header(context, _TITLES.get(key, key.capitalize())):
                 tooltip(field.metadata["doc"])
@@ -62,22 +62,26 @@ class BenchPanel(Panel):
     # --- modulators and source --------------------------------------------------------------------------------------
 
     def _draw_modulators(self, context: AppContext, system: System) -> None:
-        if not _header(context, "Modulators"):
+        if not _header(context, "Field" if system.is_field else "Modulators"):
             return
         modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
         for key, field in describe.fields_by_key(type(modulator)).items():
             kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(modulator, field.name)
             edited: WidgetEdit | None = None
+            if key == "content" or (system.is_field and key not in ("pitch", "shape")):
+                continue
             if isinstance(kind, Number):
                 edited = number_field(key, kind, value, getattr(reset, field.name), doc)
             elif isinstance(kind, Shape):
-                imgui.text_disabled(f"{value[1]} × {value[0]} pixels")
+                imgui.text_disabled(f"{value[1]} × {value[0]} {'samples' if system.is_field else 'pixels'}")
                 tooltip(doc)
             else:
                 edited = _levels(key, value, doc)
             context.record_item_rect(f"modulators.{key}")
             if edited is not None:
                 context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
+        if system.is_field:
+            return
         has_two = len(system.modulators) == 2
         if imgui.button("Leave out modulator 2" if has_two else "Add a second modulator"):
             changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None}
@@ -115,7 +119,7 @@ def _draw_frames(context: AppContext, system: System, reset: System) -> None:
     """Draws the number of frames; it is disabled if frames have different lasers, which the Lasers panel edits."""
     is_even = bool((system.amplitudes == system.amplitudes[0]).all())
     doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
-    imgui.begin_disabled(not is_even)
+    imgui.begin_disabled(not is_even or system.is_field)
     edited = count_field("frames", Integer(1, 64), system.frames, reset.frames, doc)
     context.record_item_rect("frames")
     imgui.end_disabled()

@@ -1,4 +1,4 @@
-"""The panel that controls a rig: lasers with a big switch that turns them off, patterns, camera, stage, captures."""
+"""The panels of a rig: its controls, the diagnosis that follows its captures, and the pictures of its camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.panel import Panel
 
 if TYPE_CHECKING:
-    from holoview.app.rig.controls import RigControls
+    from holoview.app.rig_controls import CameraPanes, RigControls
+
 
 _GROUP = "Rig"
 _PANELS = ("Rig", "Rig diagnosis", "Camera")
@@ -69,9 +70,9 @@ class RigPanel(Panel):
 
     @property
     def controls(self) -> RigControls:
-        """What is shown of an open rig, and its choices."""
+        """The contents of the panel of an open rig."""
         if self._controls is None:
-            from holoview.app.rig.controls import RigControls  # slow start: most sessions open no rig
+            from holoview.app.rig_controls import RigControls  # slow start: most sessions open no rig
 
             self._controls = RigControls(self.dialog)
         return self._controls
@@ -101,3 +102,44 @@ def open_rig(context: AppContext, path: Path) -> None:
     context.rig.open(path)
     for title in _PANELS:
         context.show_panel(title)
+
+
+class RigDiagnosisPanel(Panel):
+    """Shows what the captures of a rig say of its bench."""
+
+    title = "Rig diagnosis"
+    dock = "Low right"
+    starts_open = False
+
+    def draw(self, context: AppContext) -> None:
+        """Draws the diagnosis of an open rig."""
+        rig = context.opened_rig
+        if rig is None:
+            imgui.text_disabled("No rig is open.")
+            return
+        from holoview.app.rig_controls import draw_live_diagnosis  # slow start: most sessions open no rig
+
+        draw_live_diagnosis(context, rig)
+
+
+class CameraPanel(Panel):
+    """Shows what the camera sees and what it should see. view: that, once a rig was open; None before."""
+
+    title = "Camera"
+    dock = "Centre"
+    starts_open = False
+    flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+
+    def __init__(self) -> None:
+        self.view: CameraPanes | None = None
+
+    def draw(self, context: AppContext) -> None:
+        """Draws the pictures of an open rig."""
+        if context.opened_rig is None:
+            imgui.text_disabled("No rig is open.")
+            return
+        if self.view is None:
+            from holoview.app.rig_controls import CameraPanes  # slow start: most sessions open no rig
+
+            self.view = CameraPanes(context)
+        self.view.draw(context)

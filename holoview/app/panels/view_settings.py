@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.model import preset
+from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import (
     ACHROMATIC,
     CHANNELS,
@@ -19,6 +19,7 @@ from holoview.render.view_settings import (
     FALSE_COLOURS,
     NOW,
     PAGES,
+    QUANTITIES,
     TARGET,
     ComparisonSide,
     ViewSettings,
@@ -26,11 +27,11 @@ from holoview.render.view_settings import (
 )
 
 _STOP = 0.25
-_BRIGHT_PERCENT = 99.0
 _PAGE_DOCS = {
     "image": "What is seen at the focal plane.",
     "planes": "All focal planes of the bench beside each other.",
     "phase": "The pattern on a modulator, as phase at the laser in the middle; a turn of hue is a wave.",
+    "field": "The complex field of the solo laser at a stage of the bench: its amplitude, phase, parts or spectrum.",
     "spectrum": "Where the light leaves to, around the modulator's first order.",
     "target": "What the hologram should show at the focal plane.",
 }
@@ -60,7 +61,13 @@ class ViewPanel(Panel):
         add(
             "False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels."
         )
-        add("Next page", lambda: _cycle(context, "page", PAGES), "Image", "G", "Image, planes, phase, eyebox, target.")
+        add(
+            "Next page",
+            lambda: _cycle(context, "page", PAGES),
+            "Image",
+            "G",
+            "Image, planes, phase, field, eyebox, target.",
+        )
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, context, name)
@@ -81,6 +88,9 @@ class ViewPanel(Panel):
         self._draw_tone(context, view)
         if view.page == "phase":
             self._draw_pattern_choice(context, view)
+        if view.page == "field":
+            _combo(context, "stage", context.session.system.stages, view.stage, {})
+            _combo(context, "quantity", QUANTITIES, view.quantity, {})
         imgui.separator_text("Compare")
         self._draw_compare(context, view)
         imgui.pop_item_width()
@@ -111,7 +121,7 @@ class ViewPanel(Panel):
         tooltip("An exposure at which only the brightest hundredth of the image is beyond white.")
 
     def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
-        frames, modulators = context.session.system.drive_shape[:2]
+        frames, modulators = context.session.system.frames, len(context.session.system.modulators)
         for name, value, count in (("modulator", view.modulator, modulators), ("frame", view.frame, frames)):
             if count > 1:
                 changed, value_shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
@@ -215,9 +225,7 @@ def _fit_brightness(context: AppContext) -> None:
     if xyz is None:
         context.session.messages.post("the full image isn't there yet: try again in a moment")
         return
-    bright = float(np.percentile(xyz[..., 1], _BRIGHT_PERCENT))
-    if bright > 0:
-        context.edit_view("Exposure", exposure_stops=round(-float(np.log2(bright)), 2))
+    context.edit_view("Exposure", exposure_stops=round(fitting_stops(xyz), 2))
 
 
 def _cycle(context: AppContext, field: str, options: tuple[str, ...]) -> None:

@@ -2,14 +2,11 @@
 
 corrections     which records can be wrong, how each is put right, and which corrections are tried
 central_region  the middle of large captures
-trials          how well captures are predicted under a hypothesis: the correlation of speckle, and what chance gives
-power_order     powers of other captures, which gains tell and pictures don't
-search          from captures to findings
-findings        what was found, in words and as JSON
+trials          how well captures are predicted under a hypothesis: the correlation of speckle, also by chance
+record_errors   from captures to findings, in words and as JSON; powers of other captures
 """
 
 from holoview.captures.records.corrections import Correction, plausible_units
-from holoview.captures.records.findings import RecordFindings
-from holoview.captures.records.search import find_record_errors
+from holoview.captures.records.record_errors import RecordFindings, find_record_errors
 
 __all__ = ["Correction", "RecordFindings", "find_record_errors", "plausible_units"]

@@ -58,7 +58,7 @@ class Correction(ABC):
     @property
     @abstractmethod
     def choice(self) -> str:
-        """What happened to the records, as a short text; empty where the id says it all."""
+        """The mistake in the records, as a short text; empty where the id says it all."""
 
     @property
     @abstractmethod
@@ -109,7 +109,7 @@ ORIENTATION_WORDS = {
     "rotate_270": "turned by 90° clockwise",
     "anti_transpose": "mirrored at the other diagonal",
 }
-"""What each orientation does, in words."""
+"""Each orientation in words."""
 
 
 @dataclass(frozen=True)

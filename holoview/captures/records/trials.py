@@ -1,9 +1,9 @@
 """How well captures are predicted under a hypothesis on their records: the correlation of speckle.
 
-What benches do to brightness and position must not count. A picture therefore becomes its contrast: the square root of
-the light, divided by its blurred background. Beams, vignetting and the laser's power drop out, and few bright grains
-don't dominate. Contrasts are compared at several blurs and at all small shifts. With p and q the power spectra of two
-unrelated contrasts, each normalised to a sum of 1, the correlation ρ has the variance
+Changes of brightness and position by the bench must not count. A picture therefore becomes its contrast: the square
+root of the light, divided by its blurred background. Beams, vignetting and the laser's power drop out, and few bright
+grains don't dominate. Contrasts are compared at several blurs and at all small shifts. With p and q the power
+spectra of two unrelated contrasts, each normalised to a sum of 1, the correlation ρ has the variance
 
     var ρ = κ · Σ_f p(f)·q(f) = 1/G,   κ = N·Σw⁴/(Σw²)²
 
@@ -276,7 +276,7 @@ class Trials:
 def _predict_contrasts(
     effects: Values, comparison: SpeckleComparison, rows: Sequence[Captures]
 ) -> list[Contrast | None]:
-    """What each row should look like; None for a wavelength or distance that no bench can have."""
+    """The predicted picture of each row; None for a wavelength or distance that no bench can have."""
     predictor = Predictor(_stack(rows), cache_mb=_CACHE_MB)
     contrasts: list[Contrast | None] = []
     for number in range(len(rows)):

@@ -13,7 +13,7 @@ from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import FitQuality, neighbour_variance, prepare_captures
 from holoview.captures.records import Correction, RecordFindings, find_record_errors
 from holoview.captures.records.corrections import Hypothesis, apply_corrections
-from holoview.captures.records.power_order import PowerOrder
+from holoview.captures.records.record_errors import PowerOrder
 from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.extended_model import PredictorWithKnownEffects

@@ -11,7 +11,7 @@ from PIL import Image
 
 from holoview.diagnose.extended_model import add_effect_values, extended_system
 from holoview.diagnose.likelihood import Values
-from holoview.metrics.psnr import psnr
+from holoview.metrics.fidelity import psnr
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.optimise.settings import Settings

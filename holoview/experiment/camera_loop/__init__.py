@@ -4,6 +4,5 @@ Peng et al., Neural holography with camera-in-the-loop training, ACM Trans. Grap
 
 bench_camera     shows patterns and takes pictures: exposures, dark level, saturated pixels
 camera_problem   loss and gradients at measured intensities; how the camera sees the model's samples
-loop             the loop: a generator of states; its checkpoints, and updates of the model
-rig_job          a whole optimisation on a rig
+loop             the loop: a generator of states; its checkpoints, updates of the model, the whole job on a rig
 """

@@ -37,7 +37,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera saw.
+    """A picture that a camera took.
 
     light (y, x): counts above the dark level, per second of unit power. saturated (y, x): pixels of which only a lower
     bound is known. capture: the capture with its record.
@@ -49,7 +49,7 @@ class Picture:
 
 
 class PictureSource(Protocol):
-    """What takes pictures; `exposures_s` may be set to those of an earlier run."""
+    """A source of pictures, real or in a test; `exposures_s` may be set to those of an earlier run."""
 
     exposures_s: dict[float, float]
 

@@ -80,7 +80,7 @@ _MIN_CORRELATION = 0.3  # of seen and predicted light, below which a displacemen
 
 @dataclass(frozen=True)
 class RecordedPlane:
-    """What was measured of a plane.
+    """The measured intensities of a plane.
 
     intensity (laser, row, column): in the model's unit. usable (row, column): pixels that count. view: of the camera.
     """
@@ -272,7 +272,7 @@ class CameraSampling:
         ]
 
     def picture(self, samples: Tensor) -> Tensor:
-        """What the camera sees of real samples (…, y, x), (…, row, column)."""
+        """Real samples (…, y, x) as the camera's pixels see them, (…, row, column)."""
         if self.is_identity:
             return samples.clone()
         y, x = (matrix.to(samples) for matrix in self._matrices)
@@ -332,7 +332,7 @@ class CameraCalibration:
     correlation: Floats
 
     def notes(self, planes_m: Floats) -> list[str]:
-        """What couldn't be found."""
+        """Notes on planes whose place couldn't be found."""
         return [
             f"at {units.format_rounded(float(z), 'mm')} pictures and prediction don't resemble each other (correlation "
             f"{c:.2f}); the camera counts as centred"
@@ -356,7 +356,7 @@ def probe_levels(rig: RigDescription, seed: int, sigmas_px: Sequence[float] = PR
 def calibrate_camera(
     rig: RigDescription, predicted: Tensor, pitch_m: float, pictures: Sequence[Sequence[Sequence[Picture]]]
 ) -> CameraCalibration:
-    """What the probes show. predicted: intensities (plane, wavelength, probe, y, x); pictures: of the same, nested.
+    """Probes and their pictures. predicted: intensities (plane, wavelength, probe, y, x); pictures: the same, nested.
 
     pitch_m: of the predicted samples. Raises UserError where a laser's light doesn't reach the camera.
     """

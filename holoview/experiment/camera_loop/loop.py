@@ -3,6 +3,7 @@
 CameraLoop       the loop, a generator of states
 LoopCheckpoint   a loop saved in a safetensors file, with what its expensive pictures have taught
 ModelUpdates     effects of the bench that the pictures show, added to the model, so that its gradients get better
+run_on_rig       the whole job: from a hologram of the model to the best one that the rig's camera saw
 
 for state in camera_loop(system, stack, Settings(iterations=40), rig, camera, start=drive):
     print(state.iteration, state.psnr_db)      # measured
@@ -42,7 +43,7 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.diagnose.extended_model import extended_system
 from holoview.diagnose.pipeline import diagnose
-from holoview.experiment.camera_loop.bench_camera import Picture, PictureSource, Shot
+from holoview.experiment.camera_loop.bench_camera import BenchCamera, Picture, PictureSource, Shot
 from holoview.experiment.camera_loop.camera_problem import (
     PROBE_SIGMAS_PX,
     CameraCalibration,
@@ -56,13 +57,17 @@ from holoview.model import preset
 from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.model.system import System
 from holoview.optimise.checkpoint import VARIABLE_TENSORS, target_digest
+from holoview.optimise.hologram_job import IntermediateFiles, RunOptions, nothing_left, optimise_hologram
 from holoview.optimise.lasers import changes_lasers
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings
 from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.rig.description import RigDescription
+from holoview.rig.open_rig import open_rig
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
+from holoview.util.processes import Interruption
+from holoview.util.progress import ProgressCallback, TextCallback
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import read_record
 
@@ -460,3 +465,93 @@ def update_model(
     if left_out:
         note += f" ({', '.join(left_out)} can't be optimised for)"
     return UpdatedModel(extended_system(system, values), note)
+
+
+# --- the whole job on a rig ---
+
+
+STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
+
+
+@dataclass(frozen=True)
+class RigJob:
+    """An optimisation on a rig.
+
+    stack: (plane, y, x, 3), what the camera should see. settings: those of the model's own optimisation, which comes
+    first where there is no start. step_rad: first step of the patterns' phase with the camera. start: the first
+    patterns. resume: where an earlier loop had ended.
+    """
+
+    rig: RigDescription
+    system: System
+    stack: NDArray[np.float32]
+    settings: Settings
+    options: RunOptions
+    step_rad: float = STEP_RAD
+    updates: ModelUpdates | None = None
+    start: Hologram | None = None
+    resume: LoopCheckpoint | None = None
+
+    def with_own_sampling(self, hologram: Hologram) -> Hologram:
+        """A hologram with the sampling of the job's bench."""
+        return Hologram(hologram.drive, hologram.system.edit({"propagation": self.system.sampling.propagation}))
+
+
+@dataclass
+class RigOutcome:
+    """The first and the latest state of a loop, and the PSNR of the best hologram in fresh pictures."""
+
+    first: LoopState | None = None
+    latest: LoopState | None = None
+    fresh_psnr_db: float | None = None
+
+
+def started_in_model(job: RigJob, progress: ProgressCallback, interruption: Interruption) -> RigJob:
+    """The job with the hologram that the model alone finds as its start."""
+    options = replace(job.options, checkpoint=None, preview=None, stop_psnr_db=math.inf)
+    result = optimise_hologram(
+        job.system, job.stack, job.settings, options, progress=progress, interruption=interruption
+    )
+    return replace(job, start=result.hologram)
+
+
+def run_on_rig(
+    job: RigJob, outcome: RigOutcome, progress: ProgressCallback, interruption: Interruption, tell: TextCallback
+) -> None:
+    """Opens the rig and runs the loop; what it reaches is in `outcome` even if it fails.
+
+    Whatever ends it, the lasers are off afterwards. Raises UserError for devices that fail, and if the checkpoint to
+    resume has no iteration left.
+    """
+    files = IntermediateFiles(job.options, tell)
+    with open_rig(job.rig) as devices:
+        loop = CameraLoop(
+            job.options.simulated(job.system),
+            job.stack,
+            replace(job.settings, step_rad=job.step_rad),
+            job.rig,
+            BenchCamera(job.rig, devices, tell=tell),
+            None if job.start is None else job.start.drive,
+            job.resume,
+            job.updates,
+            device=job.options.device,
+            is_asked_to_end=interruption,
+        )
+        for state in loop.states():
+            outcome.first, outcome.latest = outcome.first or state, state
+            progress(state.iteration, state.iterations, _progress_note(state))
+            for text in state.notes:
+                tell(text)
+            stops = interruption() or job.options.is_enough(state.best_psnr_db, state.seconds)
+            files.write_due(state, is_last=stops or state.iteration == state.iterations)
+            if stops:
+                break
+        if outcome.latest is None:
+            raise nothing_left()
+        if not interruption():
+            outcome.fresh_psnr_db = loop.measure(outcome.latest.best).psnr_db
+
+
+def _progress_note(state: LoopState) -> str:
+    measured = f"measured PSNR {state.psnr_db:.2f} dB, best {state.best_psnr_db:.2f} dB, {state.pictures} pictures"
+    return f"{measured} in {state.bench_s:.0f} s"

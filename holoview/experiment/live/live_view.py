@@ -32,7 +32,7 @@ _BINS = 64
 
 @dataclass(frozen=True, eq=False)
 class PictureModel:
-    """What a picture is predicted with. system: a bench in place of the rig's nominal one. values: effects on it.
+    """The model that predicts a picture. system: a bench in place of the rig's nominal one. values: effects on it.
 
     name: in words.
     """

@@ -1,6 +1,7 @@
 """A rig beside the document that a viewer edits: its devices, live pictures, captures, plans, and a diagnosis.
 
-RigSession      what a front end controls; all of its methods belong to the owner of the session and return at once
+BenchState      the patterns that are sent to the modulators, the settings of the devices, captures with these settings
+RigSession      controlled by a front end; all of its methods belong to the owner of the session and return at once
 TakenCaptures   the captures that were taken, each on the disk
 PlanRun         a plan of captures, as a job
 
@@ -12,21 +13,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from holoview.captures.dataset import Captures
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, Cancelled, JobControl
-from holoview.experiment.live.bench_state import BenchState, SentPattern, state_of
 from holoview.experiment.live.live_diagnosis import LiveDiagnosis
 from holoview.experiment.live.live_view import LiveView, PictureModel
+from holoview.io.hologram import load_hologram
 from holoview.rig.description import RigDescription, read_rig
-from holoview.rig.devices import Counts, DeviceError, Devices
-from holoview.rig.live_devices import LasersForbidden, OpenDevices, RigConnection
+from holoview.rig.devices import Counts, DeviceError, Devices, Levels
+from holoview.rig.live_devices import LasersForbidden, RigConnection
 from holoview.rig.measure.camera_pictures import take_exposed
 from holoview.rig.measure.capture_folder import CaptureFolder, CaptureStore
 from holoview.rig.measure.capture_plan import CapturePlan, CaptureRequest, default_plan, read_plan
@@ -34,6 +38,108 @@ from holoview.rig.measure.measurement import Measurement
 from holoview.rig.open_rig import open_rig
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
+from holoview.util.text import printable
+
+_REMEDY = "take the bench of the rig (menu Rig), then find patterns for it"
+
+
+@dataclass(frozen=True, eq=False)
+class BenchState:
+    """Settings of the devices as they last confirmed them; None where nothing was set yet.
+
+    wavelength_m: of the laser that is on; None while all are off. power: relative, of that laser.
+    """
+
+    pattern: SentPattern | None = None
+    wavelength_m: float | None = None
+    power: float = 0.0
+    distance_m: float | None = None
+    exposure_s: float | None = None
+
+    @property
+    def missing(self) -> str:
+        """The next step that is needed before a picture can be predicted, or ""."""
+        if self.pattern is None:
+            return "send a pattern"
+        if self.distance_m is None:
+            return "move the stage, so that its place is known"
+        if self.exposure_s is None:
+            return "set an exposure"
+        return "switch a laser on" if self.wavelength_m is None else ""
+
+    def require_all(self) -> None:
+        """Raises UserError while a setting is missing."""
+        if self.missing:
+            raise UserError("capture", "can't be taken yet", remedy=self.missing)
+
+    def capture(self, rig: RigDescription, picture: Counts) -> Captures | None:
+        """A picture (y, x) with these settings as a capture; None while a setting is missing."""
+        if self.pattern is None or self.distance_m is None or self.exposure_s is None or self.wavelength_m is None:
+            return None
+        return rig.capture(
+            self.pattern.levels,
+            picture,
+            wavelength_m=self.wavelength_m,
+            distance_m=self.distance_m,
+            power=self.power,
+            exposure_s=self.exposure_s,
+            lasers_m=rig.wavelengths_m,
+        )
+
+
+def state_of(capture: Captures, label: str) -> BenchState:
+    """The settings with which a capture was taken. label: of its pattern."""
+    return BenchState(
+        pattern=SentPattern(capture.levels[0], label),
+        wavelength_m=float(capture.wavelength_m[0]),
+        power=float(capture.power[0]),
+        distance_m=float(capture.distance_m[0]),
+        exposure_s=float(capture.exposure_s[0]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SentPattern:
+    """Grey levels (modulator, y, x), and where they come from, in words."""
+
+    levels: Levels
+    label: str
+
+
+def drive_pattern(rig: RigDescription, drive: NDArray[np.floating], label: str) -> SentPattern:
+    """A drive (modulator, y, x) in 0…1, rounded to the nearest levels of the rig's modulators.
+
+    Raises UserError where it has another shape.
+    """
+    shape = (len(rig.bench.slms), *rig.slm_shape)
+    if drive.shape != shape:
+        found, wanted = (" × ".join(map(str, s)) for s in (drive.shape, shape))
+        expected = f"{wanted} (modulator, y, x) as the rig has"
+        raise UserError(label, f"patterns of {found}", expected=expected, remedy=_REMEDY)
+    highest = np.array([slm.num_levels - 1 for slm in rig.bench.slms])[:, None, None]
+    levels = np.rint(np.clip(np.asarray(drive, np.float64), 0.0, 1.0) * highest)
+    return SentPattern(levels.astype(rig.levels_type), label)
+
+
+def random_pattern(rig: RigDescription, sigma_px: float, seed: int) -> SentPattern:
+    """Random levels, blurred by a Gaussian of `sigma_px` modulator pixels."""
+    levels = rig.random_levels(np.random.default_rng(seed), sigma_px)
+    return SentPattern(levels.astype(rig.levels_type), f"random, smooth over {sigma_px:g} px")
+
+
+def flat_pattern(rig: RigDescription, share: float) -> SentPattern:
+    """The same level everywhere, `share` of the highest one."""
+    drive = np.full((len(rig.bench.slms), *rig.slm_shape), share)
+    return drive_pattern(rig, drive, f"flat, {share:.2f} of the stroke")
+
+
+def file_pattern(rig: RigDescription, path: Path) -> SentPattern:
+    """The first frame of a hologram file. Raises UserError."""
+    return drive_pattern(rig, load_hologram(path).drive[0], printable(path.name))
+
+
+# --- the rig ---
+
 
 LIVE_PERIOD_S = 0.1
 """The least time between live pictures."""
@@ -48,14 +154,14 @@ MODELS = ("rig.toml", "the viewer's bench", "the diagnosis")
 class RigSession:
     """A rig of an editing session, or none.
 
-    open_devices: opens the devices of a rig. rig: its description; None while there is none. status: "closed",
+    rig: its description; None while there is none. status: "closed",
     "opening", "open", or "failed" after an error of a device, until it is opened again. problem: that error.
     state: what the devices are set to. is_live: whether pictures are taken all the time. view: the newest picture with
     its prediction. captures: those taken. diagnosis: of them.
     """
 
-    def __init__(self, session: EditingSession, open_devices: OpenDevices = open_rig) -> None:
-        self._session, self._open_devices = session, open_devices
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
         self.rig: RigDescription | None = None
         self.status, self.problem = "closed", ""
         self.state, self.is_live = BenchState(), False
@@ -82,7 +188,7 @@ class RigSession:
 
     @property
     def waiting(self) -> str:
-        """What has been waited for, as in "waiting for the camera (3 s)"; "" while nothing takes long."""
+        """The device that has been waited for, as in "waiting for the camera (3 s)"; "" while nothing takes long."""
         found = None if self._connection is None else self._connection.watch.waiting
         return "" if found is None or found[1] < _SHOWN_AFTER_S else f"waiting for {found[0]} ({found[1]:.0f} s)"
 
@@ -104,7 +210,7 @@ class RigSession:
             before.abandon()
         self.status, self.problem, self.state = "opening", "", BenchState()
         self._pending.clear()
-        self._connection = RigConnection(self.rig, self._open_devices, self._session.call_on_owner, before)
+        self._connection = RigConnection(self.rig, open_rig, self._session.call_on_owner, before)
         self._connection.open(self._on_open, self._on_error)
 
     def close_rig(self) -> None:

@@ -1,7 +1,7 @@
 """Takes captures until the cause is certain: each is chosen by what the captures before it left open.
 
 ClosedLoop   takes captures, judges them, and ends when the cause is certain or a budget is spent
-Planner      chooses the next capture: by the information that it promises (`InformedPlanner`), by chance, or by a plan
+Planner      chooses the next capture: by the information that it promises (`InformedPlanner`)
 """
 
 from __future__ import annotations
@@ -22,14 +22,20 @@ from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search_context import SearchEnd, SearchEnded
 from holoview.experiment.known_alignment import diagnosis_options
-from holoview.experiment.next_capture.capture_choice import BenchTime, CaptureChooser, Choice
+from holoview.experiment.next_capture.capture_choice import (
+    START_COUNT,
+    BenchTime,
+    CaptureChooser,
+    Choice,
+    Proposal,
+    draw_proposals,
+    starting_proposals,
+)
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.experiment.next_capture.proposals import START_COUNT, Proposal, draw_proposals, starting_proposals
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import get_effect
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices
-from holoview.rig.measure.capture_plan import default_plan
 from holoview.rig.measure.measurement import Measurement
 from holoview.util.errors import UserError
 
@@ -240,7 +246,7 @@ def _searched(values: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PlannerState:
-    """What a planner knows. taken: the captures so far, None before the first. count: how many.
+    """The knowledge of a planner. taken: the captures so far, None before the first. count: how many.
 
     belief: what they say; None while there are too few. here_m: where the stage is. time: of captures on this bench.
     """
@@ -262,9 +268,9 @@ class Planner(Protocol):
 class InformedPlanner:
     """A few captures to begin with, then those that promise most information per second."""
 
-    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
-        self._rig, self._rng = rig, np.random.default_rng((seed, 1))
-        self._start = starting_proposals(rig, seed)
+    def __init__(self, rig: RigDescription) -> None:
+        self._rig, self._rng = rig, np.random.default_rng((0, 1))
+        self._start = starting_proposals(rig, seed=0)
 
     def next(self, state: PlannerState) -> Choice | None:
         """One of the captures to begin with, or the best of random proposals."""
@@ -286,31 +292,3 @@ class InformedPlanner:
             return of_wavelength, int((taken.distance_m == proposal.distance_m).sum())
 
         return min(bright or proposals, key=times)
-
-
-class RandomPlanner:
-    """Captures drawn as the proposals are, whatever is known."""
-
-    def __init__(self, rig: RigDescription, seed: int = 0) -> None:
-        self._rig, self._rng = rig, np.random.default_rng((seed, 2))
-
-    def next(self, state: PlannerState) -> Choice | None:
-        """A random one."""
-        return Choice(draw_proposals(self._rig, self._rng, 1)[0], "drawn by chance")
-
-
-class FixedPlanner:
-    """The default plan of `holoview measure`, in its order."""
-
-    def __init__(self, rig: RigDescription) -> None:
-        self._rig, self._requests = rig, default_plan(rig).requests
-
-    def next(self, state: PlannerState) -> Choice | None:
-        """The next one of the plan; None at its end."""
-        if state.count >= len(self._requests):
-            return None
-        request = self._requests[state.count]
-        words = f"noise blurred by {request.sigma_px:g} px"
-        levels = request.levels(self._rig)
-        proposal = Proposal(request.wavelength_m, request.distance_m, request.power, levels, words)
-        return Choice(proposal, "next of the plan")

@@ -1,4 +1,4 @@
-"""What may be the cause: sets of effects with values, their evidence, and their probabilities.
+"""Hypotheses on the cause: sets of effects with values, their evidence, and their probabilities.
 
 Hypothesis, Belief   a set of causes with what the captures say of it; all of them with their probabilities
 log_evidence, …      evidence of a fit, and probabilities
@@ -238,7 +238,7 @@ def linear_gain(normal: Floats, gradient: Floats, temperature: float) -> float:
 def loop_context(
     captures: Captures, effects: Sequence[Effect], config: SearchConfig, end: SearchEnd, known: Values
 ) -> SearchContext:
-    """What fits to all captures work with, wrong records put right. Raises UserError when no capture shows anything.
+    """The context of fits to all captures, with right records. Raises UserError when no capture shows anything.
 
     end: when fits have to end. known: effects that the nominal model has.
     """
@@ -278,7 +278,7 @@ class HypothesisFits:
             self._fits.append(refine_fit(context, CandidateFit(tuple(causes), base, float("inf"))))
 
     def update(self, context: SearchContext) -> Belief:
-        """What the captures of this context say, with every hypothesis fitted to them."""
+        """The belief after the captures of this context, with every hypothesis fitted to them."""
         self._fits = [fit for fit in self._fits if all(name in context.effects for name in fit.causes)]
         context, comparison = self._fit_all(context)
         count = len(context.kept)

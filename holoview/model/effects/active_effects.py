@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holoview.model.effects.effect import CAMERA_HOOKS, DataProperties, Effect, ExposureSample
+from holoview.model.effects.effect import CAMERA_HOOKS, MODULATOR_HOOKS, DataProperties, Effect, ExposureSample
 from holoview.model.effects.parameter import Values
 from holoview.model.effects.registry import get_effect, is_user_effect
 from holoview.util.errors import UserError
@@ -131,6 +131,8 @@ class ActiveEffects:
 
 def unmet_requirement(effect: Effect, system: System) -> str:
     """Why an effect can't be active in a system, in words; empty when it can."""
+    if system.is_field and any(effect.overrides(hook) for hook in (*MODULATOR_HOOKS, "exposure_samples")):
+        return "acts on a modulator, and a field has none"
     properties = DataProperties(
         wavelengths=len(system.wavelengths_m),
         planes=len(system.planes_m),

@@ -21,19 +21,22 @@ from holoview.captures.orientations import (
     oriented_shape,
     undone,
 )
-from holoview.rig.align.dots import DotPicture, brightest_dot, dot_bias, find_dots
-from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
-from holoview.rig.align.probes import (
+from holoview.rig.align.dots import (
     DOTS_ACROSS,
     FEWEST_PX,
+    DotPicture,
     Optics,
     Probes,
+    brightest_dot,
+    dot_bias,
+    find_dots,
     flat_levels,
     grating,
     lens_array,
     optics_of,
     single_lens,
 )
+from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
 from holoview.rig.measure.camera_pictures import take_exposed
@@ -57,11 +60,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """Where everything is. Turns are those of `captures.orientations`, against what modulator 1 displays.
+    """The geometry as found. Turns are those of `captures.orientations`, against the picture on modulator 1.
 
-    slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
-    the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
-    excess_px: how far dots lie from where the geometry puts them, beyond what noise explains (r.m.s. along an axis).
+    slm2_turn: of the picture on modulator 2; None with one modulator. camera_turn: of the recorded picture. geometry:
+    in the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
+    excess_px: distance of dots from their places by the geometry, beyond that by noise (r.m.s. along an axis).
     """
 
     slm2_turn: str | None
@@ -77,18 +80,14 @@ def find_geometry(
     rig: RigDescription,
     devices: Devices,
     progress: ProgressCallback = lambda done, total, note: None,
-    is_asked_to_end: Callable[[], bool] = lambda: False,
-) -> FoundGeometry | None:
-    """Finds where modulators and camera are; None if asked to end. The caller closes the devices.
+) -> FoundGeometry:
+    """Finds where modulators and camera are. The caller closes the devices.
 
     rig: as described, without a registration. devices: its open ones, as they are. Raises DeviceError where dots aren't
     seen.
     """
     total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
-    try:
-        return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress, is_asked_to_end)).run()
-    except AlignmentCancelled:
-        return None
+    return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress)).run()
 
 
 def laser_for_alignment(rig: RigDescription) -> float:
@@ -214,7 +213,7 @@ class _Alignment:
         return DotPicture(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
 
     def _patterns(self, number: int, levels: Levels) -> list[Levels]:
-        """One modulator shows these, the other one nothing."""
+        """Patterns in which one modulator shows these levels, and the other modulator stays flat."""
         return [levels if k == number else flat_levels(optics) for k, optics in enumerate(self._optics)]
 
     def _gap_behind(self, number: int) -> float:
@@ -223,10 +222,6 @@ class _Alignment:
 
 _FIRST_EXPOSURE_S = 1e-2
 _BRIGHT_PIXELS = 3  # may saturate: hot ones
-
-
-class AlignmentCancelled(Exception):
-    """Whoever started the alignment has asked it to end."""
 
 
 class PictureTaker:
@@ -241,11 +236,9 @@ class PictureTaker:
         devices: Devices,
         total: int,
         progress: ProgressCallback,
-        is_asked_to_end: Callable[[], bool],
     ) -> None:
         self._rig, self._devices, self._total = rig, devices, total
-        self._progress, self._is_asked_to_end = progress, is_asked_to_end
-        self._done, self._exposure_s = 0, _FIRST_EXPOSURE_S
+        self._progress, self._done, self._exposure_s = progress, 0, _FIRST_EXPOSURE_S
         self.camera_turn = "none"
 
     def light(self, wavelength_m: float) -> None:
@@ -257,16 +250,11 @@ class PictureTaker:
         return self._devices.stage.move_to(stage_m)
 
     def report(self, note: str) -> None:
-        """Says what happens. Raises AlignmentCancelled if asked to end."""
-        if self._is_asked_to_end():
-            raise AlignmentCancelled
+        """Reports the next step."""
         self._progress(self._done, self._total, note)
 
     def take(self, levels: Sequence[Levels], note: str) -> NDArray[np.float64]:
-        """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level.
-
-        Raises AlignmentCancelled if asked to end.
-        """
+        """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level."""
         self.report(note)
         for modulator, own in zip(self._devices.modulators, levels, strict=True):
             modulator.show(own)
@@ -281,7 +269,7 @@ class PictureTaker:
 _PLACES = ((-0.28, -0.25), (-0.22, 0.27), (0.27, -0.2), (0.23, 0.28), (0.05, -0.03))  # shares of height and width
 _FOURIER_REACH = 0.25  # share of the camera's width within which dots are put
 
-_LARGEST_MISFIT = 0.15  # of the dots' extent, from a mirrored, turned and scaled copy of what was shown
+_LARGEST_MISFIT = 0.15  # of the dots' extent, from a mirrored, turned and scaled copy of the pattern
 SINGLE_DOTS = len(_PLACES) + 1
 """Pictures that it takes."""
 
@@ -291,7 +279,7 @@ TakePicture = Callable[[Levels, str], Floats]
 
 @dataclass(frozen=True)
 class RoughPlace:
-    """turn: of what is displayed on the picture. pitch_m: of the camera, seen from the modulator. centre_px: (y, x)."""
+    """turn: of the pattern in the picture. pitch_m: of the camera, seen from the modulator. centre_px: (y, x)."""
 
     turn: str
     pitch_m: float
@@ -346,7 +334,7 @@ def _nominal_point(probes: Probes, optics: Optics) -> Floats:
 
 
 def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
-    """Turn, scale and shift from what was shown (dot, 2) to what was seen, without the worst dot if that helps."""
+    """Turn, scale and shift from shown to seen places (dot, 2), without the worst dot if that helps."""
     best: tuple[float, Floats] | None = None
     for left_out in [None, *range(len(shown_m))] if len(shown_m) > 4 else [None]:
         kept = [k for k in range(len(shown_m)) if k != left_out]

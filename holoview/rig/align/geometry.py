@@ -115,9 +115,9 @@ class DotErrors:
     """How well the places of dots are known, standard deviations in pixels.
 
     common_px: of an error that neighbouring dots share, which more dots don't average out: it counts as if only 16
-    coordinates had been measured. noise_px: what noise and unequal pixels leave of dots whose pictures are
-    as the model has them. More than that means that modulators or camera aren't as described, which moves dots together
-    by several times what it scatters them.
+    coordinates had been measured. noise_px: the scatter by noise and unequal pixels of dots whose
+    pictures are as the model has them. More scatter means that modulators or camera aren't as described, which moves
+    dots together by several times their scatter.
     """
 
     common_px: float = 0.0
@@ -135,7 +135,7 @@ class DotErrors:
 def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], errors: DotErrors | None = None) -> Geometry:
     """The geometry that explains dots best, without outliers. start: values of `NAMES`. errors: none without them.
 
-    What the dots can't tell stays as it is: walk and the stage's scale at one setting, modulator 2 where there is none.
+    Values that the dots can't tell stay: walk and the stage's scale at one setting, modulator 2 where there is none.
     """
     free = _free(facts, dots)
     seen = np.concatenate([d.position_px for d in dots])

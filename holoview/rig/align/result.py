@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -94,7 +93,7 @@ def _centre_error(g: Geometry, axis: str) -> float:
 
 
 def doubt(found: FoundGeometry) -> str | None:
-    """A sentence where dots show that modulators or camera aren't what the description says."""
+    """A sentence where dots show that modulators or camera aren't as described."""
     if found.excess_px == 0:
         return None
     return (
@@ -158,16 +157,13 @@ def check_rig_records(
     rig: RigDescription,
     devices: Devices,
     progress: ProgressCallback = lambda done, total, note: None,
-    is_asked_to_end: Callable[[], bool] = lambda: False,
-) -> RecordFindings | None:
-    """Takes two captures of every laser and plane, and checks their records; None if asked to end.
+) -> RecordFindings:
+    """Takes two captures of every laser and plane, and checks their records.
 
     rig: with its registration. devices: its open ones, registered.
     """
     measurement, requests, taken = Measurement(rig, devices), check_plan(rig).requests, []
     for done, request in enumerate(requests):
-        if is_asked_to_end():
-            return None
         progress(done, len(requests), f"{request.wavelength_m * 1e9:.0f} nm, {request.distance_m * 1e3:.3g} mm")
         taken.append(measurement.take(request, request.levels(rig)))
     progress(len(requests), len(requests), "")

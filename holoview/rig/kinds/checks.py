@@ -42,7 +42,7 @@ def parse_options(
 
 
 def require_device(rig: RigDescription, spec: DeviceSpec, offered: Mapping[str, Any]) -> Any:
-    """What is offered for this device. offered: by its table in rig.toml. Raises UserError if there is nothing."""
+    """The driver that is offered for a device. offered: drivers by table of rig.toml. Raises UserError for none."""
     name = "slm" if spec.name in ("slm1", "slm2") else spec.name
     if name not in offered:
         where, expected = f"{option_place(rig, spec)}.device", ", ".join(offered)
@@ -72,7 +72,7 @@ def table(value: Any, where: str) -> dict[str, Any]:
 def find_class(path: str, where: str) -> Any:
     """The class of a dotted path. Raises UserError where a module or the class is missing or can't be loaded.
 
-    What libraries warn of while they are imported, mostly that other makers' hardware isn't there, isn't shown.
+    Warnings of libraries while they are imported, mostly of other makers' missing hardware, aren't shown.
     """
     module_name, _, name = path.rpartition(".")
     if not module_name:

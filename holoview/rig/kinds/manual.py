@@ -7,7 +7,7 @@
     device = "manual"
     range = ["0 mm", "20 mm"]
 
-What to set is said on stderr. Where the position of the stage was read more exactly than it was asked for, it can be
+Instructions go to stderr. Where the position of the stage was read more exactly than it was asked for, it can be
 typed before Enter, such as "5.02 mm" or "5.02".
 """
 
@@ -79,7 +79,7 @@ class ManualStage:
         self._distance_m: float | None = None
 
     def move_to(self, distance_m: float) -> float:
-        """Asks for the camera to be moved; returns the distance that was typed, or else the one that was asked for."""
+        """Asks for the camera to be moved; returns the typed distance, or else the distance that was asked for."""
         if self._distance_m == distance_m:
             return distance_m
         self._distance_m = None

@@ -121,7 +121,7 @@ class Camera(_Device):
         require_bits("camera", int(self._core.getImageBitDepth()), rig.bench.camera.bit_depth)
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
 
         def set_and_read() -> float:
             self._core.setExposure(self._label, exposure_s * 1e3)

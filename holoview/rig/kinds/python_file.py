@@ -6,8 +6,8 @@
     class = "MyLasers"
     arguments = { address = 7 }     # of the class; modulators take `settle` too, in place of the class's settle_s
 
-The class has the methods and attributes of the device's protocol in `rig.devices`; what it raises is reported as the
-device's failure. It needs nothing of holoview.
+The class has the methods and attributes of the device's protocol in `rig.devices`; its exceptions are reported
+as failures of the device. It needs nothing of holoview.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class _Camera(_Guarded):
         self.shape, self.exposures_s = rig.camera_shape, (float(low), float(high))
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
         return self._number("set its exposure", lambda: self._device.set_exposure(exposure_s))
 
     def take(self) -> Counts:

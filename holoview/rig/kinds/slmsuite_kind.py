@@ -109,7 +109,7 @@ class SlmsuiteCamera:
         self.exposures_s = rig.limits.exposures_s if bounds is None else (float(bounds[0]), float(bounds[1]))
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Sets the exposure time; returns the one that the camera took."""
+        """Sets the exposure time; returns the exposure that the camera took."""
         return float(call_device("camera", "set its exposure", _REMEDY, lambda: self._camera.set_exposure(exposure_s)))
 
     def take(self) -> Counts:
@@ -140,7 +140,7 @@ def _open_camera(rig: RigDescription, spec: DeviceSpec) -> SlmsuiteCamera:
 
 
 def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], method: str) -> Any:
-    """The device of slmsuite, which is open when it is made. method: what its class must have."""
+    """The device of slmsuite, which is open when it is made. method: that its class must have."""
     where = f"{option_place(rig, spec)}.class"
     import_optional("slmsuite", f'{spec.name}: device = "slmsuite"').configure_logging("WARNING", stream=sys.stderr)
     device_class = find_class(options["class"], where)
@@ -152,7 +152,7 @@ def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], me
 
 
 def _or_close(device: Any, wrap: Any) -> Any:
-    """What `wrap` makes of an open device, which is closed if it doesn't fit."""
+    """The device that `wrap` makes of an open one; the open one is closed if it doesn't fit."""
     try:
         return wrap()
     except UserError:

@@ -67,7 +67,7 @@ def take_exposed(
 
 
 def range_share(picture: Counts, facts: Camera, bright_quantile: float = BRIGHT_QUANTILE) -> float:
-    """What the brightest pixels reach of the range above the black level."""
+    """The share of the range above the black level that the brightest pixels reach."""
     bright = float(np.quantile(picture, bright_quantile))
     return (bright - facts.black_level) / (facts.saturation - facts.black_level)
 
@@ -205,7 +205,7 @@ def dark_exposures(exposures_s: Sequence[float], there_s: Sequence[float]) -> li
 
 
 def dark_notes(frames: Sequence[DarkFrame], facts: Camera) -> dict[str, str]:
-    """Sentences on what rig.toml states otherwise than the dark frames show, under the keys level, noise and growth."""
+    """Sentences on differences between rig.toml and the dark frames, under the keys level, noise and growth."""
     notes: dict[str, str] = {}
     if not frames:
         return notes

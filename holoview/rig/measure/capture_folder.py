@@ -1,8 +1,8 @@
 """A folder of captures beside the capture file that they will be, and the record of the bench that goes with them.
 
 CaptureFolder    captures one by one; at the end all together as one capture file
-CaptureStore     the captures of a plan: which are missing, and what was measured of the bench beside them
-BenchRecord      dark frames, settling and notes; in a capture file they are ignored by what reads captures
+CaptureStore     the captures of a plan: which are missing, and the record of the bench beside them
+BenchRecord      dark frames, settling and notes; in a capture file, readers of captures ignore them
 
 Each capture is a capture file of its own, written whole or not at all. Whatever ends the program, at most the capture
 in flight is lost, and everything that reads capture files can read the others.
@@ -86,7 +86,7 @@ class CaptureFolder:
         return True
 
     def begin(self) -> None:
-        """Makes the folder with its state; one that is there is gone on with."""
+        """Makes the folder with its state, or goes on with an existing folder."""
         self._remove_finished()
         if not self.folder.exists():
             make_folder(self.folder)
@@ -124,7 +124,7 @@ class CaptureFolder:
         return joined
 
     def _remove_finished(self) -> None:
-        """Removes what a program left that was killed while it removed its folder."""
+        """Removes the rest of a folder whose program was killed while it removed the folder."""
         shutil.rmtree(self._finished, ignore_errors=True)
 
     def _file(self, number: int) -> Path:
@@ -143,9 +143,9 @@ def loop_captures(output: Path, rig_text: str) -> CaptureFolder:
 
 
 class CaptureStore(CaptureFolder):
-    """The captures of a plan. output: the capture file that they will be. rig_text: what they depend on beside it.
+    """The captures of a plan. output: the capture file that they will be. rig_text: the description of the rig.
 
-    record: what has been found out of the bench beside them. on_capture: called with each capture once it is written.
+    record: the measurements of the bench beside them. on_capture: called with each capture once it is written.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class CaptureStore(CaptureFolder):
         self.record = BenchRecord()
 
     def inspect(self) -> list[int]:
-        """Finds out what is there, and changes nothing; returns damaged captures, which are missing.
+        """Looks for captures, and changes nothing; returns damaged ones, which count as missing.
 
         Raises UserError for a folder of another plan or rig, and for an output that is there already.
         """
@@ -182,7 +182,7 @@ class CaptureStore(CaptureFolder):
         return damaged
 
     def keep(self, record: BenchRecord) -> None:
-        """Writes what has been found out of the bench beside the captures."""
+        """Writes the record of the bench beside the captures."""
         record.write(self._record_file)
         self.record = record
 
@@ -256,7 +256,7 @@ class BenchRecord:
 
 
 def read_bench_record(path: Path) -> BenchRecord:
-    """The record of a capture file, or of a file of its own; what isn't there is empty.
+    """The record of a capture file, or of a file of its own; missing parts are empty.
 
     Raises UserError for a file that is damaged, isn't HDF5, or holds something else in its place.
     """

@@ -84,7 +84,7 @@ class CapturePlan:
     requests: tuple[CaptureRequest, ...] = field(default=())
 
     def check(self, rig: RigDescription) -> None:
-        """Raises UserError for what the rig has no laser for, or what its safety limits don't allow."""
+        """Raises UserError for a wavelength without a laser, and for settings that the safety limits don't allow."""
         for request in self.requests:
             if request.wavelength_m not in rig.wavelengths_m:
                 known = ", ".join(f"{λ * 1e9:g} nm" for λ in rig.wavelengths_m)
@@ -105,7 +105,7 @@ def default_plan(rig: RigDescription) -> CapturePlan:
 def read_plan(path: str | os.PathLike[str], rig: RigDescription) -> CapturePlan:
     """Reads a plan in TOML, or the default captures with the powers and exposures of a table (CSV).
 
-    Raises UserError for unknown keys, wrong values, and what the rig can't or mustn't do.
+    Raises UserError for unknown keys, wrong values, and captures that the rig can't or mustn't take.
     """
     file = Path(path)
     if file.suffix.lower() == ".csv":
@@ -174,7 +174,7 @@ class LaserSetting:
 def read_exposure_table(path: Path, wavelengths_m: Sequence[float]) -> Mapping[float, LaserSetting]:
     """The settings by wavelength, which is one of `wavelengths_m`.
 
-    Raises UserError, with line and column, for what is missing or isn't a number, and for a laser that isn't there.
+    Raises UserError, with line and column, for a cell that is missing or no number, and for a laser that isn't there.
     """
     lines = list(csv.DictReader(io.StringIO(read_text(path, _TABLE_EXPECTED), newline=""), skipinitialspace=True))
     if not lines:

@@ -51,7 +51,7 @@ class Measurement:
         progress: ProgressCallback,
         is_asked_to_end: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Takes what is missing; returns whether all is there. Each capture is on the disk before the next begins.
+        """Takes the missing captures; returns whether all are there. Each is on the disk before the next begins.
 
         Before the captures, dark frames and settling are measured; dark frames at the exposures used follow them.
         """

@@ -3,8 +3,8 @@
     r(t) = ⟨I₊(t) − I₋(t), I₊ − I₋⟩ / |I₊ − I₋|² = a·exp(−t/τ)
 
 I₊ and I₋ are the settled pictures of two patterns that differ from a third one by a small step up and down, I₊(t) and
-I₋(t) those taken a time t after the third one followed them. In the difference, what is quadratic in the step cancels,
-and r is the share of the step that remains. That an exposure takes time changes a, not τ.
+I₋(t) those taken a time t after the third one followed them. In the difference, terms that are quadratic in the step
+cancel, and r is the share of the step that remains. That an exposure takes time changes a, not τ.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _DELAYS_S = (0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.256)
 _SETTLED_S, _SLOWER, _SLOWEST_S = 1.0, 4.0, 20.0  # s to wait for a settled picture; then this factor longer, up to that
 _FIRST_SHARE = 0.9  # above it, a dead time hasn't passed yet
 _SEEN_SIGMAS = 5.0
-_PICTURES = 2  # of each settled pattern
+_MOVING = 0.04  # of |I₊ − I₋|²: what two pictures of a settled pattern may differ by beyond their noise
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,12 @@ def measure_settling(
     patterns = _three_patterns(levels, num_levels)
     settled_s = _SETTLED_S
     while True:
-        delays, shares, deviation = _follow(modulator, camera, facts, clock, patterns, settled_s)
-        if shares[-1] < max(0.1, _SEEN_SIGMAS * deviation) or settled_s * _SLOWER > _SLOWEST_S:
-            return fit_settling(delays, shares, deviation)
+        is_last = settled_s * _SLOWER > _SLOWEST_S
+        *difference, is_settled = _difference(modulator, camera, facts, clock, patterns, settled_s)
+        if is_settled or is_last:
+            delays, shares, deviation = _follow(modulator, camera, facts, clock, patterns, settled_s, *difference)
+            if shares[-1] < max(0.1, _SEEN_SIGMAS * deviation) or is_last:
+                return fit_settling(delays, shares, deviation)
         settled_s *= _SLOWER
 
 
@@ -95,6 +98,37 @@ def _three_patterns(levels: Levels, num_levels: int) -> tuple[Levels, Levels, Le
     return up, down, none
 
 
+def _difference(
+    modulator: ModulatorDevice,
+    camera: CameraDevice,
+    facts: Camera,
+    clock: BenchClock,
+    patterns: tuple[Levels, Levels, Levels],
+    settled_s: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """(I₊ − I₋, its variance) in counts, and whether the pictures no longer changed.
+
+    The third pattern comes first, so that a step is small. A picture that goes on changing would pass for I₊ − I₋, in
+    which the shares of the step are then lost.
+    """
+    modulator.show(patterns[2])
+    clock.wait(settled_s)
+    pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+    for own in patterns[:2]:
+        modulator.show(own)
+        clock.wait(settled_s)
+        if not pairs:
+            take_exposed(camera, facts, 1e-2)
+        early = camera.take().astype(np.float64)
+        clock.wait(settled_s)
+        pairs.append((early, camera.take().astype(np.float64)))
+    means = [np.mean(pair, axis=0) for pair in pairs]
+    difference, variance = means[0] - means[1], 2 * facts.noise_variance(means[0] - facts.black_level)
+    changes = [float(((late - early) ** 2 - variance).sum()) for early, late in pairs]
+    chance = _SEEN_SIGMAS * math.sqrt(2 * float((variance**2).sum()))
+    return difference, variance, max(changes) < max(_MOVING * float((difference**2).sum()), chance)
+
+
 def _follow(
     modulator: ModulatorDevice,
     camera: CameraDevice,
@@ -102,17 +136,11 @@ def _follow(
     clock: BenchClock,
     patterns: tuple[Levels, Levels, Levels],
     settled_s: float,
+    difference: NDArray[np.float64],
+    variance: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Delays (s), shares of the step that remained then, and the standard deviation of a share."""
     up, down, none = patterns
-    settled: list[NDArray[np.float64]] = []
-    for own in (up, down):
-        modulator.show(own)
-        clock.wait(settled_s)
-        if not settled:
-            take_exposed(camera, facts, 1e-2)
-        settled.append(np.mean([camera.take() for _ in range(_PICTURES)], axis=0, dtype=np.float64))
-    difference = settled[0] - settled[1]
     norm = max(float((difference**2).sum()), 1e-12)
     delays, shares = [], []
     for delay_s in np.array(_DELAYS_S) * settled_s / _SETTLED_S:
@@ -127,6 +155,5 @@ def _follow(
             share += sign * float((camera.take() * difference).sum()) / norm
         delays.append(waited_s)
         shares.append(share)
-    variance = facts.noise_variance(settled[0] - facts.black_level) * 2
     deviation = float((variance * difference**2).sum()) ** 0.5 / norm
     return np.array(delays), np.array(shares), deviation

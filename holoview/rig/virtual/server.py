@@ -22,8 +22,8 @@ import torch
 
 from holoview.rig.description import read_rig
 from holoview.rig.devices import Counts
+from holoview.rig.virtual.client import Connection, Disconnected, Message
 from holoview.rig.virtual.virtual_bench import PICTURE_FAULTS, FaultSettings, VirtualBench, read_virtual_settings
-from holoview.rig.virtual.wire import Connection, Disconnected, Message
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 

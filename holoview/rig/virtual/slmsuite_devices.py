@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Levels
-from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
-from holoview.rig.virtual.wire import Message
+from holoview.rig.virtual.client import Message, VirtualBenchProcess, ask, connect
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 
@@ -128,7 +127,7 @@ class VirtualSLM(SLM):  # type: ignore[misc]
 
     def close(self) -> None:
         """Switches the laser off and ends the connection, and the bench that it started; twice is once."""
-        if not self._link.is_open:  # slmsuite closes what it forgets once more
+        if not self._link.is_open:  # slmsuite closes forgotten devices once more
             return
         try:
             self._link.ask({"do": "laser", "wavelength": None})

@@ -1,8 +1,8 @@
 """A virtual bench: its hidden effects, and the light from patterns, lasers, stage and camera to counts.
 
 The bench has a clock of its own, which only waiting, moving and exposing advance: measuring, which on a real bench
-waits for minutes, takes as long as computing the light. What is hidden stands in a file that rig.toml names, or in
-rig.toml:
+waits for minutes, takes as long as computing the light. Hidden effects and faults stand in a file that rig.toml names,
+or in rig.toml:
 
     [virtual]
     bench = "hidden.toml"
@@ -16,7 +16,7 @@ rig.toml:
     laser_log = "lasers.txt"      # a line for each switching of a laser, for tests; a file of this folder
     [effects.gap]
     gap_error = "0.1 mm"
-    [faults]                      # what devices do wrong at random moments, as shares of the pictures
+    [faults]                      # faults of devices at random moments, as shares of the pictures
     seed = 7
     timeout = 0.02                # no picture comes
     short = 0.01                  # a picture without the lower half of its rows
@@ -25,7 +25,7 @@ rig.toml:
     disconnect = 0.001            # of all messages: the connection is cut
     power_off = 0.001             # of all messages: everything goes dark at once
     [placement]                   # how modulators and camera are turned: one of `captures.orientations`
-    slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
+    slm1 = "rotate_180"           # the picture on modulator 1 arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
 Displacements and small rotations are effects: `camera_alignment`, `slm_alignment`, `distance`, `stage`.
@@ -160,7 +160,7 @@ class VirtualSettings:
 
 
 def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
-    """The settings of a rig's virtual bench. Raises UserError that names the key of what is unknown or wrong."""
+    """The settings of a rig's virtual bench. Raises UserError that names an unknown or wrong key."""
     table, where = dict(rig.virtual), f"{rig.path}: virtual"
     if "bench" in table:
         if len(table) > 1 or not isinstance(table["bench"], str):
@@ -222,7 +222,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class _Shown:
-    """A modulator's pattern, what it showed when that was sent (fractions of levels too), and the time of sending."""
+    """A modulator's pattern, the levels that it showed when the pattern was sent (fractions too), and that time."""
 
     levels: Levels
     before: NDArray[np.float64]
@@ -232,7 +232,7 @@ class _Shown:
 class VirtualBench:
     """A bench with hidden effects. Sizes and nominal facts are those of the rig's description.
 
-    Raises UserError for what no device can be asked. time_s: of the bench. exposure_s: of the next picture.
+    Raises UserError for requests that no device can carry out. time_s: of the bench. exposure_s: of the next picture.
     distance_m: where the camera is. laser: wavelength (m) and power of the one that is on, None if none is.
     on_laser: called with "on" or "off" whenever one is switched.
     """
@@ -268,7 +268,7 @@ class VirtualBench:
         self._shown[slm] = _Shown(own, self.levels_now(slm), self.time_s)
 
     def levels_now(self, slm: int) -> NDArray[np.float64]:
-        """What a modulator really shows (y, x), in levels, while it relaxes exponentially to its pattern."""
+        """The levels (y, x) that a modulator really shows while it relaxes exponentially to its pattern."""
         shown = self._shown[slm]
         share = self._share_before(shown, self.time_s)
         return (1 - share) * shown.levels + share * shown.before

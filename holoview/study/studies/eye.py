@@ -6,20 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.eye import chromatic_refraction
 from holoview.model.system import System
+from holoview.optimise.checkpoint import IterationState
 from holoview.study.hologram_study import (
     PRIMARIES_NM,
+    QUICK_SIZE,
     ROW_MIDDLE_NM,
     SHOWN,
     aimed_jobs,
+    first_results,
     gain_claim,
     groups_of_lasers,
-    has_settings,
     job_system,
     job_target,
     mean_number,
@@ -47,6 +50,8 @@ from holoview.study.study import (
 )
 from holoview.view import simulate
 
+Floats = NDArray[np.float64]
+
 _SCHEMES = {"simultaneous": "3 wavelengths", "holochrome-8": "8 wavelengths", "holochrome-16": "16 wavelengths"}
 _OPTIMISED_FOR = {"planes": "the focal planes", "eye": "the eye"}
 _PUPILS_MM = (2.0, 3.0, 4.0, 6.0)
@@ -63,7 +68,7 @@ class _Eye(Study):
         "many wavelengths is left, and whether optimising for the eye brings it back. The target is the scene as the "
         "same eye sees it."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
     revision = 2
 
@@ -72,10 +77,7 @@ class _Eye(Study):
         return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR, **score_settings(scale), **pupils)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
-        system = job_system(settings)
-        aimed = _with_eye(system, _PUPIL_MM, chromatic=True) if settings["optimised_for"] == "eye" else system
-        state = optimise_job(aimed, job_target(aimed, settings, aimed.planes_m), settings, status)
-        planes_m = system.planes_m[[0, len(system.planes_m) // 2, -1]]
+        state, planes_m = _optimised(settings, status)
         numbers: dict[str, Any] = {"psnr_db": state.best_psnr_db}
         pictures: dict[str, Any] = {}
         for name in _EYES:
@@ -111,8 +113,16 @@ def _pupils_mm(settings: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _judged_mm(settings: Mapping[str, Any]) -> float:
-    """The one of these pupils that is most like the one that holograms are optimised for."""
+    """The diameter among these that is nearest to that of the pupil that holograms are optimised for."""
     return min(_pupils_mm(settings), key=lambda d: abs(d - _PUPIL_MM))
+
+
+def _optimised(settings: Mapping[str, Any], status: StatusCallback) -> tuple[IterationState, Floats]:
+    """The hologram of a job, and the nearest, the middle and the farthest plane (m)."""
+    system = job_system(settings)
+    aimed = _with_eye(system, _PUPIL_MM, chromatic=True) if settings["optimised_for"] == "eye" else system
+    state = optimise_job(aimed, job_target(aimed, settings, aimed.planes_m), settings, status)
+    return state, system.planes_m[[0, len(system.planes_m) // 2, -1]]
 
 
 def _with_eye(system: System, pupil_mm: float, *, chromatic: bool) -> System:
@@ -151,12 +161,9 @@ def _plot(results: Results, aim: str, caption: str) -> StudyFigure:
 
 
 def _pictures(results: Results) -> list[StudyPicture]:
-    """What the eye sees of each hologram at the middle accommodation, with and without its chromatic aberration."""
-    first = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    """Pictures of each hologram at the middle accommodation, seen with and without chromatic aberration."""
     pictures = []
-    for job, result in results:
-        if not has_settings(job, **first):
-            continue
+    for job, result in first_results(results):
         scheme, aim = job.settings["scheme"], job.settings["optimised_for"]
         for eye in _EYES if aim == "planes" else ("chromatic",):
             caption = f"{_SCHEMES[scheme]}, {_EYES[eye]}, optimised for {_OPTIMISED_FOR[aim]}"
@@ -188,7 +195,7 @@ class _EyeSpacing(Study):
         "as in the study bandwidth, and three about each of three primaries, seen through a pupil of 3 mm behind a 40 "
         "mm eyepiece."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = f"{QUICK_SIZE}."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
@@ -210,11 +217,8 @@ class _EyeSpacing(Study):
         ]
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
-        system = job_system(settings)
-        aimed = _with_eye(system, _PUPIL_MM, chromatic=True) if settings["optimised_for"] == "eye" else system
-        state = optimise_job(aimed, job_target(aimed, settings, aimed.planes_m), settings, status)
-        planes_m = system.planes_m[[0, len(system.planes_m) // 2, -1]]
-        focus_range_d = float(np.ptp(chromatic_refraction(system.wavelengths_m)))
+        state, planes_m = _optimised(settings, status)
+        focus_range_d = float(np.ptp(chromatic_refraction(state.best.system.wavelengths_m)))
         numbers: dict[str, Any] = {"focus_range_d": focus_range_d, "eyebox_variation": state.eyebox}
         pictures: dict[str, Any] = {}
         for eye in ("plain", "chromatic"):
@@ -261,16 +265,15 @@ def _spacing_plot(results: Results, lasers: str) -> StudyFigure:
 
 
 def _spacing_pictures(results: Results) -> list[StudyPicture]:
-    """What the eye sees at the middle accommodation of the closest and the farthest wavelengths."""
-    first = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    """Pictures at the middle accommodation, for the closest and the farthest wavelengths."""
     return [
         StudyPicture(
             f"{job.settings['lasers']}-{job.settings['spacing_nm']:g}-{aim}-{eye}",
             f"{_SETS[job.settings['lasers']]}, {job.settings['spacing_nm']:g} nm apart: {label}",
             result.pictures[eye],
         )
-        for job, result in results
-        if has_settings(job, **first) and job.settings["spacing_nm"] in (_SPACINGS_NM[0], _SPACINGS_NM[-1])
+        for job, result in first_results(results)
+        if job.settings["spacing_nm"] in (_SPACINGS_NM[0], _SPACINGS_NM[-1])
         for (aim, eye), label in _SEEN.items()
         if job.settings["optimised_for"] == aim
     ]

@@ -106,7 +106,7 @@ _CASES: dict[str, tuple[Change, ...]] = {
     "start": ({"options": {"begin": "smooth"}},),
     "iterations": tuple({"times": factor} for factor in (0.3, 3.0)),
 }
-"""What is changed, and to what: keys of a job's settings, `stop` for both relays, `gap_mm`, and `times` iterations."""
+"""Keys of a job's settings with their values, `stop` for both relays, `gap_mm`, and `times` iterations."""
 
 
 class _SecondModulator(HologramStudy):

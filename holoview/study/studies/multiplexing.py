@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
+from holoview.metrics.fidelity import psnr_xyz
 from holoview.metrics.gamut import chromaticity
-from holoview.metrics.psnr import psnr_xyz
 from holoview.study.hologram_study import (
     CONTRADICTS,
     QUICK_SIZE,

@@ -1,4 +1,4 @@
-"""What an eye sees whose pupil isn't where, or isn't as large as, the hologram expects it."""
+"""Holograms seen by an eye whose pupil has another place or diameter than they were optimised for."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
+from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
 from holoview.study.hologram_study import (
+    QUICK_SIZE,
     SHOWN,
     aimed_jobs,
-    has_settings,
+    first_results,
     job_system,
     job_target,
     mean_curve,
@@ -75,7 +76,7 @@ class _Pupil(Study):
         "even eyebox, for one place of the pupil, and for nine. Places between those that were optimised, and "
         "diameters other than 2 mm, show whether it holds there too."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
     revision = 3
 
@@ -139,7 +140,7 @@ def _optimised(settings: Mapping[str, Any], status: StatusCallback) -> Iteration
 
 
 def _measured(view: View, target: NDArray[np.floating]) -> dict[str, float]:
-    """What the table has of a view but for scores: fidelity as it is and as bright as the target, light, speckle."""
+    """The columns of the table for a view: fidelity as it is and as bright as the target, light, speckle; no scores."""
     quality = measure_image_quality(view, target)
     brightness = float(view.xyz[..., 1].mean() / (np.asarray(target) @ SRGB_TO_XYZ.T)[..., 1].mean())
     matched = psnr_linear_srgb(view.rgb / brightness, target)
@@ -205,16 +206,14 @@ def _size_claims(results: Results) -> list[Claim]:
 
 
 def _pictures(results: Results) -> list[StudyPicture]:
-    """What each pupil sees at the middle plane, for the first target and seed."""
-    first = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    """The pictures that each pupil sees at the middle plane, for the first target and seed."""
     return [
         StudyPicture(
             f"{job.settings['optimised_for'].replace(' ', '-')}-{i}",
             f"{_KINDS[job.settings['optimised_for']]}, {name}",
             pixels,
         )
-        for job, result in results
-        if has_settings(job, **first)
+        for job, result in first_results(results)
         for i, (name, pixels) in enumerate(result.pictures.items())
     ]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.records import corrections, power_order, search, trials
+from holoview.captures.records import corrections, record_errors, trials
 from holoview.captures.records.corrections import (
     ORDER,
     CameraOrientation,
@@ -31,8 +31,7 @@ from holoview.captures.records.corrections import (
     orientation_candidates,
     plausible_units,
 )
-from holoview.captures.records.findings import RecordFindings
-from holoview.captures.records.power_order import PowerOrder
+from holoview.captures.records.record_errors import PowerOrder, RecordFindings
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures
 from tests.captures.records.mistakes import Name, all_mistakes, late, shuffle, spoiled, turn
@@ -172,8 +171,8 @@ def _thresholds(module: ModuleType) -> list[str]:
 
 def test_every_threshold_states_its_unit_and_evidence() -> None:
     stated: list[str] = []
-    for module in (corrections, power_order, search, trials):
+    for module in (corrections, record_errors, trials):
         source = inspect.getsource(module)
         stated += re.findall(r'^(\w+) = [^\n]+\n"""\[[^\]]+\] [A-Z…].*?Evidence:\s+\S', source, flags=re.DOTALL | re.M)
-    every = {name for module in (corrections, power_order, search, trials) for name in _thresholds(module)}
+    every = {name for module in (corrections, record_errors, trials) for name in _thresholds(module)}
     assert every <= set(stated) and len(every) > 20

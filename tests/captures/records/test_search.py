@@ -93,6 +93,7 @@ def test_patterns_out_of_step_and_distances_mixed_up_are_two_mistakes(right: Cap
     assert names(found) == pair and found.rivals == ()
 
 
+@pytest.mark.explores
 def test_patterns_far_out_of_step_are_found_beside_another_mistake(right: Captures) -> None:
     pair = [("camera_orientation", "rotate_180"), ("capture_order", "offset:+5")]
     found = find_record_errors(spoiled(right, *(MISTAKES[name] for name in pair)))
@@ -107,6 +108,7 @@ def test_an_effect_is_no_mistake_and_hides_none(effect: str) -> None:
     assert names(find_record_errors(spoiled(captures, MISTAKES[name]))) == [name]
 
 
+@pytest.mark.explores
 def test_rougher_captures_decide_where_smooth_ones_look_alike() -> None:
     """Smooth speckle is much the same at another wavelength: with the wrong ones it still correlates by 0.98."""
     mistake = [("wavelength_order", "permutation:1,2,3,0")]
@@ -188,8 +190,9 @@ def test_one_capture_is_enough_to_name_an_orientation(right: Captures) -> None:
     assert names(find_record_errors(spoiled(one, turn("images", "flip_y")))) == [("camera_orientation", "flip_y")]
 
 
-def test_powers_in_any_order_are_found_and_put_right(right: Captures) -> None:
-    wrong = spoiled(right, shuffle("power", 2))
+@pytest.mark.parametrize("seed", explored(list(range(2, 10)), 1))
+def test_powers_in_any_order_are_found_and_put_right(right: Captures, seed: int) -> None:
+    wrong = spoiled(right, shuffle("power", seed))
     found = find_record_errors(wrong)
     assert [c.effect for c in found.corrections] == ["power_order"]
     assert found.corrected(wrong).power == pytest.approx(right.power, abs=0.02)  # captures of nearly equal power

@@ -33,11 +33,17 @@ def test_unrelated_pictures_scatter_as_the_grains_say(grain_px: float) -> None:
 
 
 def test_large_grains_are_fewer() -> None:
+    """At the widest blur, where they differ least, log G of one pair is 4.59 ± 0.17 and 4.20 ± 0.19 (200 pairs).
+
+    The difference of the means of 20 pairs is then 0.39 ± 0.06, negative once in 10¹⁰.
+    """
     comparison, rng = SpeckleComparison(SHAPE), np.random.default_rng(0)
-    grains = [
-        comparison.match(*(comparison.contrast(_speckle(rng, size)) for _ in range(2))).grains for size in (1.0, 4.0)
-    ]
-    assert (grains[0] > grains[1]).all()
+
+    def log_grains(size_px: float) -> NDArray[np.float64]:
+        pictures = [[comparison.contrast(_speckle(rng, size_px)) for _ in range(2)] for _ in range(20)]
+        return np.mean([np.log(comparison.match(*pair).grains) for pair in pictures], axis=0)
+
+    assert (log_grains(1.0) > log_grains(4.0)).all()
 
 
 def test_neither_a_beam_nor_a_power_nor_a_small_shift_lowers_the_correlation() -> None:

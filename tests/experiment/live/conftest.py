@@ -10,9 +10,8 @@ from typing import cast
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.experiment.live.bench_state import random_pattern
-from holoview.experiment.live.rig_session import RigSession
-from holoview.experiment.rig_bench import rig_system
+from holoview.experiment.live.rig_session import RigSession, random_pattern
+from holoview.experiment.rig_bench import system_of_rig
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.document.conftest import small_system
@@ -26,7 +25,7 @@ class Rigged:
 
     def __init__(self, path: Path, bench: FakeBench) -> None:
         self.path, self.bench = path, bench
-        self.session = EditingSession(rig_system(bench.rig))
+        self.session = EditingSession(system_of_rig(bench.rig))
         self.rig = RigSession(self.session)
 
     def wait(self, condition: Callable[[], object]) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.experiment.live.bench_state import drive_pattern, file_pattern, flat_pattern, random_pattern
-from holoview.experiment.rig_bench import rig_system
+from holoview.experiment.live.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
+from holoview.experiment.rig_bench import system_of_rig
 from holoview.io.hologram import Hologram
 from holoview.rig.description import RigDescription, read_rig
 from holoview.util.errors import UserError
@@ -39,7 +39,7 @@ def test_flat_and_random_patterns_have_the_modulators_shape(rig: RigDescription)
 
 
 def test_a_hologram_file_is_sent_as_it_was_saved(rig: RigDescription, tmp_path: Path) -> None:
-    system = rig_system(rig)
+    system = system_of_rig(rig)
     drive = np.random.default_rng(0).random(system.drive_shape, dtype=np.float32)
     Hologram(drive, system).save(tmp_path / "h.safetensors")
     sent = file_pattern(rig, tmp_path / "h.safetensors")

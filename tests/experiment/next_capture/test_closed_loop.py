@@ -8,28 +8,28 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.rig_adaptive import FixedPlanner, RandomPlanner
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.search_context import NEVER
 from holoview.experiment.next_capture.capture_choice import (
+    START_COUNT,
     BenchTime,
     CaptureChooser,
     ProposalPrediction,
+    draw_proposals,
     expected_delta_chi2,
     improve_pattern,
 )
 from holoview.experiment.next_capture.closed_loop import (
     ClosedLoop,
-    FixedPlanner,
     InformedPlanner,
     LoopResult,
     LoopSettings,
     PlannerState,
-    RandomPlanner,
 )
 from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.experiment.next_capture.proposals import START_COUNT, draw_proposals
 from holoview.model.effects.registry import get_effect
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 

@@ -11,7 +11,7 @@ import pytest
 from holoview.captures.orientations import ORIENTATIONS
 from holoview.rig import read_rig
 from holoview.rig.align.alignment import find_geometry, find_roughly
-from holoview.rig.align.probes import flat_levels, optics_of
+from holoview.rig.align.dots import flat_levels, optics_of
 from holoview.rig.align.result import doubt, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
@@ -23,7 +23,6 @@ def check(hidden: Hidden, folder: Path) -> None:
     rig = hidden.write(folder)
     devices, _ = devices_of(rig)
     found = find_geometry(rig, devices)
-    assert found is not None
     registration = registration_of(rig, found)
     assert (registration.camera_turn, registration.slm2_turn) == hidden.expected_turns()
     expected = hidden.expected_values()
@@ -53,7 +52,7 @@ def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path:
     """Crosstalk of half a pixel moves planes by tens of µm; where the camera is doesn't depend on it."""
     hidden = Hidden("two", (40, 48), camera="flip_x", faults={"crosstalk": {"sigma": 0.5}})
     found = find_geometry(hidden.write(tmp_path), devices_of(read_rig(tmp_path / "rig.toml", is_registered=False))[0])
-    assert found is not None and found.excess_px > 0
+    assert found.excess_px > 0
     sentence = doubt(found)
     assert sentence is not None and "aren't what rig.toml says" in sentence
     registration = registration_of(read_rig(tmp_path / "rig.toml", is_registered=False), found)
@@ -116,12 +115,19 @@ def test_a_bright_lamp_is_no_dot(tmp_path: Path) -> None:
         find_geometry(rig, dataclasses.replace(devices, camera=Still(devices, lamp)))
 
 
-def test_an_alignment_can_be_ended(tmp_path: Path) -> None:
+def test_an_alignment_can_be_interrupted(tmp_path: Path) -> None:
     rig = Hidden("one", (40, 48)).write(tmp_path)
     devices, _ = devices_of(rig)
     notes: list[str] = []
-    ended = find_geometry(rig, devices, lambda done, total, note: notes.append(note), lambda: len(notes) >= 3)
-    assert ended is None and len(notes) == 3
+
+    def interrupt(done: int, total: int, note: str) -> None:
+        notes.append(note)
+        if len(notes) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_geometry(rig, devices, interrupt)
+    assert len(notes) == 3
 
 
 def test_a_stage_that_is_too_near_is_told(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from holoview.captures.predictor import Predictor
 from holoview.rig import RigDescription
 from holoview.rig.devices import DeviceError, Devices, Levels
+from holoview.rig.measure import camera_pictures
 from holoview.rig.measure.capture_folder import CaptureStore, read_bench_record
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
 from holoview.rig.measure.measurement import Measurement, is_complete
@@ -34,9 +35,15 @@ def _ignore(*_: Any) -> None:
     pass
 
 
-def test_captures_are_the_model_s_whatever_the_camera_did(make_rig: MakeRig, tmp_path: Path) -> None:
-    """Every picture has the χ² of its noise: none is torn, repeated, unsettled, or of another pattern."""
-    faults = {"seed": 1, "timeout": 0.1, "short": 0.1, "torn": 0.15, "repeated": 0.15}
+def test_captures_are_the_model_s_whatever_the_camera_did(
+    make_rig: MakeRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every picture has the χ² of its noise: none is torn, repeated, unsettled, or of another pattern.
+
+    Three of four pictures fail: of so many attempts all fail once in 10⁷. 6 σ: one of 500 million pictures.
+    """
+    monkeypatch.setattr(camera_pictures, "ATTEMPTS", 60)
+    faults = {"seed": 1, "timeout": 0.15, "short": 0.15, "torn": 0.2, "repeated": 0.25}
     rig = make_rig({"virtual": {"settle": 0.02, "faults": faults}, "slm1.settle": 0.3, "slm2.settle": 0.3})
     plan, said = _plan(rig), list[str]()
     store = _store(plan, tmp_path)
@@ -50,7 +57,7 @@ def test_captures_are_the_model_s_whatever_the_camera_did(make_rig: MakeRig, tmp
         seen, light = image[valid] - 64.0, expected[valid]
         light = light * (light @ seen) / (light @ light)
         χ2 = np.mean((seen - light) ** 2 / captures.camera.noise_variance(light))
-        assert χ2 == pytest.approx(1.0, abs=5 * (2 / seen.size) ** 0.5)
+        assert χ2 == pytest.approx(1.0, abs=6 * (2 / seen.size) ** 0.5)
     assert {text.partition("; ")[2] for text in said} == {"taken again"} and len(said) >= 3
     assert read_bench_record(tmp_path / "X.h5").notes == tuple(session.notes) == tuple(said)
 

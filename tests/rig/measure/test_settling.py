@@ -40,7 +40,7 @@ def test_one_that_hasnt_begun_to_move_is_waited_for_twice_as_long() -> None:
     assert found.wait_s == 2 * DELAYS[-1]
 
 
-@pytest.mark.parametrize("constant", [0.005, 0.5])
+@pytest.mark.parametrize("constant", [0.005, 0.5, 3.0])
 def test_the_bench_s_hidden_time_constant_is_found(make_rig: MakeRig, constant: float) -> None:
     """To two per cent: what is left of the picture's answer to the step is of third order, (0.15 rad)²."""
     rig = make_rig({"virtual.settle": constant})

@@ -1,0 +1,182 @@
+"""FILE… of the commands that show a hologram: whose it is, what the user knows of it, and what was read and why.
+
+A preset's name or TOML file stands for a bench, any other name for a file of a hologram: one of holoview, or a complex
+field of another program, which several files may be the parts of.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+from holoview.commands.arguments import number, parse_effects, system_from_args, with_changes, with_effects
+from holoview.commands.console import print_stderr
+from holoview.io.hologram import Hologram
+from holoview.io.load_field import OpenedHologram, open_hologram
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError, suggest_matches
+from holoview.wavefield.reading import ReadRequest, remember
+from holoview.wavefield.request import Part, Propagation, Quantity, RecordingKind
+
+_NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
+NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
+_OPTIONS = ("wavelength", "pitch", "distance", "recording", "quantity", "variable", "index", "parts", "conjugate")
+
+
+def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True) -> None:
+    """Adds the options that say what is known of a file of another program; see `request_from_args`.
+
+    has_plane: whether the command has --plane, whose first one is the distance where nothing else tells it; otherwise
+    it is another name of --distance.
+    """
+    parser._negative_number_matcher = _NEGATIVE  # so that "--plane -10cm" isn't taken for an option
+    group = parser.add_argument_group("of a file of another program, what it doesn't say itself")
+    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
+    group.add_argument("--wavelength", metavar="LENGTH", **several, help="of each colour in the file's order")
+    group.add_argument("--pitch", metavar="LENGTH", nargs="+", help="between samples, e.g. 8um; two of them: y, then x")
+    names = ["--distance"] if has_plane else ["--distance", "--plane"]
+    group.add_argument(*names, metavar="LENGTH", help="to the image; negative where it lies before the plane")
+    group.add_argument("--quantity", choices=get_args(Quantity), help="what the numbers are")
+    group.add_argument("--variable", metavar="NAME", help="which array, where a file holds several")
+    group.add_argument(
+        "--parts",
+        metavar="A,B",
+        help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…",
+    )
+    group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
+    group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
+    group.add_argument(
+        "--propagation",
+        choices=get_args(Propagation),
+        default="auto",
+        help="to its distance: asm, the angular spectrum in the field's own window; one transform for far images",
+    )
+    group.add_argument("--conjugate", action="store_true", help="phases were written with the other sign: exp(-iφ)")
+    group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
+    group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
+
+
+def request_from_args(args: argparse.Namespace) -> ReadRequest:
+    """What the options say of a file. Raises UserError for lengths and words that aren't any."""
+    pitch = None if args.pitch is None else [units.parse(text, "--pitch") for text in args.pitch]
+    if pitch is not None and len(pitch) > 2:
+        raise UserError("--pitch", f"{len(pitch)} lengths", expected="one, or two: along y and along x")
+    planes = getattr(args, "plane", None) or []
+    first = planes if isinstance(planes, str) else next(iter(planes), None)
+    distance = args.distance or (None if first is None or first == "all" or first.rstrip().endswith("D") else first)
+    parts = tuple(part.strip() for part in args.parts.split(",")) if args.parts else ()
+    for part in parts:
+        if part not in get_args(Part):
+            raise UserError("--parts", f'"{part}"', expected=", ".join(get_args(Part)))
+    return ReadRequest(
+        pitch_m=None if pitch is None else (pitch[0], pitch[-1]),
+        wavelengths_m=tuple(units.parse(text, "--wavelength") for text in args.wavelength or ()),
+        distance_m=None if distance is None else units.parse(distance, "--distance"),
+        quantity=args.quantity,
+        variable=args.variable,
+        parts=parts,
+        recording=args.recording,
+        refractive_index=args.index,
+        conjugated=True if args.conjugate else None,
+        accept_guesses=args.guess,
+        propagation=args.propagation,
+    )
+
+
+def has_field_options(args: argparse.Namespace) -> bool:
+    """Whether an option says something of a file of another program."""
+    return any(getattr(args, name) not in (None, False) for name in _OPTIONS)
+
+
+def check_no_field_options(args: argparse.Namespace, where: str) -> None:
+    """Raises UserError if an option says something of a file, beside `where`, which isn't one."""
+    for name in _OPTIONS:
+        if getattr(args, name) not in (None, False):
+            raise UserError(f"--{name}", f"with {where}", expected="a file of another program")
+
+
+def is_preset(name: str) -> bool:
+    """Whether a name stands for a bench: that of a preset, or a TOML file.
+
+    Raises UserError, with similar names, for one that is neither a preset nor a file.
+    """
+    if Path(name).suffix == ".toml" or (name in preset.names() and not Path(name).exists()):
+        return True
+    if Path(name).exists():
+        return False
+    if Path(name).suffix or Path(name).parent != Path():
+        raise UserError(name, "there is no such file", expected="a file of a hologram")
+    raise UserError(f'preset "{name}"', "unknown", remedy=suggest_matches(name, preset.names()))
+
+
+def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram:
+    """The hologram of files with what the options say of them; prints what was guessed.
+
+    Raises UserError as `open_hologram` does.
+    """
+    request = request_from_args(args)
+    opened = open_hologram(names, request)
+    for note in opened.notes:
+        print_stderr(f"note: {note}")
+    if opened.moved_m and getattr(args, "plane", None):
+        args.plane = _from_image(args.plane, opened.moved_m)
+    if args.remember and opened.provenance:
+        print_stderr(f"note: {remember(names[0], request)} remembers these options")
+    return opened
+
+
+def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:
+    """The planes of --plane, counted from the image that a field was brought to."""
+    if isinstance(planes, list):
+        return [text for plane in planes for text in [_from_image(plane, moved_m)] if isinstance(text, str)]
+    if planes == "all" or planes.rstrip().endswith("D"):
+        return planes
+    return units.format_exact(round(units.parse(planes, "--plane") - moved_m, 12), "mm")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A system and the drive that it shows; None of a preset. read: what was read of files, for JSON; else empty."""
+
+    system: System
+    drive: Any
+    read: dict[str, Any] = field(default_factory=dict)
+
+
+def shown_by_args(args: argparse.Namespace) -> Shown:
+    """What PRESET|FILE… of `args.names` stands for, with the changes of --set, --scheme and --effects.
+
+    The name of a preset becomes `args.preset`. Raises UserError as `open_files` and `system_from_args` do.
+    """
+    names = args.names
+    if len(names) == 1 and is_preset(names[0]):
+        args.preset = names[0]
+        check_no_field_options(args, f"the preset {names[0]}")
+        return Shown(system_from_args(args), None)
+    if args.scheme is not None:
+        raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
+    effects = parse_effects(getattr(args, "switched_on", []))  # first: a bench may name effects of the user's files
+    opened = open_files(names, args)
+    system = with_changes(with_effects(opened.hologram.system, effects), args.changes)
+    return Shown(system, Hologram(opened.hologram.drive, system).drive, reading_as_json(opened, names))
+
+
+def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:
+    """What was read, guessed and why, for --json."""
+    system = opened.hologram.system
+    return {
+        "files": list(names),
+        "kind": "field" if system.is_field else "patterns",
+        "what": opened.hologram.field().describe() if system.is_field else system.description,
+        "properties": [
+            {"name": known.key, "value": known.value, "origin": known.origin, "reason": known.reason}
+            for known in opened.provenance
+        ],
+        "notes": list(opened.notes),
+    }

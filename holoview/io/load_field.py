@@ -1,0 +1,142 @@
+"""Opens complex fields as holograms: an array of the caller's, or files of holoview and of other programs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.io.hologram import FORMAT, Hologram, load_hologram
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.safetensors_file import format_of
+from holoview.wavefield.field_file import FIELD_FORMAT
+from holoview.wavefield.reading import ReadRequest, read_wavefield
+from holoview.wavefield.wavefield import Provenance, Wavefield
+
+Length = float | str
+_AXES = "(y, x), (wavelength, y, x) or (frame, wavelength, y, x)"
+
+
+@dataclass(frozen=True)
+class OpenedHologram:
+    """A hologram from files.
+
+    provenance: where each property of a field of another program is known from; empty for files of holoview.
+    notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
+    planes count; 0 for a field in its own plane.
+    """
+
+    hologram: Hologram
+    provenance: tuple[Provenance, ...] = ()
+    notes: tuple[str, ...] = ()
+    moved_m: float = 0.0
+
+
+def load_field(
+    source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | NDArray[Any],
+    *,
+    pitch: Length | tuple[Length, Length] | None = None,
+    wavelengths: Sequence[Length] | Length = (),
+    distance: Length | None = None,
+    **known: Any,
+) -> Hologram:
+    """A complex field as a hologram, which `simulate` and `export_html` take as any other.
+
+    source: an array (y, x), (wavelength, y, x) or (frame, wavelength, y, x) of complex numbers, also a tensor on the
+    CPU; or the path of a file, or of several that are the parts of one field.
+    pitch: distance between samples, or a pair (y, x); metres or text such as "8 um".
+    wavelengths: of each laser, metres or text such as "532 nm", in vacuum.
+    distance: from the plane of the field to where its image is expected; negative where it lies before the plane.
+    known: what else is known of a file: other fields of `ReadRequest`, such as quantity="phase".
+
+    Returns a `Hologram` whose system has the plane of the field in place of modulators. Raises UserError for an array
+    of another shape or of real numbers, for impossible lengths and lengths that nothing tells, and for a file that
+    can't be read.
+
+    >>> import holoview as hv, numpy as np
+    >>> y, x = np.mgrid[-32:32, -32:32] * 8e-6
+    >>> lens = np.exp(-1j * np.pi * (x**2 + y**2) / (532e-9 * 0.05))  # converges to a point 5 cm behind it
+    >>> field = hv.load_field(lens, pitch="8 um", wavelengths="532 nm", distance="5 cm")
+    >>> view = hv.simulate(field, backend="torch")
+    >>> np.unravel_index(view.intensity[0, 0].argmax(), (64, 64))
+    (np.int64(32), np.int64(32))
+    """
+    pair = pitch if isinstance(pitch, tuple) else (pitch, pitch)
+    lasers = [wavelengths] if isinstance(wavelengths, str | float) else list(wavelengths)
+    pitch_m = None if pitch is None else (units.parse(pair[0], "pitch"), units.parse(pair[1], "pitch"))  # type: ignore[arg-type]
+    wavelengths_m = tuple(units.parse(λ, f"wavelengths[{i}]") for i, λ in enumerate(lasers))
+    distance_m = None if distance is None else units.parse(distance, "distance")
+    if isinstance(source, str | os.PathLike | list | tuple):
+        paths = [source] if isinstance(source, str | os.PathLike) else source
+        return open_hologram(paths, ReadRequest(pitch_m, wavelengths_m, distance_m, **known)).hologram
+    values = np.asarray(source)
+    if known:
+        raise UserError(next(iter(known)), "with an array", expected="it of a file: an array holds the field itself")
+    return Hologram.of_field(_field_of_array(values, pitch_m, wavelengths_m, distance_m))
+
+
+def _field_of_array(
+    values: NDArray[Any],
+    pitch_m: tuple[float, float] | None,
+    wavelengths_m: tuple[float, ...],
+    distance_m: float | None,
+) -> Wavefield:
+    if values.dtype.kind != "c":
+        remedy = "a phase is np.exp(1j * phase), an intensity np.sqrt(intensity) + 0j"
+        raise UserError("field", f"values of type {values.dtype}", expected="complex numbers", remedy=remedy)
+    if not 2 <= values.ndim <= 4:
+        raise UserError("field", f"an array of shape {values.shape}", expected=_AXES)
+    if pitch_m is None or not wavelengths_m:
+        missing = "pitch" if pitch_m is None else "wavelengths"
+        raise UserError(missing, "is missing", expected="pitch and wavelengths: an array doesn't tell them")
+    return Wavefield(values[(None,) * (4 - values.ndim)], pitch_m, np.array(wavelengths_m), distance_m or 0.0)
+
+
+def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> OpenedHologram:
+    """The hologram of a file of holoview or of another program, or of several files that are the parts of one.
+
+    request: what the user knows of a file of another program; one of holoview tells all but the distance.
+
+    Raises UserError for files that can't be read, and for a recording in which no hologram is found.
+    """
+    if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
+        return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
+    reading = read_wavefield(paths, request)
+    notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
+    field = reading.wavefield
+    if reading.recording is not None:
+        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
+
+        found = field_of_recording(reading.recording)
+        field, notes = found.field, (*notes, *found.report)
+    assert field is not None
+    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
+    seen, moved = image_field(field, request.propagation)
+    notes = (*notes, moved) if moved else notes
+    hologram = Hologram.of_field(seen)
+    if hologram.system.observer == "mono":
+        notes = (
+            *notes,
+            "an eye doesn't see all of its wavelengths: they are shown in grey, as a camera sees them",
+        )
+    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0)
+
+
+def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:
+    """A hologram of holoview with the distance of a request, if that states one. Raises UserError for anything else."""
+    if replace(request, distance_m=None, accept_guesses=False) != ReadRequest():
+        raise UserError(
+            "pitch, wavelength, quantity …",
+            "of a file of holoview",
+            expected="none of them: it tells all of this itself",
+            remedy="change its bench with --set",
+        )
+    if request.distance_m is None:
+        return hologram
+    return Hologram(hologram.drive, hologram.system.with_(planes=[request.distance_m]))

@@ -1,0 +1,341 @@
+"""The complex field of a camera's recording: off-axis, in-line, and sets of shifted reference phases.
+
+A camera records I = |O + R|² of an object wave O and a reference R, a plane wave. Each function returns O·R*, the
+object wave times the reference's amplitude, in the plane of the camera, and what it found, to be shown and corrected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from holoview.numerics.fourier import dft_matrix
+from holoview.numerics.sampling import positions, taper
+from holoview.util.errors import UserError
+from holoview.util.packages import import_optional
+from holoview.wavefield.reading import Recording
+from holoview.wavefield.wavefield import Wavefield
+
+Floats = NDArray[np.floating[Any]]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+_CENTRAL = 0.04  # cycles a sample around the zero frequency, where no order is looked for
+_SHARP = 4.0  # times the mean of its order: a peak above is the unscattered wave
+_BEYOND_NOISE = 0.98  # of an order's light lies within its radius
+_PEAK_BINS = 3  # around a peak, which the fading of the picture's edges widens
+_SOFT = 0.1  # of the radius, over which the filter falls
+
+
+@dataclass(frozen=True)
+class Order:
+    """A first order in the spectrum of an off-axis recording.
+
+    carrier: its centre (y, x), cycles a sample. radius: of the light that is kept around it, cycles a sample.
+    is_sharp: whether the centre is a peak, that of light which the object didn't scatter, whose tilt is then removed
+    exactly; otherwise it is the order's centre of gravity.
+    """
+
+    carrier: tuple[float, float]
+    radius: float
+    is_sharp: bool = True
+
+    def conjugate(self) -> Order:
+        """The order on the other side, which holds the conjugate field."""
+        return replace(self, carrier=(-self.carrier[0], -self.carrier[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Demodulated:
+    """A field from a recording, and what was found for it.
+
+    orders: of each wavelength, of an off-axis recording. steps_rad: (wavelength, picture) phases of the reference, of a
+    phase-shifting set; the first is 0. report: what was found, in words.
+    """
+
+    field: Wavefield
+    orders: tuple[Order, ...] = ()
+    steps_rad: NDArray[np.float64] | None = None
+    report: tuple[str, ...] = ()
+
+
+def field_of_recording(recording: Recording) -> Demodulated:
+    """The field of a recording of any kind, by the function for its kind.
+
+    An in-line recording of two pictures has the background as the second. Where the kind isn't known, it is taken for
+    off-axis if an order is found in its spectrum, else for in-line. Raises UserError as these functions do.
+    """
+    if recording.kind == "phase-shifting":
+        return phase_shifting_field(recording)
+    if recording.kind == "in-line":
+        return _in_line_with_background(recording)
+    if recording.kind == "off-axis":
+        return off_axis_field(recording)
+    try:
+        found, guess = off_axis_field(recording), "taken for off-axis, as an order stands out of its spectrum"
+    except UserError:
+        found = _in_line_with_background(recording)
+        guess = "taken for in-line, as no order stands out of its spectrum"
+    return replace(found, report=(f"the recording was {guess} (--recording says it)", *found.report))
+
+
+def _in_line_with_background(recording: Recording) -> Demodulated:
+    """The field of the first picture, divided by the second if there are two."""
+    if len(recording.pictures) != 2:
+        return in_line_field(recording)
+    return in_line_field(replace(recording, pictures=recording.pictures[:1]), recording.pictures[1])
+
+
+# --- off-axis ---------------------------------------------------------------------------------------------------------
+
+
+def recording_spectrum(picture: Floats) -> Floats:
+    """The power spectrum of a picture (y, x), zero frequency in the middle, of which an off-axis order is chosen.
+
+    The mean is taken off and the edges are faded out, so that they draw no cross.
+    """
+    rows, columns = picture.shape
+    window = taper(rows, 0.5)[:, None] * taper(columns, 0.5)[None, :]
+    values = (picture - picture.mean()) * window.astype(picture.dtype)
+    return np.abs(scipy.fft.fftshift(scipy.fft.fft2(values))) ** 2
+
+
+def find_order(picture: Floats) -> Order:
+    """The first order of an off-axis recording (y, x), in the half of the spectrum with f_x > 0.
+
+    The brightest place of the blurred spectrum outside the middle; around it, within half its distance from the middle,
+    what stands above the noise. If its brightest frequency stands out, it is the reference's tilt, measured to a
+    thousandth of a bin; else the centre of gravity. Its radius holds 98 % of its light, and at most half its distance
+    from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet & Depeursinge, Appl. Opt. 39,
+    4070 (2000)).
+
+    Raises UserError where no order stands out of the noise.
+    """
+    power = recording_spectrum(picture)
+    fy, fx = (scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in picture.shape)
+    blurred = scipy.ndimage.gaussian_filter(power, [max(1.0, n / 256) for n in power.shape], mode="wrap")
+    distance = np.hypot(fy[:, None], fx[None, :])
+    noise = float(np.median(blurred))
+    searched = (distance > _CENTRAL) & ((fx[None, :] > 0) | ((fx[None, :] == 0) & (fy[:, None] > 0)))
+    where = np.unravel_index(np.argmax(np.where(searched, blurred, 0)), power.shape)
+    if blurred[where] < 20 * noise or noise == 0 == blurred[where]:
+        raise UserError(
+            "recording",
+            "no order in its spectrum outside the middle",
+            expected="an off-axis hologram with fringes",
+            remedy="say in-line, or give the order's carrier",
+        )
+    centre = float(fy[where[0]]), float(fx[where[1]])
+    excess = np.maximum(power - 2 * noise, 0)
+    reach = math.hypot(*centre) / 2
+    for _ in range(4):  # the centre of gravity of what lies around it
+        weight = np.where(_ways(fy, fx, centre) < reach, excess, 0)
+        rows, columns = weight.sum(axis=1), weight.sum(axis=0)
+        centre = float(rows @ fy / rows.sum()), float(columns @ fx / columns.sum())
+    order_power = np.where((_ways(fy, fx, centre) < reach) & searched, power, 0)
+    peak = np.unravel_index(np.argmax(order_power), power.shape)
+    near = power[max(0, peak[0] - 1) : peak[0] + 2, max(0, peak[1] - 1) : peak[1] + 2].sum()
+    is_sharp = bool(near > order_power.sum() / _SHARP)
+    if is_sharp:
+        centre = _refined_peak(picture, (float(fy[peak[0]]), float(fx[peak[1]])))
+    return Order(centre, _radius(power, noise, fy, fx, centre), is_sharp)
+
+
+def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodulated:
+    """The field of an off-axis recording: the order is filtered, brought to the middle, its tilt removed.
+
+    orders: one for each wavelength, or one for all, to take in place of those that are found in the first picture;
+    `Order.conjugate` of one that was found gives the field with the other sign of phase and of distance.
+
+    Raises UserError where no order is found, and for a carrier beyond the samples.
+    """
+    pictures = recording.pictures
+    if not orders:
+        orders = [find_order(picture.astype(np.float64)) for picture in pictures[0]]
+    chosen = tuple(orders) * (pictures.shape[1] if len(orders) == 1 else 1)
+    if len(chosen) != pictures.shape[1]:
+        raise UserError("orders", f"{len(chosen)}", expected=f"{pictures.shape[1]}, one for each wavelength")
+    for order in chosen:
+        if not (max(map(abs, order.carrier)) <= 0.5 and 0 < order.radius <= 1):
+            raise UserError("order", f"carrier {order.carrier}, radius {order.radius:g}", expected="cycles a sample")
+    values = np.empty(pictures.shape, np.complex64)
+    for frame, index in np.ndindex(*pictures.shape[:2]):
+        values[frame, index] = demodulate_picture(pictures[frame, index], chosen[index])
+    words = [
+        f"order at {order.carrier[1]:.4f}, {order.carrier[0]:.4f} cycles a pixel (x, y), radius {order.radius:.4f}, "
+        f"{'tilt from its peak' if order.is_sharp else 'centred on its middle'}"
+        for order in chosen
+    ]
+    return Demodulated(_wavefield(recording, values), orders=chosen, report=tuple(words))
+
+
+def demodulate_picture(picture: Floats, order: Order) -> Complexes:
+    """O·R* of one picture (y, x), complex64: times exp(−2πi·carrier·n), then a soft disc in the spectrum."""
+    rows, columns = picture.shape
+    y, x = (
+        np.exp(-2j * math.pi * carrier * positions(n, 1.0))
+        for n, carrier in zip((rows, columns), order.carrier, strict=True)
+    )
+    centred = (picture - picture.mean()).astype(np.float32)
+    moved = centred * y.astype(np.complex64)[:, None] * x.astype(np.complex64)[None, :]
+    ways = _ways(scipy.fft.fftfreq(rows), scipy.fft.fftfreq(columns), (0.0, 0.0))
+    edge = _SOFT * order.radius
+    disc = np.clip((order.radius + edge / 2 - ways) / edge, 0, 1).astype(np.float32)
+    return scipy.fft.ifft2(scipy.fft.fft2(moved) * disc)
+
+
+def _ways(fy: Floats, fx: Floats, centre: tuple[float, float]) -> Floats:
+    """Distance of each frequency from a centre, around which the spectrum is periodic."""
+    y, x = (np.abs((f - c + 0.5) % 1.0 - 0.5) for f, c in zip((fy, fx), centre, strict=True))
+    return np.hypot(y[:, None], x[None, :])
+
+
+def _radius(power: Floats, noise: float, fy: Floats, fx: Floats, centre: tuple[float, float]) -> float:
+    """The radius of the light around a carrier that stands above the noise."""
+    most = math.hypot(*centre) / 2
+    ways, bin_width = _ways(fy, fx, centre), 1 / max(len(fy), len(fx))
+    rings = np.bincount((ways / bin_width).astype(int).ravel(), weights=(power - noise).ravel())
+    rings = rings[: max(_PEAK_BINS + 1, int(most / bin_width))]
+    rings[:_PEAK_BINS] = 0  # unscattered light says nothing of the object's band
+    light = np.cumsum(np.maximum(rings, 0))
+    radius = (np.searchsorted(light, _BEYOND_NOISE * light[-1]) + 1) * bin_width
+    return float(min(max(1.1 * radius, 8 * bin_width), most))
+
+
+def _refined_peak(picture: Floats, peak: tuple[float, float]) -> tuple[float, float]:
+    """The frequency (y, x) of the largest value of the spectrum near one of its bins, by sums between the bins."""
+    rows, columns = picture.shape
+    windowed = (picture - picture.mean()) * taper(rows, 0.5)[:, None] * taper(columns, 0.5)[None, :]
+    y, x = peak
+    for width in (1.0, 0.1, 0.01):
+        steps = [width * 0.1 / n for n in (rows, columns)]
+        along = [
+            dft_matrix(n, f - 10 * step, step, 21).numpy()
+            for n, f, step in zip((rows, columns), (y, x), steps, strict=True)
+        ]
+        k, j = np.unravel_index(np.argmax(np.abs(along[0] @ windowed @ along[1].T)), (21, 21))
+        y, x = y + (int(k) - 10) * steps[0], x + (int(j) - 10) * steps[1]
+    return y, x
+
+
+# --- in-line ----------------------------------------------------------------------------------------------------------
+
+
+def in_line_field(recording: Recording, background: Floats | None = None) -> Demodulated:
+    """The field of an in-line recording: I/B, which holds the reference, the object wave and its twin.
+
+    background: B, the picture without the object, (wavelength, y, x) or (y, x). Without it each picture's own mean. A
+    picture with negative values has lost its background already, and is only scaled to a largest value of 1.
+
+    For |O| ≪ |R| the field is 1 + o + o* with o = O·R*/|R|² (Gabor; as normalised by Latychevskaia & Fink, Opt. Express
+    17, 10697 (2009)): at the object's distance the object stands before the blurred twin.
+
+    Raises UserError for a background of another shape and for one that isn't above 0.
+    """
+    pictures = np.asarray(recording.pictures, np.float32)
+    if background is not None:
+        if background.shape not in (pictures.shape[1:], pictures.shape[2:]):
+            raise UserError(
+                "background", f"shape {background.shape}", expected=f"{pictures.shape[1:]}, as the recording"
+            )
+        if not float(background.min()) > 0:
+            raise UserError("background", f"a least value of {float(background.min()):g}", expected="values above 0")
+        values, words = pictures / background, "divided by the background picture"
+    elif float(pictures.min()) < 0:
+        values, words = pictures / np.abs(pictures).max(), "negative values: its background was taken off already"
+    else:
+        mean = pictures.mean(axis=(-2, -1), keepdims=True)
+        if not (mean > 0).all():
+            raise UserError("recording", "a black picture", expected="an in-line hologram")
+        values, words = pictures / mean, "divided by its own mean"
+    return Demodulated(_wavefield(recording, values.astype(np.complex64)), report=(words,))
+
+
+# --- phase shifting ---------------------------------------------------------------------------------------------------
+
+
+def phase_shifting_field(
+    recording: Recording, steps_rad: Sequence[float] | Literal["equal", "unknown"] = "equal"
+) -> Demodulated:
+    """The field of a set of pictures whose reference's phase was shifted, without zero order and twin.
+
+    steps_rad: phase of the reference in each picture; "equal" for 2π/N apart, in the order of the pictures; "unknown"
+    to find them by principal components (`unknown_steps`).
+
+    I_n = a + Re(2·O·R*·exp(−iδ_n)) is solved for each pixel by least squares (Greivenkamp, Opt. Eng. 23, 350 (1984)).
+
+    Raises UserError for fewer than three pictures, another number of steps, and steps that don't tell the three
+    unknowns apart.
+    """
+    pictures = np.asarray(recording.pictures, np.float64)
+    count = len(pictures)
+    if count < 3:
+        raise UserError("recording", f"{count} pictures", expected="three or more with shifted reference phases")
+    if isinstance(steps_rad, str):
+        equal = np.arange(count) * (2 * math.pi / count)
+        steps = np.stack(
+            [equal if steps_rad == "equal" else unknown_steps(pictures[:, i]) for i in range(pictures.shape[1])]
+        )
+    else:
+        if len(steps_rad) != count:
+            raise UserError("steps", f"{len(steps_rad)}", expected=f"{count}, one for each picture")
+        steps = np.tile(np.asarray(steps_rad, np.float64), (pictures.shape[1], 1))
+    values = np.empty((1, *pictures.shape[1:]), np.complex64)
+    for index, shifts in enumerate(steps):
+        model = np.stack([np.ones(count), np.cos(shifts), np.sin(shifts)], axis=1)
+        if np.linalg.cond(model) > 100:
+            raise UserError("steps", f"{np.round(shifts, 3).tolist()} rad", expected="three phases well apart")
+        _, cosine, sine = np.tensordot(np.linalg.pinv(model), pictures[:, index], axes=1)
+        values[0, index] = (cosine + 1j * sine) / 2
+    words = [f"reference phases {', '.join(f'{step:.3f}' for step in shifts)} rad" for shifts in steps]
+    return Demodulated(_wavefield(recording, values), steps_rad=steps, report=tuple(words))
+
+
+def unknown_steps(pictures: Floats) -> NDArray[np.float64]:
+    """The phases of the reference in three or more pictures (picture, y, x), from the pictures alone; the first is 0.
+
+    The two largest principal components of the pictures are the object's cosine and sine, if these are uncorrelated and
+    of equal power over the picture, as they are of many fringes or speckles (Vargas, Quiroga & Belenguer, Opt. Lett.
+    36, 1326 (2011)). Each picture's weights of them lie on a circle, at its phase. The sign is that which makes the
+    second phase less than half a turn.
+
+    Raises UserError for pictures in which nothing is shifted.
+    """
+    rows = pictures.reshape(len(pictures), -1).astype(np.float64)
+    centred = rows - rows.mean(axis=0)
+    powers, vectors = np.linalg.eigh(centred @ centred.T / rows.shape[1])
+    if not powers[-2] > 1e-6 * powers[-1] or powers[-1] <= 0:
+        raise UserError("recording", "pictures without a shift of phase between them", expected="a phase-shifting set")
+    weights = vectors[:, -2:] * np.sqrt(powers[-2:])
+    # the circle 2·c·w + (r² − |c|²) = |w|² through the points w
+    model = np.concatenate([2 * weights, np.ones((len(weights), 1))], axis=1)
+    centre = np.linalg.lstsq(model, np.square(weights).sum(axis=1), rcond=None)[0][:2]
+    phases = np.arctan2(*(weights - centre).T)
+    phases = (phases - phases[0]) % (2 * math.pi)
+    return phases if phases[1] <= math.pi else (-phases) % (2 * math.pi)
+
+
+# --- what all share ---------------------------------------------------------------------------------------------------
+
+
+def unwrapped_phase(values: Complexes) -> NDArray[np.float64]:
+    """The phase (y, x) of a field without jumps of 2π, rad, by scikit-image.
+
+    Its method is that of Herráez et al., Appl. Opt. 41, 7437 (2002).
+
+    Raises UserError if scikit-image isn't installed.
+    """
+    restoration = import_optional("skimage.restoration", "unwrapping of phases")
+    return np.asarray(restoration.unwrap_phase(np.angle(values).astype(np.float64)))
+
+
+def _wavefield(recording: Recording, values: Complexes) -> Wavefield:
+    return Wavefield(
+        values, recording.pitch_m, recording.wavelengths_m, distance_m=recording.distance_m, name=recording.name
+    )

@@ -1,0 +1,264 @@
+"""How the arrays of one or several files make a field or a recording: by frame, colour and quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holoview.util.errors import UserError
+from holoview.wavefield.interpret.assemble import PlacedArray, check_finite
+from holoview.wavefield.interpret.axes import arrange
+from holoview.wavefield.interpret.candidates import (
+    PAIRS,
+    Candidate,
+    Component,
+    choose,
+    list_candidates,
+    name_colour,
+    name_role,
+    name_wavelength,
+    partner_of,
+)
+from holoview.wavefield.interpret.properties import Findings, Known, known_wavelengths
+from holoview.wavefield.interpret.quantities import MOST_SAMPLE, full_scale, judge, phase_levels
+from holoview.wavefield.readers.contents import Contents
+from holoview.wavefield.request import ReadRequest
+from holoview.wavefield.wavefield import Origin
+
+_MOST_NUMBERS = 1 << 22  # of the middle of a stack by which its values are judged
+_COLOUR_PARTS = ("r", "g", "b")
+_SHORTEST_NM = (590.0, 490.0, 0.0)  # of the light that a camera's red, green and blue pixels see best
+Files = Sequence[tuple[Path, Contents]]
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """What was arranged.
+
+    groups: by frame and colour of separate files, the arrays that are parts of one field.
+    candidates: of the first file. quantity: of single real arrays, "" for others.
+    """
+
+    groups: list[list[list[PlacedArray]]]
+    candidates: list[Candidate]
+    is_recording: bool
+    quantity: str
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Frames, colours, rows and columns of all."""
+        frames, colours, rows, columns = self.groups[0][0][0].sizes
+        return len(self.groups) * frames, len(self.groups[0]) * colours, rows, columns
+
+
+def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement:
+    """The parts of a field or a recording in one or several files; how they were recognised goes to `findings`.
+
+    Raises UserError for files that don't belong together.
+    """
+    request, wavelengths = known.request, len(known_wavelengths(known))
+    grid, candidates = _components(files, request, findings)
+    placed = [[[_place(c, files, request, wavelengths) for c in parts] for parts in row] for row in grid]
+    _check_sizes(placed, files)
+    chosen = _only_colour([part for row in placed for parts in row for part in parts], known, findings)
+    placed = [[[replace(part, only_colour=chosen) for part in parts] for parts in row] for row in placed]
+    first = placed[0][0][0]
+    if first.axes.reason and chosen is None:
+        findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
+    is_recording, quantity = _recognise(placed, files, request, findings)
+    scaled = [[[_scaled(part, quantity, known, findings) for part in parts] for parts in row] for row in placed]
+    return Arrangement(scaled, candidates, is_recording, quantity)
+
+
+def _components(
+    files: Files, request: ReadRequest, findings: Findings
+) -> tuple[list[list[tuple[Component, ...]]], list[Candidate]]:
+    """By frame and colour of separate files, the arrays that make a field."""
+    path, contents = files[0]
+    if len(files) == 1:
+        candidate, candidates = choose(path, contents, request)
+        partner = partner_of(path)
+        if partner is not None:
+            findings.notes.append(f'"{partner.name}" beside it is another part by its name: name both files')
+        if len(candidates) > 1 or candidate.name:
+            others = [c.name for c in candidates if c is not candidate]
+            reason = "as given" if request.variable else "by kind and size"
+            more = f"; others: {', '.join(others[:6])}" if others else ""
+            findings.add("variable", candidate.name, "given" if request.variable else "guessed", reason + more)
+        return [[candidate.components]], candidates
+    parts = _name_parts(files, request)
+    if not request.parts:
+        findings.add("parts", ", ".join(map(str, parts)), "guessed", "the names of the files")
+    return _grid(parts, path), list_candidates(contents)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One of several files: what its numbers are, "" if unknown; its colour, "" if it isn't one of several."""
+
+    quantity: str
+    colour: str
+    component: Component
+
+    def __str__(self) -> str:
+        return " ".join(word for word in (self.quantity, self.colour) if word) or "frame"
+
+
+def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
+    """What each of several files is, as stated or by its name; colours only if there are several."""
+    stated = request.parts or ("frame",) * len(files)
+    if len(stated) != len(files):
+        found = f"{len(stated)} parts for {len(files)} files"
+        raise UserError("parts", found, expected="one part for each file, such as amplitude,phase")
+    colours = [w if w in _COLOUR_PARTS else name_colour(path.stem) for w, (path, _) in zip(stated, files, strict=True)]
+    if set(colours) != set(_COLOUR_PARTS):
+        nm = [name_wavelength(path.stem) for path, _ in files]
+        colours = nm if len(set(nm)) > 1 and all(nm) else [""] * len(files)
+    parts = []
+    for word, colour, (path, contents) in zip(stated, colours, files, strict=True):
+        component = _single(path, contents, request)
+        is_stated = word not in ("frame", *_COLOUR_PARTS)
+        quantity = word if is_stated else component.role or name_role(path.stem)
+        parts.append(_Part(quantity, colour, replace(component, role=quantity, reason="one of several files")))
+    return parts
+
+
+def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
+    candidate, _ = choose(path, contents, replace(request, parts=(), quantity=request.quantity or "intensity"))
+    if len(candidate.components) != 1:
+        raise UserError(str(path), "holds more than one part of a field", expected="one part in each file")
+    return candidate.components[0]
+
+
+def _grid(parts: Sequence[_Part], path: Path) -> list[list[tuple[Component, ...]]]:
+    """The components by frame and colour. Raises UserError unless each colour has the same parts."""
+    colours = sorted({part.colour for part in parts}, key=_colour_order)
+    by_colour = [[part for part in parts if part.colour == colour] for colour in colours]
+    quantities = [sorted(part.quantity for part in group) for group in by_colour]
+    if all(found == quantities[0] for found in quantities):
+        if tuple(quantities[0]) in map(tuple, map(sorted, PAIRS)):
+            return [[tuple(part.component for part in group) for group in by_colour]]
+        if len(set(quantities[0])) == 1:
+            frames = zip(*by_colour, strict=True)
+            return [[(part.component,) for part in frame] for frame in frames]
+    raise UserError(
+        str(path),
+        f"the parts {', '.join(map(str, parts))} don't make a field",
+        expected="real,imaginary or amplitude,phase or r,g,b, or frames",
+        remedy="state them with --parts",
+    )
+
+
+def _colour_order(colour: str) -> float:
+    """Red, green and blue in this order; other colours by falling wavelength."""
+    return float(_COLOUR_PARTS.index(colour)) if colour in _COLOUR_PARTS else -float(colour or 0)
+
+
+def _place(component: Component, files: Files, request: ReadRequest, wavelengths: int) -> PlacedArray:
+    where = component.array.name or str(files[0][0])
+    return PlacedArray(component, arrange(component.array, request, wavelengths, where))
+
+
+def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files) -> None:
+    sizes = {part.sizes for row in placed for parts in row for part in parts}
+    if len(sizes) > 1:
+        words = " and ".join(f"{x} × {y} samples, {c} colours, {f} frames" for f, c, y, x in sorted(sizes))
+        raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
+
+
+def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: Findings) -> int | None:
+    """The channel that is taken of pictures in three colours: of grey ones, and where one wavelength is known."""
+    if any(p.axes.colour is None or p.sizes[1] != 3 or p.component.array.dtype.kind not in "iu" for p in parts):
+        return None
+    samples = [_sample(part) for part in parts]
+    if all((sample == sample[:, :1]).all() for sample in samples):
+        findings.add("colours", "one", "file", "the channels are equal: grey that is stored as colours")
+        return 0
+    wavelengths = known_wavelengths(known)
+    if len(wavelengths) != 1:
+        return None
+    channel = next(i for i, shortest in enumerate(_SHORTEST_NM) if wavelengths[0] * 1e9 >= shortest)
+    name = ("red", "green", "blue")[channel]
+    findings.add("colours", f"the {name} channel", "guessed", "one wavelength is known, which this channel sees")
+    return channel
+
+
+def _axes_words(part: PlacedArray) -> str:
+    names = {part.axes.y: "y", part.axes.x: "x"}
+    for name, axis in (("colour", part.axes.colour), ("frame", part.axes.frame)):
+        if axis is not None:
+            names[axis] = name
+    return "(" + ", ".join(names.get(axis, "1") for axis in range(len(part.component.array.shape))) + ")"
+
+
+def _recognise(
+    placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files, request: ReadRequest, findings: Findings
+) -> tuple[bool, str]:
+    """Whether it is a recording, and the quantity of single parts."""
+    parts = placed[0][0]
+    roles = [part.component.role for part in parts]
+    if request.recording not in (None, "none"):
+        findings.add("recording", str(request.recording), "given", "as given or remembered")
+        return True, "intensity"
+    if roles == ["complex"] or len(parts) > 1:
+        findings.add("quantity", " and ".join(roles), "file", parts[0].component.reason or "its numbers are complex")
+        return False, ""
+    if request.quantity is not None:
+        findings.add("quantity", request.quantity, "given", "as given or remembered")
+        return False, request.quantity
+    for role, reason in (
+        (roles[0], f'the variable is named "{parts[0].component.array.name}"'),
+        (name_role(files[0][0].stem), "the file's name says it"),
+    ):
+        if role in ("amplitude", "phase", "intensity", "bilevel"):
+            findings.add("quantity", role, "guessed", reason)
+            return False, role
+    judgement = judge(_sample(parts[0]))
+    if judgement.quantity == "recording" and request.recording == "none":
+        findings.add("quantity", "amplitude", "guessed", "it is no recording, as given, and not spread as phases are")
+        return False, "amplitude"
+    findings.add("quantity", judgement.quantity, "guessed", judgement.reason)
+    return judgement.quantity == "recording", judgement.quantity
+
+
+def _sample(part: PlacedArray) -> np.ndarray:
+    """The middle of the array, at most `MOST_SAMPLE` rows and columns, of stacks fewer, (frame, colour, y, x)."""
+    frames, colours, rows, columns = part.sizes
+    most = max(min(MOST_SAMPLE, math.isqrt(_MOST_NUMBERS // (frames * colours))), 1)
+    height, width = min(rows, most), min(columns, most)
+    region = ((columns - width) // 2, (rows - height) // 2, width, height)
+    values = part.load(region)
+    check_finite(part.component.array.name or "field", values, region)
+    return values
+
+
+def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:
+    """The part with its role and the scale of its numbers."""
+    role = part.component.role
+    if role in ("", *_COLOUR_PARTS) or (quantity and role != "complex"):
+        role = quantity
+    named = replace(part, component=replace(part.component, role=role))
+    dtype = part.component.array.dtype
+    if role == "phase":
+        sample = _sample(part)
+        levels, reason = phase_levels(dtype, float(sample.min()), float(sample.max()))
+        origin: Origin = "guessed"
+        if known.facts.phase_levels is not None:
+            levels, reason, origin = known.facts.phase_levels, "as the file says", "file"
+        if known.request.phase_levels is not None:
+            levels, reason = known.request.phase_levels, "as given or remembered"
+            origin = known.origin("phase_levels")
+        if not any(p.key == "phase levels" for p in findings.provenance):
+            findings.add("phase levels", f"{levels:.6g}", origin, reason)
+        return replace(named, scale=2 * np.pi / levels)
+    if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
+        return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))
+    if role in ("real", "imaginary") and dtype.kind == "u":
+        middle = full_scale(dtype, float(_sample(part).max())) / 2
+        findings.add(f"zero of the {role} part", f"{middle:g}", "guessed", "numbers without sign: the middle is 0")
+        return replace(named, zero=middle, scale=1 / middle)
+    return named

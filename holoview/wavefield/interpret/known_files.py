@@ -1,0 +1,64 @@
+"""Holograms of published test sets, known by their files' names: pitch, wavelengths, distances, reference wave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from holoview.util import units
+from holoview.util.files import read_text
+from holoview.util.tables import parse_toml
+from holoview.wavefield.readers.contents import Facts
+
+_TABLE = Path(__file__).with_name("jpeg_pleno.toml")
+
+
+@dataclass(frozen=True)
+class KnownFile:
+    """What is published about a hologram. name: in the test set. method: of the published reconstruction.
+
+    distances_m: all published distances, m. facts: what is taken, the first distance among them.
+    is_name_inferred: whether the file's name is published nowhere, so that the match is a guess.
+    """
+
+    name: str
+    facts: Facts
+    distances_m: tuple[float, ...]
+    method: str
+    is_name_inferred: bool
+
+    @property
+    def reason(self) -> str:
+        """Why the facts are taken, in words."""
+        return f'the file\'s name is that of the JPEG Pleno hologram "{self.name}"'
+
+    @property
+    def note(self) -> str:
+        """All distances and the method, for the user."""
+        distances = ", ".join(units.format_rounded(d, "mm") for d in self.distances_m) or "none"
+        doubt = "; its file's name is published nowhere, so that this may be another hologram" * self.is_name_inferred
+        return f"JPEG Pleno, {self.name}: published distances {distances}, by {self.method}{doubt}"
+
+
+def find_known_file(name: str) -> KnownFile | None:
+    """What is published about a file of this name, None for other files."""
+    for entry in _entries():
+        if any(fnmatch(name.lower(), pattern) for pattern in entry["files"]):
+            distances = tuple(entry.get("distances_m", ()))
+            facts = Facts(
+                pitch_m=(entry["pitch_um"] * 1e-6, entry["pitch_um"] * 1e-6),
+                wavelengths_m=tuple(w * 1e-9 for w in entry["wavelengths_nm"]),
+                distance_m=distances[0] if distances else None,
+                reference_radius_m=entry.get("reference_radius_m"),
+            )
+            return KnownFile(entry["name"], facts, distances, entry["method"], entry.get("is_name_inferred", False))
+    return None
+
+
+@cache
+def _entries() -> list[dict[str, Any]]:
+    table = parse_toml(read_text(_TABLE, "the table of the JPEG Pleno set"), _TABLE.name, "a table of holograms")
+    return list(table["hologram"])

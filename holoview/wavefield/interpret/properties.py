@@ -1,0 +1,207 @@
+"""Pitch, wavelengths and distance of a field: given, remembered, of the file, or guessed, in this order."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.wavefield.readers.contents import Facts
+from holoview.wavefield.request import ReadRequest
+from holoview.wavefield.wavefield import Origin, Provenance
+
+_PITCH_NAMES = ("pp", "pitch", "pixelpitch", "pixelsize", "ps", "dx", "dxy", "deltax", "pitchx", "samplingpitch", "px")
+_WAVELENGTH_NAMES = ("wlen", "lambda", "lambdas", "wavelength", "wavelengths", "wl", "wvl", "lam")
+_DISTANCE_NAMES = ("zrec", "z", "distance", "dist", "d", "propagationdistance", "recdist", "depth", "zobj", "z0")
+
+_AGREE = 0.02  # of two distances; people round them, and take z towards either side
+_NUMBER = r"([-+]?\d+(?:[.p]\d+)?)"
+_IN_NAME = {
+    "distance_m": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
+    "pitch_m": re.compile(r"(?:^|[^a-z0-9])(\d+(?:[.p]\d+)?)[ _]?(um|µm|μm)(?![a-z])", re.IGNORECASE),
+}
+
+
+@dataclass(frozen=True)
+class Question:
+    """A property that nothing tells. option: of the command line. guess: in people's units. reason: of the guess."""
+
+    key: str
+    option: str
+    guess: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A value with its reason and where it is from."""
+
+    value: tuple[float, ...]
+    reason: str
+    origin: Origin = "guessed"
+
+
+@dataclass
+class Findings:
+    """What is found out about a file, in the order in which it is."""
+
+    provenance: list[Provenance] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, key: str, value: str, origin: Origin, reason: str) -> None:
+        """States where a property is known from."""
+        self.provenance.append(Provenance(key, value, origin, reason))
+
+    def ask(self, key: str, option: str, guess: str, reason: str) -> None:
+        """A question, whose guess is used until it is answered."""
+        self.questions.append(Question(key, option, guess, reason))
+        self.provenance.append(Provenance(key, guess, "guessed", reason))
+
+
+@dataclass(frozen=True)
+class Known:
+    """All that tells properties of a field.
+
+    request: given and remembered ones together. given: the given ones alone. facts, numbers: of the file.
+    table: what is published about a file of this name. name: of the first file.
+    named_wavelengths_m: those that the files' names state, by falling length.
+    """
+
+    request: ReadRequest
+    given: ReadRequest
+    facts: Facts
+    numbers: Mapping[str, tuple[float, ...]]
+    table: Facts
+    table_reason: str
+    name: str
+    named_wavelengths_m: tuple[float, ...] = ()
+
+    def origin(self, key: str) -> Origin:
+        """Whether a property of the request was given now or is remembered."""
+        return "given" if getattr(self.given, key) not in (None, ()) else "remembered"
+
+
+def stated(known: Known, key: str, names: Sequence[str]) -> Iterable[Guess]:
+    """All that tells a length, by decreasing rank. key: of `ReadRequest`. names: of variables that are this length."""
+    value = getattr(known.request, key)
+    if value not in (None, ()):
+        origin = known.origin(key)
+        reason = "as given" if origin == "given" else "as the notes beside the file say"
+        yield Guess(value if isinstance(value, tuple) else (value,), reason, origin)
+    value = getattr(known.facts, key, None)
+    if value not in (None, ()):
+        yield Guess(value if isinstance(value, tuple) else (value,), "as the file says", "file")
+    for name, numbers in known.numbers.items():
+        if re.sub(r"[_\d]", "", name.rpartition(".")[2].lower()) in names:
+            metres, unit = _in_metres(numbers, key)
+            if metres:
+                yield Guess(metres, f"the file's variable {name}, taken as {unit}", "file")
+    value = getattr(known.table, key, None)
+    if value not in (None, ()):
+        yield Guess(value if isinstance(value, tuple) else (value,), known.table_reason)
+    if key == "wavelengths_m" and known.named_wavelengths_m:
+        yield Guess(known.named_wavelengths_m, "the file's name says it")
+    found = _IN_NAME[key].search(known.name) if key in _IN_NAME else None
+    if found:
+        yield Guess((_length(found[1], found[2]),), "the file's name says it")
+
+
+_RANGES = {"pitch_m": (5e-8, 2e-4), "wavelengths_m": (1.5e-7, 2e-5), "distance_m": (0.0, 50.0)}
+
+
+def _in_metres(numbers: tuple[float, ...], key: str) -> tuple[tuple[float, ...], str]:
+    """Numbers of unknown unit in metres, by what lengths are usual; nothing if no unit makes them usual."""
+    low, high = _RANGES[key]
+    if not numbers or not all(math.isfinite(n) for n in numbers):
+        return (), ""
+    largest = max(abs(n) for n in numbers)
+    choices = {"pitch_m": ("m", "um", "mm"), "wavelengths_m": ("m", "nm", "um", "mm"), "distance_m": ("m", "mm")}
+    for unit in choices[key]:
+        scale = units.parse(f"1 {unit}", key)
+        if low <= largest * scale <= high and (key == "distance_m" or min(numbers) > 0):
+            return tuple(float(n) * scale for n in numbers), unit
+    return (), ""
+
+
+def _length(number: str, unit: str) -> float:
+    return units.parse(f"{number.replace('p', '.').replace('P', '.')} {unit.lower()}", "the file's name")
+
+
+def known_wavelengths(known: Known) -> tuple[float, ...]:
+    """The wavelengths that the user, the file, its table or its name states, m; none if nothing does."""
+    return next((guess.value for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES)), ())
+
+
+def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
+    """A wavelength for each colour, in vacuum, m; the origin or the question goes to `findings`."""
+    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES):
+        if len(guess.value) == colours:
+            findings.add("wavelengths", _nm(guess.value), guess.origin, guess.reason)
+            return guess.value
+        if guess.origin in ("given", "remembered"):
+            found = f"{len(guess.value)} of them ({_nm(guess.value)})"
+            raise UserError(f"{known.name}: wavelengths", found, expected=f"{colours}, one for each colour")
+    value: tuple[float, ...]
+    if colours == 3:
+        value, reason = (638e-9, 520e-9, 450e-9), "usual laser diodes in red, green and blue"
+    elif colours == 1 and is_recording:
+        value, reason = (632.8e-9,), "most recordings are made with a helium-neon laser"
+    else:
+        value, reason = (532e-9,) * colours, "the most usual laser of holograms"
+    findings.ask("wavelengths", "--wavelength", _nm(value), reason)
+    return value
+
+
+def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[float, float]:
+    """The pitch (y, x) in m; the origin or the question goes to `findings`."""
+    for guess in stated(known, "pitch_m", _PITCH_NAMES):
+        pitch = guess.value[0], guess.value[1] if len(guess.value) > 1 else guess.value[0]
+        findings.add("pitch", _um(pitch), guess.origin, guess.reason)
+        return pitch
+    value, reason = 8e-6, "the most usual pitch of phase modulators"
+    if is_recording:
+        value, reason = 3.45e-6, "the most usual pitch of cameras for holograms"
+    findings.ask("pitch", "--pitch", _um((value, value)), reason)
+    return value, value
+
+
+def find_distance(known: Known, findings: Findings) -> float:
+    """The distance in m, 0 if nothing tells it; contradictions go to the notes."""
+    sources = list(stated(known, "distance_m", _DISTANCE_NAMES))
+    if not sources:
+        findings.ask("distance", "--distance", "0 mm", "nothing says where the image is: search the best focus")
+        return 0.0
+    first = sources[0]
+    findings.add("distance", units.format_rounded(first.value[0], "mm"), first.origin, first.reason)
+    for other in sources[1:]:
+        if all(not math.isclose(abs(value), abs(first.value[0]), rel_tol=_AGREE) for value in other.value):
+            said = units.format_rounded(other.value[0], "mm")
+            mine = units.format_rounded(first.value[0], "mm")
+            findings.notes.append(f"distances contradict: {mine} ({first.reason}), {said} ({other.reason})")
+    return first.value[0]
+
+
+def find_radius(known: Known, findings: Findings) -> float | None:
+    """The radius of the reference wave in m, None for a plane wave."""
+    sources: tuple[tuple[float | None, Origin, str], ...] = (
+        (known.request.reference_radius_m, known.origin("reference_radius_m"), "as given or remembered"),
+        (known.facts.reference_radius_m, "file", "as the file says"),
+        (known.table.reference_radius_m, "guessed", known.table_reason),
+    )
+    for value, origin, reason in sources:
+        if value is not None:
+            findings.add("radius of the reference", units.format_rounded(value, "mm"), origin, reason)
+            return value
+    return None
+
+
+def _nm(lengths: Iterable[float]) -> str:
+    return ", ".join(units.format_rounded(length, "nm") for length in lengths)
+
+
+def _um(pitch: tuple[float, float]) -> str:
+    return " × ".join(units.format_rounded(p, "um") for p in dict.fromkeys(pitch))

@@ -1,0 +1,129 @@
+"""The notes beside a file: what a user said about it, in FILE.holoview.toml."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
+from holoview.util.files import read_text
+from holoview.util.tables import check_keys, parse_toml
+from holoview.wavefield.request import BinaryLayout, ReadRequest
+
+_SUFFIX = ".holoview.toml"
+_EXPECTED = "notes on a hologram's file"
+_LENGTHS = {
+    "pitch_m": ("pitch", "um"),
+    "wavelengths_m": ("wavelengths", "nm"),
+    "distance_m": ("distance", "mm"),
+    "reference_radius_m": ("reference_radius", "mm"),
+}
+_PLAIN: dict[str, type | tuple[type, ...]] = {
+    "quantity": str,
+    "variable": str,
+    "parts": list,
+    "recording": str,
+    "refractive_index": (int, float),
+    "conjugated": bool,
+    "phase_levels": (int, float),
+    "colour_axis": str,
+    "transposed": bool,
+}
+_BINARY: dict[str, type] = {
+    "dtype": str, "shape": list, "offset": int, "order": str, "parts": list, "interleaved": bool
+}  # fmt: skip
+
+
+def notes_path(path: Path) -> Path:
+    """The name of the notes beside a file."""
+    return path.with_name(path.name + _SUFFIX)
+
+
+def read_notes(path: Path) -> ReadRequest:
+    """What is remembered of a file, nothing where there are no notes. Raises UserError for notes that are wrong."""
+    notes = notes_path(path)
+    if not notes.exists():
+        return ReadRequest()
+    table = parse_toml(read_text(notes, _EXPECTED), str(notes), _EXPECTED)
+    names = {name: key for key, (name, _) in _LENGTHS.items()} | {key: key for key in (*_PLAIN, "binary")}
+    check_keys(table, names, f"{notes}: ")
+    try:
+        return ReadRequest(**{names[name]: _parse(names[name], value) for name, value in table.items()})
+    except UserError as error:
+        raise error.inside(f"{notes}: ") from error
+
+
+def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
+    """Writes what a request says about a file beside it, with what is remembered already; returns the notes' name.
+
+    What is wanted of a file (a region, decimation) isn't a property of it and isn't remembered.
+    Raises UserError for notes that are wrong, WriteError where none can be written.
+    """
+    merged = over(request, read_notes(Path(path)))
+    table: dict[str, Any] = {}
+    for key, (name, unit) in _LENGTHS.items():
+        value = getattr(merged, key)
+        if isinstance(value, tuple) and value:
+            table[name] = [units.format_exact(length, unit) for length in value]
+        elif isinstance(value, float | int):
+            table[name] = units.format_exact(value, unit)
+    for key in _PLAIN:
+        value = getattr(merged, key)
+        if value is not None and value != ():
+            table[key] = list(value) if isinstance(value, tuple) else value
+    if merged.binary is not None:
+        entries = dataclasses.asdict(merged.binary).items()
+        table["binary"] = {k: list(v) if isinstance(v, tuple) else v for k, v in entries if v is not None}
+    notes = notes_path(Path(path))
+    write_file(notes, tomli_w.dumps(table))
+    return notes
+
+
+def over(given: ReadRequest, remembered: ReadRequest) -> ReadRequest:
+    """The given request, with what is remembered where it says nothing."""
+    found = {key: getattr(remembered, key) for key in (*_LENGTHS, *_PLAIN, "binary")}
+    return dataclasses.replace(
+        given, **{key: value for key, value in found.items() if getattr(given, key) in (None, ())}
+    )
+
+
+def _parse(key: str, value: Any) -> Any:
+    if key in _LENGTHS:
+        name = _LENGTHS[key][0]
+        values = value if isinstance(value, list) else [value]
+        if not 1 <= len(values) <= 64:
+            raise UserError(name, f"{len(values)} lengths", expected="one or a few")
+        lengths = tuple(units.parse(v, name) for v in values)
+        if key == "pitch_m":
+            return (lengths[0], lengths[-1])
+        return lengths if key == "wavelengths_m" else lengths[0]
+    if key == "binary":
+        return _parse_binary(value)
+    return _typed(key, value, _PLAIN[key])
+
+
+def _typed(key: str, value: Any, kind: type | tuple[type, ...]) -> Any:
+    is_flag = isinstance(value, bool)
+    if not isinstance(value, kind) or (is_flag and kind is not bool):
+        raise UserError(key, f"{value!r}", expected=_WORDS.get(kind, "a number"))
+    if isinstance(value, list):
+        if not all(isinstance(v, str | int) and not isinstance(v, bool) for v in value) or len(value) > 64:
+            raise UserError(key, f"{value!r}", expected="a short list of words or whole numbers")
+        return tuple(value)
+    return value
+
+
+_WORDS: dict[Any, str] = {str: "text", bool: "true or false", list: "a list", int: "a whole number"}
+
+
+def _parse_binary(value: Any) -> BinaryLayout:
+    if not isinstance(value, dict):
+        raise UserError("binary", f"{value!r}", expected="a table with dtype and shape")
+    check_keys(value, _BINARY, "binary.", required=("dtype", "shape"), expected="the layout of the numbers")
+    return BinaryLayout(**{k: _typed(f"binary.{k}", v, _BINARY[k]) for k, v in value.items()})

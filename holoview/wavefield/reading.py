@@ -1,0 +1,187 @@
+"""Reads anyone's hologram: fields and recordings of other programs and cameras, with what is known of them and why.
+
+The file's reader finds arrays (`readers`); what they mean is given, remembered beside the file, said by the file or
+guessed with a reason (`interpret`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.util.errors import UserError
+from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
+from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
+from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
+from holoview.wavefield.interpret.known_files import find_known_file
+from holoview.wavefield.interpret.properties import (
+    Findings,
+    Known,
+    Question,
+    find_distance,
+    find_pitch,
+    find_radius,
+    find_wavelengths,
+)
+from holoview.wavefield.interpret.remembered import over, read_notes, remember
+from holoview.wavefield.readers.contents import Contents, Facts
+from holoview.wavefield.readers.registry import open_file
+from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
+from holoview.wavefield.wavefield import Provenance, Wavefield
+
+__all__ = ["BinaryLayout", "Question", "ReadRequest", "Reading", "Recording", "read_wavefield", "remember"]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Pictures of an interference that a camera took.
+
+    pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
+    background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels.
+    kind: as given, None if unknown.
+    """
+
+    pictures: NDArray[np.float32]
+    pitch_m: tuple[float, float]
+    wavelengths_m: NDArray[np.float64]
+    distance_m: float
+    kind: RecordingKind | None
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What was read: a field or a recording, the other is None.
+
+    provenance: where each property is known from. candidates: the arrays of the first file that could be a field, the
+    likeliest first. questions: properties that nothing tells, with the guesses that were taken. notes: remarks for the
+    user, such as contradictions.
+    """
+
+    wavefield: Wavefield | None
+    recording: Recording | None
+    provenance: tuple[Provenance, ...]
+    candidates: tuple[Candidate, ...]
+    questions: tuple[Question, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def kind(self) -> Literal["field", "recording"]:
+        """Which of the two it is."""
+        return "field" if self.wavefield is not None else "recording"
+
+
+def read_wavefield(
+    paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str], request: ReadRequest | None = None
+) -> Reading:
+    """Reads a field or a recording from a file, or from several files that are its parts.
+
+    request: what the user knows and wants; what is remembered beside the first file comes next, then what the file
+    says, then guesses.
+
+    Raises UserError for files that are wrong, when memory doesn't suffice, and when nothing tells the pitch or the
+    wavelengths, unless `request.accept_guesses`: the error names the options and the guesses.
+    """
+    files = [Path(paths)] if isinstance(paths, str | os.PathLike) else [Path(path) for path in paths]
+    if not files:
+        raise UserError("", "no file", expected="a hologram's file, or several that are its parts")
+    given = request or ReadRequest()
+    merged = over(given, read_notes(files[0]))
+    findings = Findings()
+    with ExitStack() as stack:
+        opened = [(path, *stack.enter_context(open_file(path, merged))) for path in files]
+        findings.add("format", opened[0][1].name, "file", "its first bytes")
+        findings.notes += [note for _, _, content in opened for note in content.notes]
+        contents = [(path, content) for path, _, content in opened]
+        known = _known(files[0], contents, merged, given, findings)
+        arrangement = arrange_files(contents, known, findings)
+        _describe_request(known, arrangement, findings)
+        return _read(known, arrangement, findings)
+
+
+def _known(
+    path: Path, contents: Sequence[tuple[Path, Contents]], request: ReadRequest, given: ReadRequest, findings: Findings
+) -> Known:
+    """All that tells properties of a field."""
+    numbers: dict[str, tuple[float, ...]] = {}
+    for _, content in reversed(contents):
+        numbers |= content.numbers
+    table = find_known_file(path.name)
+    facts, reason = (table.facts, table.reason) if table else (Facts(), "")
+    if table:
+        findings.notes.append(table.note)
+    named = {float(nm) * 1e-9 for file, _ in contents if (nm := name_wavelength(file.stem))}
+    named_wavelengths = tuple(sorted(named, reverse=True))
+    return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name, named_wavelengths)
+
+
+def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading:
+    request, name = known.request, known.name
+    is_field = not arrangement.is_recording
+    _, colours, rows, columns = arrangement.sizes
+    pitch = find_pitch(known, not is_field, findings)
+    wavelengths = find_wavelengths(known, colours, not is_field, findings)
+    distance, radius = find_distance(known, findings), find_radius(known, findings)
+    _require_answers(known, findings)
+    index = request.refractive_index or 1.0
+    in_medium = np.array(wavelengths) / index
+    region = check_region(request.region, rows, columns, request.decimate)
+    values = assemble(arrangement.groups, region, request.decimate, name, is_field)
+    coarse = pitch[0] * request.decimate, pitch[1] * request.decimate
+    values.flags.writeable = False
+    field, recording = None, None
+    if is_field:
+        final = _finished(values, request, arrangement)
+        field = Wavefield(final, coarse, in_medium, distance, radius, name)
+    else:
+        kind = request.recording
+        recording = Recording(values, coarse, in_medium, distance, kind, name)
+    return Reading(
+        field,
+        recording,
+        tuple(findings.provenance),
+        tuple(arrangement.candidates),
+        tuple(findings.questions),
+        tuple(findings.notes),
+    )
+
+
+def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:
+    """The field that a bilevel pattern carries, and with the sign of the phase that the request states."""
+    if arrangement.quantity == "bilevel":
+        if request.decimate > 1:
+            raise UserError("decimate", "a bilevel pattern", expected="1", remedy="read a region of it")
+        values = half_spectrum(values)
+    return np.conj(values) if request.conjugated else values
+
+
+def _describe_request(known: Known, arrangement: Arrangement, findings: Findings) -> None:
+    request = known.request
+    if request.refractive_index is not None:
+        reason = "wavelengths are divided by it"
+        findings.add("refractive index", f"{request.refractive_index:g}", known.origin("refractive_index"), reason)
+    if request.conjugated is not None:
+        sign = "exp(−iφ)" if request.conjugated else "exp(+iφ)"
+        findings.add("sign of the phase", sign, known.origin("conjugated"), "as given or remembered")
+    elif not arrangement.is_recording:
+        findings.add("sign of the phase", "exp(+iφ)", "guessed", "the usual sign; the other one mirrors the distance")
+
+
+def _require_answers(known: Known, findings: Findings) -> None:
+    """Raises UserError with all necessary questions, unless guesses are accepted."""
+    asked = [q for q in findings.questions if q.key in ("pitch", "wavelengths")]
+    if not asked or known.request.accept_guesses:
+        return
+    examples = " ".join(f"{q.option} {q.guess.replace(' ', '').replace(',', ' ')}" for q in asked)
+    reasons = "; ".join(f"{q.guess}: {q.reason}" for q in asked)
+    found = f"doesn't say its {' and '.join(q.key for q in asked)}"
+    raise UserError(
+        known.name, found, expected=" and ".join(q.option for q in asked), remedy=f"e.g. {examples} ({reasons})"
+    )

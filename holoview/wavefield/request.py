@@ -1,0 +1,114 @@
+"""Requests to a reader: what the user knows of a hologram's file, and which part of it is wanted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from holoview.numerics.tensors import Region
+from holoview.util.errors import UserError, suggest_matches
+
+Quantity = Literal["complex", "amplitude", "phase", "intensity", "bilevel"]
+"""What the numbers of a file are. Bilevel: a pattern of two values, of whose spectrum one half is the field."""
+
+Part = Literal["real", "imaginary", "amplitude", "phase", "r", "g", "b", "frame"]
+"""What one of several files is of the field that they make together."""
+
+RecordingKind = Literal["off-axis", "in-line", "phase-shifting", "none"]
+"""How a camera recorded a hologram; "none" states that a real picture isn't a recording."""
+
+AxisPlace = Literal["first", "last"]
+
+Propagation = Literal["auto", "asm", "fresnel", "fourier"]
+"""How the field's light goes to its distance: see `holoview.wavefield.propagation`."""
+
+
+@dataclass(frozen=True)
+class BinaryLayout:
+    """The layout of a binary dump: a file of numbers without a description.
+
+    dtype: numpy's name of the type of its numbers, such as "<f4" or "complex64"; shape: the sizes of its axes, slowest
+    first, without the axis of the parts. offset: bytes before the numbers, if None as many as the file has too many.
+    order: "C" if the last axis is the fastest, "F" if the first is, as in MATLAB and Fortran.
+    parts: what the numbers are, in the order in which they stand: ("complex",), ("real", "imaginary"), … .
+    interleaved: whether the parts alternate from sample to sample; otherwise they follow each other as whole arrays.
+    """
+
+    dtype: str
+    shape: tuple[int, ...]
+    offset: int | None = None
+    order: Literal["C", "F"] = "C"
+    parts: tuple[str, ...] = ()
+    interleaved: bool = True
+
+
+@dataclass(frozen=True)
+class ReadRequest:
+    """What is known of a file or wanted from it; None, or an empty tuple, for what isn't.
+
+    pitch_m: distances (y, x) between samples, m. wavelengths_m: in vacuum, m, in the order of the file's colours.
+    distance_m: from the plane of the field to its image, m; negative where the image lies before the plane.
+    reference_radius_m: radius of the spherical wave with which the field is lit, m, as of Fourier holograms.
+    quantity: what the numbers are. variable: name of the array, where a file holds several.
+    parts: what each of several files, or of several variables named in `variable` with commas, is of one field.
+    recording: how a camera recorded the picture, or "none" for a real picture that isn't a recording.
+    refractive_index: of the medium behind the field; wavelengths are divided by it.
+    conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
+    phase_levels: the number in the file that stands for 2π: 255, 256, 1, or 2π for radians.
+    colour_axis: whether the colours are the file's first or last axis. transposed: whether y and x are exchanged.
+    region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.
+    decimate: the mean of so many samples in both directions becomes one, which keeps the middle of the spectrum.
+    binary: the layout of a file without a description.
+    propagation: how the light goes from the field to its distance.
+    accept_guesses: take guesses where nothing tells a necessary property; otherwise these are errors.
+
+    Raises UserError for impossible lengths and numbers.
+    """
+
+    pitch_m: tuple[float, float] | None = None
+    wavelengths_m: tuple[float, ...] = ()
+    distance_m: float | None = None
+    reference_radius_m: float | None = None
+    quantity: Quantity | None = None
+    variable: str | None = None
+    parts: tuple[Part, ...] = ()
+    recording: RecordingKind | None = None
+    refractive_index: float | None = None
+    conjugated: bool | None = None
+    phase_levels: float | None = None
+    colour_axis: AxisPlace | None = None
+    transposed: bool | None = None
+    region: Region | None = None
+    decimate: int = 1
+    binary: BinaryLayout | None = None
+    accept_guesses: bool = False
+    propagation: Propagation = "auto"
+
+    def __post_init__(self) -> None:
+        for key, lengths, low, high in (
+            ("pitch", self.pitch_m or (), 1e-9, 1e-2),
+            ("wavelength", self.wavelengths_m, 1e-11, 1e-2),
+        ):
+            for length in lengths:
+                if not low <= length <= high:
+                    raise UserError(key, f"{length:g} m", expected=f"a length from {low:g} to {high:g} m")
+        for key, number in (("distance", self.distance_m), ("radius of the reference", self.reference_radius_m)):
+            if number is not None and not abs(number) <= 1e6:
+                raise UserError(key, f"{number:g} m", expected="a length of at most 1000 km")
+        for key, number in (("phase levels", self.phase_levels), ("refractive index", self.refractive_index)):
+            if number is not None and not (math.isfinite(number) and number > 0):
+                raise UserError(key, f"{number:g}", expected="a number above 0")
+        if self.decimate < 1:
+            raise UserError("decimate", f"{self.decimate}", expected="a whole number from 1")
+        if self.region is not None and (min(self.region) < 0 or 0 in self.region[2:]):
+            raise UserError("region", f"{self.region}", expected="x, y from 0 and a width and height from 1")
+        for key, word, known in (
+            ("quantity", self.quantity, get_args(Quantity)),
+            ("recording", self.recording, get_args(RecordingKind)),
+            ("colour axis", self.colour_axis, get_args(AxisPlace)),
+            ("propagation", self.propagation, get_args(Propagation)),
+            *(("parts", part, get_args(Part)) for part in self.parts),
+        ):
+            if word is not None and word not in known:
+                raise UserError(key, f'"{word}"', remedy=suggest_matches(word, known))

@@ -1,0 +1,95 @@
+"""A complex field on a plane, with its sampling and wavelengths: what other programs and cameras call a hologram."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.util import units
+from holoview.util.errors import UserError
+
+Origin = Literal["file", "given", "guessed", "remembered"]
+"""Where a property of a field is known from: its file, the command, a guess, the notes beside the file."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where one property of a field is known from.
+
+    key: the property, such as "pitch" or "sign of the phase". value: in people's units, such as "8 µm".
+    origin: an `Origin`. reason: why this value was taken, in words.
+    """
+
+    key: str
+    value: str
+    origin: Origin
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefield:
+    """A complex field in a plane across the axis, centred on it. Frozen; the array is read-only.
+
+    values: (frame, wavelength, y, x) complex64, the amplitude as it travels with exp(+2πi·z/λ·sqrt(1 − |λu|²)).
+    pitch_m: distance (y, x) between samples, m.
+    wavelengths_m: (wavelength,) m, in the medium: an index of refraction is divided out when a file is read.
+    distance_m: from this plane to where the image is expected, m; negative where it lies before the plane.
+    reference_radius_m: radius of the spherical wave with which the field has to be lit, m, as of Fourier holograms;
+    None for a plane wave.
+    name: of the file or of the program that sent it, as text.
+
+    Raises UserError for another shape, for values that aren't finite and for impossible lengths.
+    """
+
+    values: NDArray[np.complex64]
+    pitch_m: tuple[float, float]
+    wavelengths_m: NDArray[np.float64]
+    distance_m: float = 0.0
+    reference_radius_m: float | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values)
+        if values.ndim != 4 or 0 in values.shape:
+            raise UserError(
+                "field", f"an array of shape {values.shape}", expected="(frame, wavelength, y, x), none of them 0"
+            )
+        wavelengths_m = np.asarray(self.wavelengths_m, dtype=np.float64)
+        if wavelengths_m.shape != (values.shape[1],):
+            raise UserError(
+                "wavelengths", f"{wavelengths_m.size} of them", expected=f"{values.shape[1]}, as many as the field has"
+            )
+        for key, lengths in (("pitch", self.pitch_m), ("wavelengths", wavelengths_m)):
+            for length in lengths:
+                if not (math.isfinite(length) and length > 0):
+                    raise UserError(key, f"{length:g} m", expected="a length above 0")
+        if not math.isfinite(self.distance_m):
+            raise UserError("distance", f"{self.distance_m:g} m", expected="a finite length")
+        if not np.isfinite(values).all():
+            raise UserError("field", "values that aren't finite (NaN or infinite)", expected="finite numbers")
+        values = values.astype(np.complex64, copy=False).view()  # the caller's own array stays writeable
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "wavelengths_m", wavelengths_m)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of samples."""
+        return self.values.shape[2], self.values.shape[3]
+
+    @property
+    def frames(self) -> int:
+        """Number of fields that are shown one after another in one image."""
+        return self.values.shape[0]
+
+    def describe(self) -> str:
+        """The field in one line: "2048 × 2048 samples at 8 um, 3 wavelengths (640, 532, 473 nm)"."""
+        rows, columns = self.shape
+        pitch = " × ".join(sorted({units.format_rounded(p, "um") for p in self.pitch_m}))
+        nm = ", ".join(f"{w * 1e9:.4g}" for w in self.wavelengths_m)
+        count = len(self.wavelengths_m)
+        return f"{columns} × {rows} samples at {pitch}, {count} wavelength{'s' * (count != 1)} ({nm} nm)"

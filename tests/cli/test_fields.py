@@ -1,0 +1,171 @@
+"""Complex fields of other programs on the command line: what is known of them, what is seen of them, and their file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+import holoview as hv
+from tests.cli.conftest import Outcome
+
+Run = Callable[..., Outcome]
+
+TORCH = ("--backend", "torch")
+KNOWN = ("--pitch", "8um", "--wavelength", "532nm")
+λ, PITCH_M, Z_M = 532e-9, 8e-6, 0.01
+POINT = (20, 45)  # row and column to which the lens below converges
+
+
+def _lens(z_m: float = Z_M, shape: tuple[int, int] = (64, 64), at: tuple[int, int] = POINT) -> NDArray[np.complex64]:
+    """A field that converges to a point `z_m` behind its plane, above one of its samples."""
+    y, x = np.mgrid[: shape[0], : shape[1]] * PITCH_M
+    r2 = (x - at[1] * PITCH_M) ** 2 + (y - at[0] * PITCH_M) ** 2
+    return np.exp(-1j * np.pi * r2 / (λ * z_m)).astype(np.complex64)
+
+
+def _brightest(path: str) -> tuple[int, int]:
+    """Row and column in the middle of the saturated samples of a picture."""
+    green = np.asarray(Image.open(path))[..., 1].astype(float)
+    rows, columns = np.nonzero(green == green.max())
+    return round(float(rows.mean())), round(float(columns.mean()))
+
+
+def test_a_field_is_rendered_at_its_distance_and_json_says_what_was_read_and_why(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    done = holoview("render", "lens.npy", *KNOWN, "--plane", "1cm", *TORCH, "-o", "seen.png", "--json")
+    assert done.code == 0
+    result = json.loads(done.out)
+    assert _brightest("seen.png") == POINT
+    assert result["read"]["kind"] == "field"
+    known = {entry["name"]: (entry["value"], entry["origin"]) for entry in result["read"]["properties"]}
+    assert known["pitch"] == ("8 um", "given") and known["distance"] == ("10 mm", "given")
+    assert known["sign of the phase"][1] == "guessed"
+    assert all(entry["reason"] for entry in result["read"]["properties"])
+
+
+def test_the_image_of_a_conjugate_lies_before_the_plane(holoview: Run) -> None:
+    np.save("lens.npy", _lens().conj())
+    assert holoview("render", "lens.npy", *KNOWN, "--plane", "-1cm", *TORCH, "-o", "before.png").code == 0
+    assert _brightest("before.png") == POINT
+    other = holoview("render", "lens.npy", *KNOWN, "--conjugate", "--plane", "1cm", *TORCH, "-o", "other.png")
+    assert other.code == 0 and _brightest("other.png") == POINT
+
+
+def test_what_the_file_does_not_say_is_asked_for_with_a_guess(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    asked = holoview("render", "lens.npy", *TORCH, "-o", "seen.png")
+    assert asked.code == 2 and not Path("seen.png").exists()
+    assert "--pitch" in asked.err and "--wavelength" in asked.err and "8 um" in asked.err
+    guessed = holoview("render", "lens.npy", "--guess", "--plane", "1cm", *TORCH, "-o", "seen.png")
+    assert guessed.code == 0 and "was guessed" in guessed.err
+
+
+def test_options_are_remembered_beside_the_file(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    assert holoview("info", "lens.npy", *KNOWN, "--distance", "1cm", "--remember").code == 0
+    again = holoview("info", "lens.npy", "--json")
+    read = json.loads(again.out)["read"]
+    assert {entry["name"]: entry["origin"] for entry in read["properties"]}["pitch"] == "remembered"
+
+
+def test_files_are_the_parts_of_one_field(holoview: Run) -> None:
+    np.save("re.npy", _lens().real)
+    np.save("im.npy", _lens().imag)
+    parts = ("re.npy", "im.npy", "--parts", "real,imaginary", *KNOWN, "--plane", "1cm")
+    assert holoview("render", *parts, *TORCH, "-o", "seen.png").code == 0
+    assert _brightest("seen.png") == POINT
+
+
+def test_a_far_image_is_seen_by_one_transform_and_planes_count_from_it(holoview: Run) -> None:
+    """At 0.6 m the image lies 1.2 cm beside the axis, in a window λz/dx = 4 cm wide; the field itself is 1 mm wide."""
+    np.save("far.npy", _lens(0.6, (128, 128), at=(64, 64 + 1500)))
+    options = ("far.npy", *KNOWN, "--distance", "60cm", *TORCH)
+    done = holoview("render", *options, "--plane", "60cm", "-o", "far.png", "--json")
+    assert done.code == 0 and "Fresnel" in done.err
+    assert json.loads(done.out)["planes"][0]["plane"] == "0 mm"
+    row, column = _brightest("far.png")
+    width_m = λ * 0.6 / PITCH_M
+    # 128 samples of 0.31 mm, the size of the spot: the brightest is the nearest or its neighbour
+    assert column == pytest.approx((1.2e-2 / width_m + 0.5) * 128, abs=1.5) and row == pytest.approx(64, abs=1.5)
+
+
+def test_the_field_itself_is_seen_at_a_stage(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    shown = ("render", "lens.npy", *KNOWN, "--plane", "1cm", "--show")
+    done = holoview(*shown, "amplitude", "--stage", "plane", "-o", "amplitude.png", "--json")
+    assert done.code == 0 and json.loads(done.out)["planes"][0]["quantity"] == "amplitude"
+    assert _brightest("amplitude.png") == POINT
+    for quantity in ("phase", "real", "imaginary", "phase-colour", "spectrum"):
+        assert holoview(*shown, quantity, "--stage", "field", "-o", f"{quantity}.png").code == 0
+    # the phase is 0, red, where the lens is thickest
+    assert np.asarray(Image.open("phase.png"))[POINT].tolist() == [255, 64, 64]
+    refused = holoview(*shown, "phase", "--stage", "slm2", "-o", "x.png")
+    assert refused.code == 2 and "light, field, stop, plane" in refused.err
+    assert "--show with it" in holoview("render", "lens.npy", *KNOWN, "--stage", "plane", "-o", "x.png").err
+
+
+def test_a_field_is_exported_as_a_field_file_and_as_a_page(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    assert holoview("export", "lens.npy", *KNOWN, "--distance", "1cm", "--field", "lens.safetensors").code == 0
+    field = hv.load_field("lens.safetensors")
+    np.testing.assert_array_equal(field.drive[0, 0], _lens())
+    assert field.system.planes_m.tolist() == [0.01]
+    assert holoview("export", "lens.safetensors", "--html", "lens.html", *TORCH).code == 0
+    page = hv.load_field("lens.safetensors")
+    assert "field" in page.system.description
+    refused = holoview("export", "lens.safetensors", "--png", "patterns")
+    assert refused.code == 2 and "a field" in refused.err and not Path("patterns").exists()
+
+
+def test_a_modulators_hologram_is_exported_as_a_field_that_shows_the_same(holoview: Run) -> None:
+    system = hv.load("simultaneous").with_(shape=[24, 32])
+    hv.Hologram(hv.random_drive(system), system).save("hologram.safetensors")
+    assert holoview("export", "hologram.safetensors", "--field", "field.safetensors").code == 0
+    for name in ("hologram", "field"):
+        done = holoview("render", f"{name}.safetensors", "--exposure", "0", *TORCH, "-o", f"{name}.png")
+        assert done.code == 0
+    pictures = [np.asarray(Image.open(f"{name}.png")).astype(int) for name in ("hologram", "field")]
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1  # complex64: at most the rounding of a code differs
+
+
+def test_contrast_and_info_take_fields(holoview: Run) -> None:
+    rng = np.random.default_rng(0)
+    values = (rng.normal(size=(128, 128)) + 1j * rng.normal(size=(128, 128))).astype(np.complex64)
+    np.save("speckle.npy", values)
+    done = holoview("contrast", "speckle.npy", *KNOWN, "--plane", "0mm", "--json")
+    # the contrast of n = 64² independent samples of an exponential law is 1 ± 1/√n·√2; five of these
+    assert json.loads(done.out)["contrast"] == pytest.approx(1.0, abs=5 * np.sqrt(2) / 64)
+    info = holoview("info", "speckle.npy", *KNOWN)
+    assert "128 x 128 samples" in info.out and "phase range" not in info.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["render", "no.npy", *KNOWN, "-o", "x.png"], "no such file"),
+        (["render", "holochrome-8", "--pitch", "8um", "-o", "x.png"], "--pitch: with the preset holochrome-8"),
+        (["render", "lens.npy", "--pitch", "8", "--wavelength", "532nm", "-o", "x.png"], "--pitch"),
+        (["render", "lens.npy", "--pitch", "8m", "--wavelength", "532nm", "-o", "x.png"], "pitch"),
+        (["render", "lens.npy", *KNOWN, "--random", "1", "-o", "x.png"], "--random"),
+        (["render", "lens.npy", *KNOWN, "--scheme", "simultaneous", "-o", "x.png"], "--scheme"),
+        (["render", "lens.npy", *KNOWN, "--set", "upsample=2", "-o", "x.png"], "known at points"),
+        (["render", "lens.npy", *KNOWN, "--plane", "3m", "--propagation", "asm", "-o", "x.png"], "3"),
+        (["render", "lens.npy", *KNOWN, "--parts", "real,colour", "-o", "x.png"], "colour"),
+        (["render", "lens.npy", *KNOWN, "--effects", "crosstalk.sigma=0.4", *TORCH, "-o", "x.png"], "a field has none"),
+        (["render", "cut.npy", *KNOWN, "-o", "x.png"], "cut.npy"),
+    ],
+)
+def test_mistakes_with_fields_are_refused_in_one_line(holoview: Run, arguments: list[Any], words: str) -> None:
+    np.save("lens.npy", _lens())
+    Path("cut.npy").write_bytes(Path("lens.npy").read_bytes()[:1000])
+    refused = holoview(*arguments)
+    assert refused.code == 2 and words in refused.err
+    lines = [line for line in refused.err.splitlines() if not line.startswith("note: ")]
+    assert len(lines) == 1 and not Path("x.png").exists()

@@ -1,0 +1,75 @@
+"""`holoview focus` finds distances of fields and recordings, and refuses what it can't search in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from holoview.cli import main
+from holoview.io.load_field import open_hologram
+from holoview.wavefield.propagation import propagate_field
+from holoview.wavefield.reading import ReadRequest
+from holoview.wavefield.wavefield import Wavefield
+
+SIDE, PITCH_M, WAVELENGTH = 200, 4e-6, 633e-9
+KNOWN = ["--pitch", "4um", "--wavelength", "633nm"]
+
+
+def _object_wave() -> np.ndarray:
+    """Dark bars in bright light, 8 mm before the camera."""
+    screen = np.ones((SIDE, SIDE), np.complex64)
+    screen[60:140, 60:140] -= 0.8 * (np.arange(80) // 8 % 2)[None] * (np.arange(80) // 20 % 2)[:, None]
+    field = Wavefield(screen[None, None], (PITCH_M, PITCH_M), np.array([WAVELENGTH]))
+    return propagate_field(field, 0.008, "asm").values[0, 0].numpy()
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    wave = _object_wave()
+    y, x = np.mgrid[:SIDE, :SIDE]
+    fringes = np.abs(wave + 3 * np.exp(2j * math.pi * (0.17 * x - 0.13 * y))) ** 2
+    np.save(tmp_path / "field.npy", wave)
+    Image.fromarray((fringes / fringes.max() * 255).astype(np.uint8)).save(tmp_path / "fringes.png")
+    return {name: tmp_path / name for name in ("field.npy", "fringes.png")}
+
+
+# The depth of focus of all directions that the samples hold is λ/(λ/2dx)² = 0.1 mm; of those that the filter of an
+# off-axis recording lets pass, half the carrier of 0.214 cycles a sample, (dx/0.107)²/λ = 2.2 mm, of which half is
+# allowed.
+@pytest.mark.parametrize("name", ["field.npy", "fringes.png"])
+def test_the_distance_is_printed_as_json_with_its_curves(files, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    kind = ["--recording", "off-axis"] if name == "fringes.png" else []
+    assert main(["focus", str(files[name]), *KNOWN, *kind, "--range", "2,20mm", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    side = (
+        1 if name == "fringes.png" else -1
+    )  # the order with f_x > 0 holds O*·R: the conjugate, sharp on the other side
+    assert found["distance_m"] == pytest.approx(side * 8e-3, abs=1.1e-3 if kind else 2e-4)
+    assert len(found["curves"][0]["distance_m"]) == len(found["curves"][0]["edge_sparsity"])
+    assert set(found["measures"]) == {"edge_sparsity", "normalised_variance"}
+
+
+def test_without_json_it_is_a_sentence_and_bars(files, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["focus", str(files["field.npy"]), *KNOWN, "--range=-20,-2mm"]) == 0
+    seen = capsys.readouterr()
+    assert "sharpest at -8" in seen.out.splitlines()[0]
+    assert "#" in seen.out
+    assert "--plane -8" in seen.err
+
+
+def test_a_recording_is_opened_as_its_field(files) -> None:
+    request = ReadRequest(pitch_m=(PITCH_M, PITCH_M), wavelengths_m=(WAVELENGTH,), recording="off-axis")
+    opened = open_hologram([files["fringes.png"]], request)
+    assert opened.hologram.system.is_field
+    assert any("order at 0.17" in note for note in opened.notes)
+
+
+@pytest.mark.parametrize("text", ["3mm", "5,3mm", "near,far", "1,2,3mm"])
+def test_an_impossible_range_is_one_line(files, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["focus", str(files["field.npy"]), *KNOWN, "--range", text]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,198 @@
+"""Fields from recordings that a straightforward float64 simulation made, with a camera's noise and levels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from holoview.util.errors import UserError
+from holoview.wavefield.demodulation import (
+    Order,
+    field_of_recording,
+    find_order,
+    in_line_field,
+    off_axis_field,
+    phase_shifting_field,
+    unwrapped_phase,
+)
+from holoview.wavefield.reading import Recording
+
+SHAPE = (240, 320)
+PITCH_M, WAVELENGTH = 3.45e-6, 633e-9
+REFERENCE = 10.0  # amplitude
+
+
+def _object(seed: int, unscattered: float, band: float = 0.05) -> np.ndarray:
+    """A wave of light scattered up to `band` cycles a sample, of mean power 1, on top of unscattered light."""
+    rng = np.random.default_rng(seed)
+    spectrum = rng.normal(size=SHAPE) + 1j * rng.normal(size=SHAPE)
+    fy, fx = np.meshgrid(*(np.fft.fftfreq(n) for n in SHAPE), indexing="ij")
+    scattered = np.fft.ifft2(spectrum * (np.hypot(fy, fx) < band))
+    return scattered / np.sqrt(np.mean(np.abs(scattered) ** 2)) + unscattered
+
+
+def _wave(carrier: tuple[float, float]) -> np.ndarray:
+    y, x = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in SHAPE), indexing="ij")
+    return np.exp(2j * math.pi * (carrier[0] * y + carrier[1] * x))
+
+
+def _record(light: np.ndarray, seed: int, noise: float = 0.0) -> np.ndarray:
+    intensity = np.abs(light) ** 2
+    return np.rint(intensity + noise * np.random.default_rng(seed).normal(size=SHAPE))
+
+
+def _recording(pictures: list[np.ndarray], kind: str) -> Recording:
+    values = np.stack(pictures).astype(np.float32)[:, None]
+    return Recording(values, (PITCH_M, PITCH_M), np.array([WAVELENGTH]), 0.1, kind, "made")
+
+
+def _difference(found: np.ndarray, expected: np.ndarray) -> float:
+    """R.m.s. difference inside the rim, after the best complex factor, which a recording doesn't know."""
+    inside = (slice(20, -20), slice(20, -20))
+    found, expected = found[inside], expected[inside]
+    factor = np.vdot(found, expected) / np.vdot(found, found)
+    return float(np.sqrt(np.mean(np.abs(found * factor - expected) ** 2)))
+
+
+# --- off-axis ---------------------------------------------------------------------------------------------------------
+
+# Scattered light near the peak moves it: of 600 scattered modes of power 1 in all, beside unscattered light of power 9,
+# one has an amplitude of √(1/600/9) = 0.014 of the peak, which shifts its maximum by about as many bins.
+#
+# Noise of σ levels and rounding of 1/12 level² leave, within a disc of radius r of the spectrum, π·r² of their
+# variance; divided by |R|, that is the field's. A camera's picture ends sharply, so that the other order, of amplitude
+# 3 and 0.46 cycles a sample away, leaks in as 3/(2π·0.46·d) at d samples from an edge: 0.02 r.m.s. in the middle 200
+# rows.
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+@pytest.mark.parametrize("carrier", [(0.1613, 0.2071), (-0.1837, 0.1492), (0.013, -0.2713)], ids=str)
+def test_an_off_axis_recording_gives_the_object_wave_down_to_the_cameras_noise(carrier, noise: float) -> None:
+    wave = _object(1, unscattered=3.0)
+    recording = _recording([_record(wave + REFERENCE * _wave(carrier), 2, noise)], "off-axis")
+    found = off_axis_field(recording).orders[0]
+    side = 1 if carrier[1] > 0 else -1  # the order with f_x > 0 holds O*·R of a reference with f_x > 0
+    assert found.is_sharp
+    assert np.abs(np.multiply(SHAPE, np.subtract(found.carrier, np.multiply(side, carrier)))).max() < 5 * 0.014
+    assert 0.05 <= found.radius <= math.hypot(*carrier) / 2
+    exact = Order((side * carrier[0], side * carrier[1]), found.radius)
+    seen = off_axis_field(recording, [exact]).field.values[0, 0]
+    sigma = math.sqrt((noise**2 + 1 / 12) * math.pi * found.radius**2) / REFERENCE
+    assert _difference(seen, np.conj(wave) if side == 1 else wave) < 1.1 * math.hypot(sigma, 0.02)
+
+
+def test_the_conjugate_order_is_the_conjugate_field() -> None:
+    recording = _recording([_record(_object(3, 2.0) + REFERENCE * _wave((0.12, 0.2)), 4)], "off-axis")
+    found = off_axis_field(recording)
+    other = off_axis_field(recording, [found.orders[0].conjugate()])
+    np.testing.assert_allclose(other.field.values, np.conj(found.field.values), atol=1e-4 * REFERENCE)
+
+
+def test_an_order_without_a_peak_is_centred_on_its_light() -> None:
+    wave = _object(5, unscattered=0.0)
+    order = find_order(_record(wave * 2 + REFERENCE * _wave((-0.15, -0.22)), 6))
+    assert not order.is_sharp
+    # the centre of gravity of about π·(0.05)²·76 800 = 600 speckles of random power in a disc of r.m.s. radius 0.035
+    assert np.hypot(order.carrier[0] - 0.15, order.carrier[1] - 0.22) < 5 * 0.035 / math.sqrt(600)
+
+
+def test_a_picture_without_fringes_has_no_order() -> None:
+    with pytest.raises(UserError, match="no order"):
+        find_order(np.random.default_rng(7).normal(100, 3, SHAPE))
+    with pytest.raises(UserError, match="no order"):
+        find_order(np.full(SHAPE, 7.0))
+
+
+def test_an_order_beyond_the_samples_is_refused() -> None:
+    with pytest.raises(UserError):
+        off_axis_field(_recording([np.ones(SHAPE)], "off-axis"), [Order((0.7, 0.0), 0.1)])
+
+
+def test_the_kind_of_a_recording_is_guessed_from_its_spectrum_and_said() -> None:
+    fringes = _record(_object(3, 2.0) + REFERENCE * _wave((0.12, 0.2)), 4)
+    plain = 1000 * np.ones(SHAPE) + np.random.default_rng(5).normal(size=SHAPE)
+    for pictures, words in (([fringes], "off-axis"), ([plain], "in-line"), ([plain, plain + 1], "in-line")):
+        found = field_of_recording(_recording(pictures, None))  # type: ignore[arg-type]
+        assert words in found.report[0]
+        assert found.field.frames == 1
+    assert field_of_recording(_recording([fringes] * 2, "off-axis")).field.frames == 2
+
+
+# --- in-line ----------------------------------------------------------------------------------------------------------
+
+
+def test_an_in_line_recording_is_one_plus_the_object_and_its_twin() -> None:
+    weak = 0.01 * _object(8, 0.0)
+    lamp = 1e6 * (1 + 0.3 * np.sin(np.arange(SHAPE[1]) / 40))
+    picture, background = np.abs(1 + weak) ** 2 * lamp, np.broadcast_to(lamp, SHAPE)
+    found = in_line_field(_recording([picture], "in-line"), background).field.values[0, 0]
+    # |O|² is 1e-4 in the mean and exponentially distributed: 20 times that happens once in 2e8 samples
+    np.testing.assert_allclose(found, 1 + 2 * weak.real, atol=20e-4)
+    plain = in_line_field(_recording([np.abs(1 + weak) ** 2], "in-line")).field.values
+    assert plain.mean() == pytest.approx(1.0, abs=1e-6)
+
+
+def test_negative_values_mean_that_the_background_is_gone() -> None:
+    found = in_line_field(_recording([np.array([[-2.0, 4.0]])], "in-line"))
+    np.testing.assert_allclose(found.field.values[0, 0], [[-0.5, 1.0]])
+    assert "taken off" in found.report[0]
+
+
+@pytest.mark.parametrize("background", [np.ones((3, 3)), np.zeros(SHAPE)], ids=["shape", "dark"])
+def test_an_impossible_background_is_refused(background: np.ndarray) -> None:
+    with pytest.raises(UserError) as error:
+        in_line_field(_recording([np.ones(SHAPE)], "in-line"), background)
+    assert error.value.where == "background"
+
+
+# --- phase shifting ---------------------------------------------------------------------------------------------------
+
+# The least-squares weights of N equal steps have a variance of 2/N each of cosine and sine, halved in the field: the
+# field's noise is σ·√(1/N)/|R|. Rounding is 1/12 level².
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+@pytest.mark.parametrize("steps", ["equal", "given"])
+def test_a_phase_shifting_set_gives_the_object_wave_down_to_the_cameras_noise(steps: str, count: int) -> None:
+    wave, noise = _object(9, 1.0), 1.5
+    shifts = np.arange(count) * (2 * math.pi / count)
+    if steps == "given":
+        shifts = shifts + np.random.default_rng(10).uniform(-0.2, 0.2, count)
+    pictures = [_record(wave + REFERENCE * np.exp(1j * d), 20 + n, noise) for n, d in enumerate(shifts)]
+    found = phase_shifting_field(_recording(pictures, "phase-shifting"), "equal" if steps == "equal" else shifts)
+    variance = np.abs(np.linalg.pinv(np.stack([np.ones(count), np.cos(shifts), np.sin(shifts)], 1))[1:] ** 2).sum() / 4
+    sigma = math.sqrt((noise**2 + 1 / 12) * variance) / REFERENCE
+    assert _difference(found.field.values[0, 0], wave) == pytest.approx(sigma, rel=0.05)  # of 56 000 samples: ±0.3 %
+
+
+# The method takes the object's cosine and sine for uncorrelated. Of n = π·0.2²·76 800 = 9 650 modes of random phase
+# they are correlated by ρ = |Σu²|/Σ|u|² = √(2/n) = 0.014 r.m.s., which shears the circle of the pictures by ρ. Phases
+# that go all around it are off by about as much, and the field with them; 5 of these allow for any seed.
+@pytest.mark.parametrize("shifts", [(0, 1.9, 4.1), (0, 1.4, 2.9, 4.4), (0, 1.9, 1.1, 4.5, 5.3)], ids=len)
+def test_unknown_steps_are_found(shifts: tuple[float, ...]) -> None:
+    wave = _object(11, 0.0, band=0.2)
+    pictures = [_record(wave + REFERENCE * np.exp(1j * d), 30 + n, 0.5) for n, d in enumerate(shifts)]
+    found = phase_shifting_field(_recording(pictures, "phase-shifting"), "unknown")
+    assert found.steps_rad is not None
+    np.testing.assert_allclose(found.steps_rad[0], shifts, atol=5 * 0.014)
+    assert _difference(found.field.values[0, 0], wave) < 5 * 0.014 + 0.5 / REFERENCE
+
+
+@pytest.mark.parametrize(
+    ("pictures", "steps"),
+    [(2, "equal"), (4, (0.0, 1.0, 2.0)), (3, (0.0, 0.001, 0.002)), (3, "unknown")],
+    ids=["two", "another number", "one phase", "equal pictures"],
+)
+def test_sets_that_tell_no_phase_are_refused(pictures: int, steps) -> None:
+    with pytest.raises(UserError):
+        phase_shifting_field(_recording([np.ones(SHAPE)] * pictures, "phase-shifting"), steps)
+
+
+def test_phases_are_unwrapped() -> None:
+    pytest.importorskip("skimage")
+    y, x = np.mgrid[-1:1:64j, -1:1:64j]
+    phase = 20 * np.exp(-3 * (x**2 + y**2))
+    found = unwrapped_phase(np.exp(1j * phase))
+    np.testing.assert_allclose(found - found[0, 0], phase - phase[0, 0], atol=1e-9)

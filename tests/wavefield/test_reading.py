@@ -1,0 +1,96 @@
+"""A file is read as a field or a recording, with what is known of it and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.util.errors import UserError
+from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
+
+WAVES = (640e-9, 532e-9, 473e-9)
+KNOWN = ReadRequest(pitch_m=(8e-6, 9e-6), wavelengths_m=WAVES)
+GUESSED = ReadRequest(accept_guesses=True)
+
+
+def _field(*shape: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+
+
+def _origins(reading: Reading) -> dict[str, tuple[str, str]]:
+    return {p.key: (p.value, p.origin) for p in reading.provenance}
+
+
+def test_a_field_of_three_colours_is_read_whichever_axis_they_are(tmp_path: Path) -> None:
+    u = _field(3, 20, 30)
+    np.save(tmp_path / "first.npy", u)
+    np.save(tmp_path / "last.npy", np.moveaxis(u, 0, -1))
+    np.save(tmp_path / "fortran.npy", np.asfortranarray(u))
+    for name in ("first", "last", "fortran"):
+        reading = read_wavefield(tmp_path / f"{name}.npy", KNOWN)
+        assert reading.kind == "field"
+        assert reading.wavefield is not None
+        assert np.array_equal(reading.wavefield.values, u[None])
+        assert reading.wavefield.pitch_m == (8e-6, 9e-6)
+
+
+def test_a_region_is_read_and_decimated_by_means(tmp_path: Path) -> None:
+    u = _field(3, 20, 30)
+    np.save(tmp_path / "u.npy", u)
+    request = ReadRequest(pitch_m=(8e-6, 8e-6), wavelengths_m=WAVES, region=(3, 5, 20, 11), decimate=2)
+    field = read_wavefield(tmp_path / "u.npy", request).wavefield
+    assert field is not None
+    expected = u[:, 5:15, 3:23].reshape(3, 5, 2, 10, 2).mean((2, 4))
+    # the mean of four numbers of size 1 in two orders: a few roundings of 2⁻²⁴
+    np.testing.assert_allclose(field.values[0], expected, atol=8 * 2.0**-24 * 4)
+    assert field.pitch_m == (16e-6, 16e-6)
+
+
+def test_pitch_and_wavelengths_that_nothing_tells_are_asked_for_with_a_guess(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", _field(20, 30))
+    with pytest.raises(UserError, match=r"--pitch and --wavelength; e.g. --pitch 8um --wavelength 532nm"):
+        read_wavefield(tmp_path / "u.npy")
+    reading = read_wavefield(tmp_path / "u.npy", GUESSED)
+    assert [question.key for question in reading.questions] == ["pitch", "wavelengths", "distance"]
+    assert _origins(reading)["pitch"] == ("8 um", "guessed")
+
+
+def test_what_is_given_comes_before_what_is_remembered_and_that_before_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "u.npz"
+    np.savez(path, Hol=_field(20, 30), pp=1e-6, wlen=633e-9, z=0.1)
+    assert _origins(read_wavefield(path))["pitch"] == ("1 um", "file")
+    notes = remember(path, ReadRequest(pitch_m=(2e-6, 2e-6), conjugated=True))
+    remember(path, ReadRequest(distance_m=-0.123))
+    assert notes.name == "u.npz.holoview.toml"
+    reading = read_wavefield(path)
+    assert _origins(reading)["pitch"] == ("2 um", "remembered")
+    assert _origins(reading)["distance"] == ("-123 mm", "remembered")
+    assert any("contradict" in note for note in reading.notes)
+    assert _origins(reading)["sign of the phase"] == ("exp(−iφ)", "remembered")
+    reading = read_wavefield(path, ReadRequest(pitch_m=(3e-6, 3e-6)))
+    assert _origins(reading)["pitch"] == ("3 um", "given")
+
+
+def test_wavelengths_are_divided_by_the_index_of_refraction(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", _field(20, 30))
+    request = ReadRequest(pitch_m=(1e-6, 1e-6), wavelengths_m=(532e-9,), refractive_index=1.52)
+    field = read_wavefield(tmp_path / "u.npy", request).wavefield
+    assert field is not None
+    assert field.wavelengths_m[0] == pytest.approx(350e-9)
+
+
+def test_numbers_that_are_not_finite_are_refused_with_their_place(tmp_path: Path) -> None:
+    u = _field(20, 30)
+    u[7, 11] = np.nan
+    np.save(tmp_path / "u.npy", u)
+    with pytest.raises(UserError, match=r"nan.* at row 7, column 11"):
+        read_wavefield(tmp_path / "u.npy", GUESSED)
+
+
+def test_pickled_objects_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", np.array([{"a": 1}, None]), allow_pickle=True)
+    with pytest.raises(UserError, match="pickled"):
+        read_wavefield(tmp_path / "u.npy", GUESSED)
