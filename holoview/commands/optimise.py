@@ -97,6 +97,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _add_target(parser.add_argument_group("target"))
     _add_objective(parser.add_argument_group("what is sought"))
     _add_running(parser.add_argument_group("running"))
+    _add_result(parser.add_argument_group("result"))
     _add_rig(parser.add_argument_group("camera in the loop"))
 
 
@@ -291,6 +292,9 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     add_output(
         group, "--preview", metavar="FILE", suffix=".png", help="PNG of the middle plane, rewritten while it runs"
     )
+
+
+def _add_result(group: argparse._ArgumentGroup) -> None:
     add_output(
         group,
         "-o",
