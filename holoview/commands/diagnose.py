@@ -19,7 +19,7 @@ from typing import Any
 
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.dataset import join_captures
-from holoview.captures.predictor import check_user_effects
+from holoview.captures.predictor import check_known_effects, check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.corrections import apply_corrections
 from holoview.commands.arguments import number, parse_duration, parse_effects, whole
@@ -38,7 +38,7 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.system import System
 from holoview.report.images import require_matplotlib
-from holoview.rig import open_rig, read_rig
+from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
 from holoview.rig.registration import read_registration
 from holoview.util.errors import UserError
@@ -92,8 +92,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--time",
         metavar="TIME",
         type=parse_duration,
-        help="search for at most so long, e.g. 10min, then tell the best that was found (default: a minute, up to five "
-        "minutes for large modulators; up to four times as long beside other programs that use the processor)",
+        help="search to the end, but for at most so long, e.g. 10min, then tell the best that was found (default: as "
+        "much work as two cores do in about a minute, up to five for large modulators)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
     _add_sampling(parser)
@@ -226,6 +226,12 @@ def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _
     time_s = math.inf if args.thorough else args.time
     captures, result, exit_code = diagnose_rig(args, user_effects, time_s=time_s, **_search_options(args))
     return _Diagnosed(result.diagnosis, captures, None, exit_code, result)
+
+
+def known_of_rig(stated: KnownEffects, rig: RigDescription) -> KnownEffects:
+    """What is stated, beside the placement of a rig that was aligned; stated effects count where both have one."""
+    placed = [] if rig.registration is None else [rig.registration]
+    return KnownEffects(stated.effects, [*placed, *stated.registrations])
 
 
 def _search_options(args: argparse.Namespace) -> dict[str, Any]:
@@ -364,8 +370,6 @@ def check_rig_options(args: argparse.Namespace) -> None:
             raise UserError(flag, "is of captures that are taken", expected="--rig RIG.toml with it")
     if args.rig is not None and args.preset is not None:
         raise UserError("--preset", "together with --rig", remedy="state the geometry in rig.toml")
-    if args.rig is not None and args.known:
-        raise UserError("--known", "together with --rig", remedy="keep the captures (-o), then diagnose their file")
     if args.certainty is not None and not 0.5 <= args.certainty < 1:
         raise UserError("--certainty", f"{args.certainty:g}", expected="0.5 or more, below 1")
     if args.most_captures is not None and args.most_captures < 1:
@@ -380,6 +384,8 @@ def diagnose_rig(
     user_effects: are evaluated once with the first capture. options: of the diagnosis.
     """
     rig = read_rig(args.rig)
+    known = known_of_rig(_known(args.known), rig)
+    options |= {"known": known.added_to({}), "uncertain": known.uncertain}
     kept = None if args.save is None else loop_captures(args.save, read_text(args.rig, "a rig"))
     before = [] if kept is None else kept.resume()
 
@@ -388,6 +394,7 @@ def diagnose_rig(
             kept.write(number, capture)
         if number == 0:
             check_user_effects(capture, user_effects)
+            check_known_effects(capture, options["known"])
 
     with deferred_interrupt("capture") as interruption:
         try:

@@ -18,8 +18,9 @@ search              search: one cause after another
 screening           first look at every effect, and what its predictions cost
 starts              starting values that the pictures suggest
 fit                 local fits, scans of a range, and what improves a fit
-refine              refine: joint fits of several causes, polished near the noise floor; the simplest name
+refine              refine: joint fits of several causes, polished near the noise floor
 judge               judge: candidates ranked on held-out captures, and the verdict
+rivals              the simplest of equal names; look-alikes that these captures can't exclude
 nuisances           sensitivity of pixels, movements of the camera, drift of lasers, sampling of the model
 outlier_rejection   a search among the captures that are good
 intervals           confidence intervals, values as text; correlations between effects

@@ -31,17 +31,14 @@ MIN_FIELDS = 400
 class BudgetConfig:
     """How much is computed. A field is one coherent light field, propagated through the bench."""
 
-    time_s: float = 60.0
-    """[s] The command ends a search after so long, unless another time is given or it is thorough. Evidence: what a
-    person waits for."""
-
-    max_time_s: float = 300.0
-    """[s] … which grows with the samples of a field, up to this. Evidence: the same."""
-
     max_fields: int = 32_000
     """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: two minutes of one
     core for 128 × 96 modulator pixels, or one of two cores; with half as many, 4 of 23 pairs on 64 × 48 pixels were
     missed, which searches without a limit found in 29 to 139 s."""
+
+    max_growth: float = 5.0
+    """[1] The middle of larger pictures gets more fields, in proportion to the samples of whole ones, up to so many
+    times as many. Evidence: what a person waits for: about a minute on two cores, or five for large modulators."""
 
     worker_start_s: float = 5.0
     """[s] Age of a diagnosis at which it starts its processes. Evidence: measured: starting them costs 3 s of processor
@@ -50,13 +47,13 @@ class BudgetConfig:
     effects_per_batch: int = 8
     """[effects] Screened between two decisions whether to stop. Evidence: none recorded."""
 
-    def time_for(self, samples: int) -> float:
-        """The time (s) of a search whose fields have so many samples."""
-        return min(max(self.time_s, self.time_s * samples / USUAL_SAMPLES), self.max_time_s)
-
     def fields_for(self, samples: int) -> float:
         """The budget of a search whose fields have so many samples."""
         return max(self.max_fields * min(1.0, USUAL_SAMPLES / samples), min(MIN_FIELDS, self.max_fields))
+
+    def fields_for_middle(self, samples: int, whole_samples: int) -> float:
+        """The budget of a search in the middle of pictures; samples: of its fields and of those of whole pictures."""
+        return self.fields_for(samples) * min(max(1.0, whole_samples / USUAL_SAMPLES), self.max_growth)
 
 
 @dataclass(frozen=True)

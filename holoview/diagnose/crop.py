@@ -25,7 +25,7 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.central_region import central_region, central_slices, speckle_px
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SamplingConfig
-from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
+from holoview.diagnose.search_context import NeighbourVariances, Pace, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.starts.picture import measure_displacement
 from holoview.util.errors import UserError
 
@@ -59,7 +59,9 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
             return None
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
-        fields = budget.fields_for(field_samples(cut)) * budget.time_for(field_samples(captures)) / budget.time_s
+        samples = field_samples(captures)
+        share = context.field_budget / budget.fields_for(samples)
+        fields = share * budget.fields_for_middle(field_samples(cut), samples)
     return replace(
         context,
         data=data,
@@ -69,6 +71,7 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
         variances=NeighbourVariances(data),
         end=context.end.after_share(MAX_TIME_SHARE),
+        pace=Pace(),
     )
 
 

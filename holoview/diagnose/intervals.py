@@ -177,6 +177,16 @@ def canonical_correlation(first: Slopes, second: Slopes, known: Slopes | None = 
     return float(min(1.0, np.linalg.svd((a @ b.T).astype(np.float64), compute_uv=False)[0]))
 
 
+def share_in_span(change: Slopes, slopes: Slopes, known: Slopes) -> float:
+    """The share 0 … 1 of a change's square, (pixel,), that lies in the span of slopes (parameter, pixel).
+
+    known: slopes whose span is projected out of both first. 0 where nothing is left of the change.
+    """
+    left = _project_out(change[None], known)[0]
+    inside = _orthonormal(_project_out(slopes, known)) @ left
+    return float(min(1.0, inside @ inside / max(float(left @ left), 1e-30)))
+
+
 def _project_out(slopes: Slopes, known: Slopes | None) -> Slopes:
     if known is None or not len(known):
         return slopes

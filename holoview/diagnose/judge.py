@@ -1,8 +1,10 @@
 """How candidates are accepted: ranked on captures that no fit has used, and the verdict on the best of them.
 
-All candidates are ranked with the same frozen weights. The share of the excess that is explained misleads: of a large
-error a blur often explains nine tenths. What separates the true cause from others is how close it comes to the noise
-floor on held-out captures.
+All candidates are ranked with the same frozen weights: with one variance for all, the log-likelihoods of two candidates
+differ by half the difference of their χ². Of the variances that the best candidates predict, the likeliest is taken;
+χ² alone would choose the largest (docs/diagnosis-evidence.md#one-noise-for-all-candidates). The share of the excess
+that is explained misleads: of a large error a blur often explains nine tenths. What separates the true cause from
+others is how close it comes to the noise floor on held-out captures.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ from enum import StrEnum
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from holoview.diagnose.config import SearchConfig, VerdictConfig
 from holoview.diagnose.fit import CandidateFit, FittedValues, cost_or_inf
@@ -46,6 +50,22 @@ _TIE_EXCESS_SHARE = 0.02
 _TIE_EXCESS = 0.02  # [χ²/n] … and within this χ²/n. Evidence: the search study.
 _TIE_NEAR_SHARE = 0.1
 """[1] … which counts at most as this share of the excess, so that near the floor small differences decide."""
+_NOISE_MODELS = 4  # [candidates] Whose noise is compared. Evidence: the cost, two predictions for each.
+_SAME_LIGHT_COST = 1.1
+"""[1] … of those whose tolerant cost is less than so many times the lowest. Evidence: a reason: what predicts the light
+clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
+NOISE_ACCURACY = 0.02
+"""[χ²/n] Deficit that is nobody's fault. Evidence: electrons per count, by which variances scale, are seldom measured
+better; as much as `JITTER_EXCESS` on the other side."""
+NOISE_FALSE_ALARM = 1e-6  # [1] Chance that correct records of the noise are blamed. Evidence: a convention.
+_NOISE_BLOCK_PX = 8
+"""[px] Side of a block. Evidence: a reason: readout correlates a few neighbours; a picture of 64 × 64 pixels still has
+64 blocks."""
+_MIN_NOISE_BLOCKS = 10  # [blocks] Of fewer the scatter isn't known.
+_LEAST_NOISE = 1.0 / 3.0
+"""[counts²] Pixels of less noise, rounding included, aren't counted. Evidence: derivation: rounding adds 1/12 to noise
+of standard deviation σ only if that is half a count or more (the error is below 2·exp(−2π²σ²) = 1.4 %); in the dark of
+a camera of few bits every pixel may read the same."""
 FLOOR_CHI2 = 1.05  # [χ²/n] Below it no further cause is searched. Evidence: the search study.
 JITTER_CHI2 = 1.0 + JITTER_EXCESS  # [χ²/n] That jitter of an ordinary laboratory leaves.
 
@@ -72,14 +92,37 @@ class HeldOutScore:
         return self.chi2_per_pixel - 1.0
 
 
+Correlations = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Lookalikes:
+    """Effects that change the captures much as the causes of a fit do.
+
+    correlations: {cause: {effect: canonical correlation}}, the largest first. shares: {cause: {effect: share}} of the
+    squared change that the cause makes at its values which the effect's derivatives explain, of effects that aren't the
+    same physics on every bench.
+    """
+
+    fit: CandidateFit
+    correlations: Correlations
+    shares: Correlations
+
+
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found. nominal: the nominal bench. candidates: best first, all with the same frozen weights."""
+    """What a search found. nominal: the nominal bench. candidates: best first, all with the same frozen weights.
+
+    lookalikes: of the best candidate's causes, where rivals were looked for. unseen_rivals: fits that predict the same
+    as the best candidate with an effect that needs other captures to be told from its cause.
+    """
 
     nominal: HeldOutScore
     candidates: tuple[HeldOutScore, ...]
     comparison: Comparison
     tolerant_comparison: Comparison
+    lookalikes: Lookalikes | None = None
+    unseen_rivals: tuple[CandidateFit, ...] = ()
 
     @property
     def best(self) -> HeldOutScore:
@@ -98,7 +141,7 @@ HasCauses = TypeVar("HasCauses", CandidateFit, HeldOutScore)
 
 
 def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> SearchResult:
-    """All fits on the held-out captures, with weights frozen at the prediction of the best of them.
+    """All fits on the held-out captures, with weights frozen at the likeliest noise that the best of them predict.
 
     Weights from a wrong prediction favour similar errors. So while even the best fit is far off, the order is by
     weights that tolerate its error.
@@ -107,8 +150,7 @@ def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> Se
     rough = context.data_weighted_comparison(indices, MAX_TOLERATED_ERROR)
     first = min(all_fits, key=lambda f: cost_or_inf(rough, f.values))
     tolerant = context.tolerant_comparison(indices, context.relative_model_error(first.values, indices))
-    first = min(all_fits, key=lambda f: cost_or_inf(tolerant, f.values))
-    comparison = context.model_weighted_comparison(indices, first.values)
+    comparison = _likeliest_noise(context, tolerant, all_fits)
     scores = [score_on_held_out(f, comparison, tolerant) for f in fits]
     near = min((s.chi2_per_pixel for s in scores), default=np.inf) < NEAR_CHI2
     if near:
@@ -120,6 +162,21 @@ def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> Se
     result = SearchResult(nominal, tuple(first_per_cause_set(ordered)), comparison, tolerant)
     context.best_so_far.note(result)
     return result
+
+
+def _likeliest_noise(context: SearchContext, tolerant: Comparison, fits: Sequence[CandidateFit]) -> Comparison:
+    """Weights of the noise that makes the captures likeliest, of that which the best fits predict.
+
+    Light of the room has shot noise, a wrong black level has none, and both may predict the same picture.
+    """
+    costs = [cost_or_inf(tolerant, fit.values) for fit in fits]
+    order = sorted(range(len(fits)), key=costs.__getitem__)
+    close = [fits[k] for k in order[:_NOISE_MODELS] if costs[k] <= _SAME_LIGHT_COST * costs[order[0]]]
+    comparisons = [context.model_weighted_comparison(tolerant.indices, fit.values) for fit in close]
+    if len(close) == 1:
+        return comparisons[0]
+    deviances = [one.deviance(fit.values) for one, fit in zip(comparisons, close, strict=True)]
+    return comparisons[int(np.argmin(deviances))]
 
 
 def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_comparison: Comparison) -> HeldOutScore:
@@ -195,16 +252,72 @@ def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig
     return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
 
 
+@dataclass(frozen=True)
+class NoiseCheck:
+    """χ²/n of pixels whose noise is more than rounding, and the least that correct records of the noise allow."""
+
+    chi2_per_pixel: float
+    least: float
+
+    @property
+    def is_overstated(self) -> bool:
+        """Whether the captures scatter significantly less than their records say."""
+        return self.chi2_per_pixel < self.least
+
+
+def check_noise(comparison: Comparison, values: FittedValues) -> NoiseCheck:
+    """Whether residuals are too small for the noise that the records state.
+
+    Each of K captures has p fitted numbers, its gain and its movement, so that the mean of χ²/n is 1 − pK/n. Its
+    scatter is taken from the sums of square blocks of pixels, whatever the distribution of the noise and however
+    neighbouring pixels correlate; it is at least that of independent Gaussian noise, √(2/n). Student's t for the number
+    of blocks gives the deviation that chance exceeds once in a million files.
+    """
+    fitted = comparison.fit_gains(values)
+    noisy = (comparison.weight > 0) & (np.square(comparison.weight) < 1.0 / _LEAST_NOISE)
+    sums = _block_sums(np.where(noisy, np.square(fitted.residual), np.float32(0.0)))
+    counts = _block_sums(noisy.astype(np.float32))
+    sums, counts = sums[counts > 0], counts[counts > 0]
+    pixels, blocks = float(counts.sum()), len(counts)
+    if blocks < _MIN_NOISE_BLOCKS:
+        return NoiseCheck(1.0, 0.0)
+    chi2 = float(sums.sum()) / pixels
+    scatter = math.sqrt(float(np.square(sums - chi2 * counts).sum()) * blocks / (blocks - 1)) / pixels
+    chance = float(student.isf(NOISE_FALSE_ALARM, blocks - 1)) * max(scatter, math.sqrt(2.0 / pixels))
+    fitted_share = (3 if comparison.fit_shifts else 1) * len(comparison.indices) / pixels
+    return NoiseCheck(chi2, 1.0 - fitted_share - math.hypot(NOISE_ACCURACY, chance))
+
+
+def _block_sums(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Sums over square blocks of pictures (capture, y, x), flat; blocks at the far edges may be smaller."""
+    starts = [np.arange(0, n, _NOISE_BLOCK_PX) for n in pictures.shape[1:]]
+    rows = np.add.reduceat(pictures, starts[0], axis=1, dtype=np.float64)
+    return np.asarray(np.add.reduceat(rows, starts[1], axis=2)).ravel()
+
+
+def limited_by_noise(decision: Decision, noise: NoiseCheck) -> tuple[Decision, list[str]]:
+    """The decision where the noise is overstated, which neither clears nor explains a bench; with a note."""
+    if not noise.is_overstated:
+        return decision, []
+    note = (
+        f"The noise is overstated: residuals have {noise.chi2_per_pixel:.3g} of the recorded variance, correct records "
+        f"leave at least {noise.least:.3g}. Electrons per count, read noise or averaging are recorded wrongly."
+    )
+    return replace(decision, verdict=_LOWERED.get(decision.verdict, decision.verdict)), [note]
+
+
+_LOWERED = {
+    Verdict.CONSISTENT: Verdict.UNEXPLAINED,
+    Verdict.EXPLAINED: Verdict.PARTLY,
+    Verdict.AMBIGUOUS: Verdict.PARTLY,
+}
+
+
 def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: float) -> Decision:
     """The decision where a share of the captures is bad: beyond `max_share`, no bench is cleared or explained."""
     if bad_share <= max_share:
         return decision
-    lower = {
-        Verdict.CONSISTENT: Verdict.UNEXPLAINED,
-        Verdict.EXPLAINED: Verdict.PARTLY,
-        Verdict.AMBIGUOUS: Verdict.PARTLY,
-    }
-    return replace(decision, verdict=lower.get(decision.verdict, decision.verdict))
+    return replace(decision, verdict=_LOWERED.get(decision.verdict, decision.verdict))
 
 
 def with_further_cause(verdict: Verdict) -> Verdict:

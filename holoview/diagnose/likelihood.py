@@ -175,6 +175,15 @@ class Comparison:
         """Mean squared whitened residual of a pixel."""
         return float(self.fit_gains(values).squares.sum() / self.pixel_count)
 
+    def deviance(self, values: Values) -> float:
+        """−2 ln of the Gaussian likelihood of the captures, Σ (residual² + ln σ²), but for a constant of the data.
+
+        It compares weights too, which χ² can't: χ² falls with every variance that is too large.
+        """
+        usable = self.weight > 0
+        log_variance = -2.0 * np.log(self.weight, where=usable, out=np.zeros_like(self.weight)).sum(dtype=np.float64)
+        return float(self.fit_gains(values).squares.sum() + log_variance)
+
     def residual_counts(self, fitted: GainFit) -> Images:
         """The residuals of a fit in counts (capture, y, x); 0 where a pixel isn't usable."""
         usable = self.weight > 0

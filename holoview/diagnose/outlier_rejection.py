@@ -12,7 +12,16 @@ from dataclasses import dataclass, replace
 
 from holoview.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
 from holoview.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
-from holoview.diagnose.judge import Decision, SearchResult, Verdict, decide, limited_by_bad_captures, rank_on_held_out
+from holoview.diagnose.judge import (
+    Decision,
+    SearchResult,
+    Verdict,
+    check_noise,
+    decide,
+    limited_by_bad_captures,
+    limited_by_noise,
+    rank_on_held_out,
+)
 from holoview.diagnose.nuisances import drop_sampling_artefacts, excuse_laser_drift
 from holoview.diagnose.search import InitialCandidates, find_causes, refine_candidates
 from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, SearchEnded
@@ -64,6 +73,7 @@ def search_once(
     context = replace(context, field_budget=context.predictor.fields_requested + context.field_budget)
     context = leave_out(context, {*context.left_out, *left_out})
     end, context.predictor.end = context.end, context.end
+    progress = context.telling_time_left(progress)
     was_ended = False
     result: SearchResult | None
     try:
@@ -83,6 +93,9 @@ def search_once(
     if initial is None:
         decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
         notes = [*notes, *sampling_notes]
+    if context.missing_light is None:  # which counts as noise as well, and may be overstated
+        decision, noise_notes = limited_by_noise(decision, check_noise(result.comparison, decision.values))
+        notes = [*noise_notes, *notes]
     notes = [*notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
     return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
 
@@ -125,14 +138,15 @@ def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], coun
 
 
 def _end_notes(end: SearchEnd, decision: Decision, was_ended: bool, is_out_of_budget: bool) -> list[str]:
-    """A note where a search that found no full explanation was ended."""
+    """A note where a search was cut, or ended at its budget without a full explanation."""
     if was_ended and end.was_asked:
         return ["The search was interrupted; this is the best that it had found."]
-    if not (was_ended or is_out_of_budget) or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
-        return []
-    if was_ended:
+    is_open = decision.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    if was_ended or (is_out_of_budget and end.is_near and is_open):
         return [
-            f"The search was ended after {end.time_s:.0f} s with causes left to try; give it more time (--time 10min), "
-            "or all that it needs (--thorough)."
+            f"The search was cut by its time, {end.time_s:.0f} s, with causes left to try: a faster machine might say "
+            "more. Give it more time (--time 10min), or all that it needs (--thorough)."
         ]
-    return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]
+    if is_out_of_budget and is_open:
+        return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]
+    return []

@@ -26,6 +26,7 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effe
 from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
+from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.search import InitialCandidates
@@ -47,13 +48,9 @@ from holoview.model.effects.registry import is_user_effect, listed_effects, load
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
-_CORRECTION_TIME_SHARE = 0.7
-"""[1] Of a search's time, which they may take before it. Evidence: 16 s of one core on the virtual rig (48 × 64 pixels,
-24 captures)."""
-_MAX_STRETCH = 4.0
-"""[1] Where other programs use the processor too, this time is divided by the share of it that the search gets, up to
-this factor. Evidence: beside three other programs on two cores, a fault that takes 28 s of one core stayed unexplained
-after a minute; the value: what a person waits for."""
+_CORRECTION_SHARE = 0.7
+"""[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
+virtual rig (48 × 64 pixels, 24 captures)."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the longest
 step of a pair, its causes fitted without each other, took 20 of 80 s."""
@@ -71,7 +68,7 @@ def diagnose(
     progress: ProgressCallback | None = None,
     free_maps: bool = True,
     thorough: bool = False,
-    time_s: float | None = math.inf,
+    time_s: float | None = None,
     is_asked_to_end: Callable[[], bool] | None = None,
     so_far: Callable[[str], None] | None = None,
     sampling: SamplingConfig = PLAIN,
@@ -90,14 +87,15 @@ def diagnose(
     thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
     about a minute for 128 × 96 modulator pixels.
     time_s: the search ends after so long, with the best that it has found; records, intervals and notes take a little
-    longer. None: what `config.budget` allows such captures, and more where other programs use the processor too.
+    longer. None: it ends at its budget of fields alone, so that the result doesn't depend on the machine's speed.
     is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
     so_far: called with a sentence when the search has found something better.
     sampling: how predictions sample light.
     config: settings of all stages.
 
     Where corrected records leave the captures unexplained, and a gross error of the bench can look like these wrong
-    records, the captures are searched as recorded as well, each in half of the time; what explains them better counts.
+    records, the captures are searched as recorded as well, each within half of the budget; the better explanation
+    counts.
 
     Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
     picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything, and for known
@@ -106,7 +104,8 @@ def diagnose(
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
     candidates = list(listed_effects().values() if effects is None else effects)
-    options = (workers, progress or no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
+    ceiling_s = math.inf if time_s is None else time_s
+    options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, sampling)
     request = _Request(candidates, known, uncertain or {}, *options, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -128,7 +127,7 @@ class _Request:
     progress: ProgressCallback
     free_maps: bool
     thorough: bool
-    time_s: float | None
+    time_s: float
     is_asked_to_end: Callable[[], bool] | None
     so_far: Callable[[str], None] | None
     sampling: SamplingConfig
@@ -173,7 +172,7 @@ class _Preparation:
 
 
 def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
-    """What a search within a share of the time works with."""
+    """What a search within a share of the budget works with."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures)
@@ -194,13 +193,10 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
 
 
 def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
-    """The context with what ends its search within a share of the time, and with what tells of it."""
+    """The context with what ends its search within a share of the budget, and with what tells of it."""
     budget, samples = request.config.budget, field_samples(context.data.captures)
-    time_s, stretch = request.time_s, 1.0
-    if time_s is None:
-        time_s, stretch = budget.time_for(samples), _MAX_STRETCH
-    end = SearchEnd(share * time_s, request.is_asked_to_end, _LAST_BEGIN, stretch)
-    fields, so_far = math.inf if request.thorough else budget.fields_for(samples), request.so_far
+    end = SearchEnd(share * request.time_s, request.is_asked_to_end, _LAST_BEGIN)
+    fields, so_far = math.inf if request.thorough else share * budget.fields_for(samples), request.so_far
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
@@ -211,7 +207,7 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
     """The request with known effects corrected within their uncertainties, and notes on that."""
     if not request.uncertain:
         return request, ()
-    share, silent = _CORRECTION_TIME_SHARE, dataclasses.replace(request, so_far=None)
+    share, silent = _CORRECTION_SHARE, dataclasses.replace(request, so_far=None)
     with request.start_workers() as pool:
         prepared = _prepare(records, silent, pool, share)
         context = prepared.middle or prepared.whole
@@ -221,7 +217,7 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
-    """The diagnosis of captures whose records have been checked, within a share of the time."""
+    """The diagnosis of captures whose records have been checked, within a share of the budget."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
         outcome = _find_causes(prepared, request.progress)
@@ -264,6 +260,9 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
         search_once, whole, progress=progress, initial=InitialCandidates(fits, found.decision.verdict not in _OPEN)
     )
     outcome = judge(whole, refine(found.context.left_out), refine)
+    if outcome.result.best.causes == found.result.best.causes:
+        unseen = found.result.unseen_rivals
+        outcome = dataclasses.replace(outcome, result=dataclasses.replace(outcome.result, unseen_rivals=unseen))
     notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
     return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
 
@@ -300,6 +299,7 @@ def prepare_search(
     properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
     visible = {e.id: e for e in effects if not unmet[e.id]}
+    unseen = {e.id: e for e in effects if unmet[e.id] and not changes_only_power(e)}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
     if properties.wavelengths == 1:
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
@@ -318,6 +318,7 @@ def prepare_search(
         config=config,
         sampling=sampling,
         equivalents=equivalent_effects(visible, properties),
+        unseen=unseen,
         left_out=left_out,
     )
     return context, notes

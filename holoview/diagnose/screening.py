@@ -12,7 +12,7 @@ make one image of many fields, wavelengths × directions × moments.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -35,15 +35,25 @@ from holoview.diagnose.fit import (
     local_fit,
     scan_effect,
 )
-from holoview.diagnose.likelihood import Comparison, Values
+from holoview.diagnose.likelihood import Comparison, GainFit, Values
 from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.starts.by_kind import ALL_KINDS, LIST_KINDS, SuggestedStarts
-from holoview.diagnose.starts.picture import StartProvider
-from holoview.diagnose.starts.stuck import is_stuck_effect
+from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
+from holoview.diagnose.starts.picture import (
+    DisplacementStarts,
+    GhostStarts,
+    PlaneStarts,
+    SmearStarts,
+    StartingValues,
+    StartProvider,
+)
+from holoview.diagnose.starts.stuck import StuckStarts, is_stuck_effect
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect, StartKind
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
+ALL_KINDS = frozenset(StartKind)
+LIST_KINDS = frozenset({StartKind.PLANES, StartKind.STUCK_PIXELS})
+"""Those of effects with lists. Where there are any, much less error is left."""
 _QUICK_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT, StartKind.STUCK_PIXELS}
 """Starting values that residuals show at once, of what has no derivative at its identity."""
 _DECISIVE_TANGENT_GAIN = 0.5
@@ -152,6 +162,41 @@ def without_costly_fits(
     by_chance = _COSTLY_CHANCE * comparison.pixel_count**0.5
     limit = max(_COSTLY_EXCESS_SHARE * min(simple, default=math.inf), by_chance)
     return [f for f in fits if left[id(f)] <= limit or not costly[id(f)]]
+
+
+class SuggestedStarts:
+    """The starting values of all kinds; each kind is looked for once, and only where an effect declares it."""
+
+    def __init__(self, context: SearchContext, base: FittedValues, comparison: Comparison) -> None:
+        self._context, self._base, self._comparison = context, base, comparison
+        self._found: dict[StartKind, StartProvider] = {}
+
+    def of(self, effects: Iterable[Effect], kinds: Collection[StartKind] = ALL_KINDS) -> StartProvider:
+        """Those of some kinds for some effects; what they need in common is computed here, not in each job."""
+        for kind in {kind for effect in effects for kind in effect.start_kinds if kind in kinds} - self._found.keys():
+            self._found[kind] = self._makers[kind]()
+        return partial(_starts_of, {kind: found for kind, found in self._found.items() if kind in kinds})
+
+    @cached_property
+    def _fitted(self) -> GainFit:
+        return self._comparison.fit_gains(self._base)
+
+    @property
+    def _makers(self) -> dict[StartKind, Callable[[], StartProvider]]:
+        context, base, comparison = self._context, self._base, self._comparison
+        return {
+            StartKind.DISPLACEMENT: lambda: DisplacementStarts(base, comparison),
+            StartKind.GHOST: lambda: GhostStarts(self._fitted, comparison),
+            StartKind.SMEAR: lambda: SmearStarts(self._fitted, comparison),
+            StartKind.CAMERA_FRINGES: lambda: FringeStarts(self._fitted, comparison),
+            StartKind.MODULATOR_FRINGES: lambda: ModulatorFringeStarts(context, base, comparison),
+            StartKind.PLANES: lambda: PlaneStarts(context, base),
+            StartKind.STUCK_PIXELS: lambda: StuckStarts(context, base, comparison),
+        }
+
+
+def _starts_of(providers: Mapping[StartKind, StartProvider], effect: Effect) -> StartingValues:
+    return [start for kind in effect.start_kinds if kind in providers for start in providers[kind](effect)]
 
 
 EffectFitter = Callable[[Effect], CandidateFit]

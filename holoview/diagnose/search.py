@@ -37,10 +37,10 @@ from holoview.diagnose.refine import (
     free_fine_parameters,
     is_at_floor,
     is_settled,
-    prefer_fewer_numbers,
     refine_fit,
     refine_leaders_along_axes,
 )
+from holoview.diagnose.rivals import prefer_fewer_numbers, with_rivals
 from holoview.diagnose.screening import (
     COSTLY_FIELDS,
     field_count,
@@ -94,7 +94,7 @@ class InitialCandidates:
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
-    """The context with the nuisances found, and the candidates ranked with them.
+    """The context with the nuisances found, and the candidates ranked with them, rivals among them.
 
     No search is begun where movements of the camera alone explain the captures.
     """
@@ -105,11 +105,16 @@ def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[Sea
     result = select_causes(context, _visible_effects(context), progress)
     result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
     settled = detect_nuisances(context, result.best.fit.values)
-    if settled is context:
-        return context, result
+    if settled is not context:
+        result = _ranked_again(settled, result)
+    return settled, with_rivals(settled, result)
+
+
+def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
+    """The best candidates refined and ranked once more, with the nuisances that the best of them has shown."""
     max_excess = _RERANKED_EXCESS_FACTOR * result.best.excess + _RERANKED_EXCESS
     near = [c.fit for c in result.candidates[:_RERANKED] if c.excess < max_excess]
-    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
+    return rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
 
 
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:

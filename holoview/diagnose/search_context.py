@@ -27,7 +27,6 @@ from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
-from holoview.util.processors import processor_share
 from holoview.util.progress import ProgressCallback
 
 MAX_TOLERATED_ERROR = 1.0
@@ -35,6 +34,7 @@ MAX_TOLERATED_ERROR = 1.0
 that tolerate an error of the mean light."""
 _HALF_TOLERATED_ERROR = 0.5
 """[1] First joint fits tolerate this share of the present error, and at most this error. Evidence: the search study."""
+_MIN_PACE_FIELDS = 100  # [fields] From so many on, their time says how long the others take.
 _SCREENING_FACTOR = 4.0
 """[1] After so many times these fields no further effect is tried alone either. Evidence: single faults of 128 × 96
 modulator pixels take less than half of it, and a session whose fields take a second each has to end."""
@@ -69,8 +69,7 @@ class SearchEnd:
     """When a search has to end.
 
     time_s: after so long, counted from now. is_asked: whether somebody wants the search to end; only this process asks.
-    last_begin: share of the time after which nothing new is begun. max_stretch: where other programs use the processor
-    too, the time is divided by the share of it that the search gets, up to this factor.
+    last_begin: share of the time after which nothing new is begun.
     """
 
     def __init__(
@@ -78,10 +77,9 @@ class SearchEnd:
         time_s: float = math.inf,
         is_asked: Callable[[], bool] | None = None,
         last_begin: float = 1.0,
-        max_stretch: float = 1.0,
     ) -> None:
         self._began = time.monotonic()  # the same clock in all processes of a machine
-        self.time_s, self._last_begin, self._max_stretch = time_s, last_begin, max_stretch
+        self.time_s, self._last_begin = time_s, last_begin
         self._is_asked = is_asked
 
     def __getstate__(self) -> dict[str, object]:
@@ -89,26 +87,24 @@ class SearchEnd:
 
     def after_share(self, share: float) -> SearchEnd:
         """The end of a part of the search that may take this share of the time, from the same beginning."""
-        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin, self._max_stretch)
+        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin)
         part._began = self._began
         return part
 
     def check(self) -> None:
         """Raises SearchEnded once the time is over or somebody asked for the end."""
-        if self._is_after(self.time_s) or self.was_asked:
+        if self.seconds_left < 0.0 or self.was_asked:
             raise SearchEnded
 
     @property
     def is_near(self) -> bool:
         """Whether too little time is left to begin something new."""
-        return self._is_after(self._last_begin * self.time_s)
+        return time.monotonic() - self._began > self._last_begin * self.time_s
 
-    def _is_after(self, time_s: float) -> bool:
-        """Whether this part of the time has passed, stretched where the processor is shared."""
-        passed = time.monotonic() - self._began
-        if passed <= time_s or self._max_stretch <= 1:
-            return passed > time_s
-        return passed > time_s * min(1 / processor_share(), self._max_stretch)
+    @property
+    def seconds_left(self) -> float:
+        """Until the time is over; negative afterwards."""
+        return self._began + self.time_s - time.monotonic()
 
     @property
     def was_asked(self) -> bool:
@@ -117,6 +113,24 @@ class SearchEnd:
 
 
 NEVER = SearchEnd()
+
+
+class Pace:
+    """How fast a search computes fields on this machine, from its beginning to the last count."""
+
+    def __init__(self) -> None:
+        self._first: tuple[float, int] | None = None
+        self._last = (0.0, 0)
+
+    def seconds_for(self, fields: float, done: int) -> float | None:
+        """Expected seconds of so many more fields; None before enough are done. done: all fields so far."""
+        now = time.monotonic()
+        if self._first is None:
+            self._first = self._last = (now, done)
+        if done > self._last[1]:
+            self._last = (now, done)
+        seconds, counted = (last - first for last, first in zip(self._last, self._first, strict=True))
+        return None if counted < _MIN_PACE_FIELDS else fields * seconds / counted
 
 
 def describe_so_far(result: _Result) -> str:
@@ -235,15 +249,16 @@ class SearchContext:
     parallel. variances: of the noise, from the captures. config: settings of all stages. field_budget: after so many
     fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
     has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
-    equivalents: for each effect the others that are the same physics on this bench. left_out: captures that no fit
-    uses, by index. end: when the search has to end. best_so_far: what it has found until then. missing_light:
-    (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut;
-    None for whole ones.
+    equivalents: for each effect the others that are the same physics on this bench. unseen: effects by id that such
+    captures can't tell from others, and that aren't candidates. left_out: captures that no fit uses, by index. end:
+    when it has to end. best_so_far: what it has found until then. pace: how fast it is. missing_light: (capture,),
+    r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut; None for whole
+    ones.
     """
 
     data: PreparedCaptures
     system: System
-    effects: Mapping[str, Effect]
+    effects: dict[str, Effect]
     split: CaptureSplit
     predictor: PerThreadPredictor
     workers: WorkerPool
@@ -254,9 +269,11 @@ class SearchContext:
     prnu: float = 0.0
     has_camera_jitter: bool = False
     equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    unseen: dict[str, Effect] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
     end: SearchEnd = NEVER
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
+    pace: Pace = field(default_factory=Pace)
     missing_light: NDArray[np.float64] | None = None
 
     @property
@@ -272,6 +289,18 @@ class SearchContext:
         """
         return self.predictor.fields_requested > self.field_budget or self.end.is_near
 
+    def telling_time_left(self, progress: ProgressCallback) -> ProgressCallback:
+        """Progress whose notes say how long the search will take at most on this machine."""
+
+        def told(done: int, total: int, note: str) -> None:
+            computed = self.predictor.fields_requested
+            by_fields = self.pace.seconds_for(max(self.field_budget - computed, 0.0), computed)
+            left = min(math.inf if by_fields is None else by_fields, self.end.seconds_left)
+            words = f"{note} (at most {max(left, 1.0):.2g} s more)" if left < math.inf else note
+            progress(done, total, words)
+
+        return told
+
     @property
     def kept_captures(self) -> Captures:
         """The captures that aren't left out."""
@@ -284,7 +313,7 @@ class SearchContext:
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
-        effects = {f"effect {name}": effect for name, effect in self.effects.items()}
+        effects = {f"effect {name}": effect for name, effect in (self.effects | self.unseen).items()}
         return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
 
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:

@@ -27,12 +27,13 @@ _NARROW_RANGE_M, _WIDE_RANGE_M = (460e-9, 650e-9), (440e-9, 660e-9)  # up to 9 l
 _MAX_LASERS_IN_NARROW_RANGE = 9
 _SOURCE_SPACING_RAD = 8.6e-3
 _MAX_NUMBER = 64
+_SHOWN = 80  # letters of a wrong name in its message
 _FORMS = {
     "simultaneous": r"simultaneous",
     "time-sequential": r"time-sequential",
-    "multiplexed": r"multiplexed(?:-(?P<frames>\d+))?",
-    "holochrome": r"holochrome-(?P<count>\d+)(?:x(?P<frames>\d+))?",
-    "multisource": r"multisource-(?P<rows>\d+)x(?P<columns>\d+)",
+    "multiplexed": r"multiplexed(?:-(?P<frames>[0-9]{1,9}))?",
+    "holochrome": r"holochrome-(?P<count>[0-9]{1,9})(?:x(?P<frames>[0-9]{1,9}))?",
+    "multisource": r"multisource-(?P<rows>[0-9]{1,9})x(?P<columns>[0-9]{1,9})",
     "1slm": r"1slm",
 }
 
@@ -55,7 +56,9 @@ def _parse(part: str, scheme: str) -> tuple[str, dict[str, int]]:
                 raise UserError("scheme", f'"{part}"', expected=f"numbers from 1 to {_MAX_NUMBER}")
             return name, numbers
     expected = "simultaneous, time-sequential, multiplexed-T, holochrome-NxT, multisource-RxC, 1slm, or several with +"
-    raise UserError("scheme", f'"{scheme}"', expected=expected, remedy=suggest_matches(part.split("-")[0], _FORMS))
+    raise UserError(
+        "scheme", f'"{scheme[:_SHOWN]}"', expected=expected, remedy=suggest_matches(part.split("-")[0], _FORMS)
+    )
 
 
 def _changes(system: System, name: str, numbers: dict[str, int]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ only those that its store lacks.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -67,8 +68,10 @@ class ResultStore:
         path = self._path(job)
         try:
             stored = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT)
-            numbers, files = stored.get("numbers"), stored.get("pictures")
-            if stored.get("format") != _FORMAT or not isinstance(numbers, dict) or not isinstance(files, dict):
+            numbers, files, digest = stored.get("numbers"), stored.get("pictures"), stored.pop("digest", None)
+            if stored.get("format") != _FORMAT or digest != _digest(stored):
+                return None
+            if not isinstance(numbers, dict) or not isinstance(files, dict):
                 return None
             pictures = {name: self._read_pixels(file) for name, file in files.items()}
             if not self._keeps_holograms:
@@ -98,7 +101,7 @@ class ResultStore:
             content["hologram"] = result.hologram is not None
             if result.hologram is not None:
                 result.hologram.save(self._hologram_path(job))
-        write_file(self._path(job), json.dumps(content, indent=1))
+        write_file(self._path(job), json.dumps(content | {"digest": _digest(content)}, indent=1))
 
     def _read_pixels(self, name: Any) -> NDArray[np.uint8]:
         """The pixels of a picture of this folder, (y, x, 3)."""
@@ -112,6 +115,12 @@ class ResultStore:
 
     def _hologram_path(self, job: StudyJob) -> Path:
         return self.folder / f"{job.key}.safetensors"
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """Of all that a result's file says: one that was changed, or lacks a number, is damaged."""
+    text = json.dumps(json.loads(json.dumps(content)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 # --- workers ---

@@ -2,7 +2,6 @@
 
 process_cpu_count   processors of the affinity mask, fewer where a container grants less of their time
 group_folders       Linux's control groups, which limit what a process may take
-processor_share     the share of the processor that a thread got
 share_the_machine   how torch's threads wait for each other: to be set before torch is loaded
 """
 
@@ -82,21 +81,6 @@ def read_lines(path: Path) -> list[str]:
         return path.read_text(encoding="ascii").splitlines()
     except (OSError, UnicodeDecodeError):
         return []
-
-
-_SCHEDSTAT = Path("/proc/thread-self/schedstat")
-
-
-def processor_share() -> float:
-    """Seconds that this thread ran over those in which it ran or waited for a processor, since it began; 0 < share ≤ 1.
-
-    1 where the system doesn't tell: outside Linux (Documentation/scheduler/sched-stats.rst, /proc/<pid>/schedstat).
-    """
-    try:
-        ran_ns, waited_ns = (int(word) for word in _SCHEDSTAT.read_text(encoding="ascii").split()[:2])
-    except (OSError, ValueError):
-        return 1.0
-    return ran_ns / (ran_ns + waited_ns) if ran_ns > 0 else 1.0
 
 
 # --- OpenMP -----------------------------------------------------------------------------------------------------------

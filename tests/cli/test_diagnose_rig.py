@@ -52,6 +52,14 @@ def test_a_budget_ends_it_with_a_diagnosis_and_the_captures(holoview: Run, tmp_p
     assert not (tmp_path / "c.h5.captures").exists()
 
 
+def test_what_is_known_counts_for_captures_that_are_taken(holoview: Run, tmp_path: Path) -> None:
+    write_rig(tmp_path, {"gap": {"gap_error": 2e-4}})
+    arguments = ("--rig", "rig.toml", "--captures", 2, "--json", "d.json", "--workers", 1)
+    outcome = holoview("diagnose", *arguments, "--known", "gap.gap_error=2e-4")
+    assert outcome.code == 0 and "rig.toml: consistent" in outcome.out, outcome.err
+    assert json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["known"]["gap"]["gap_error"] == 2e-4
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_ctrl_c_keeps_the_captures_and_says_what_is_known(interrupted: Run, tmp_path: Path) -> None:
     write_rig(tmp_path, {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
+from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings
 from holoview.captures.virtual_measurement import make_captures as measure
@@ -19,6 +21,7 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
 from tests.captures.conftest import SHAPE, pictures
@@ -67,6 +70,21 @@ def make_context() -> MakeContext:
     return lambda faults=None: make_context_of(
         measure(small_system(), faults or {}, AcquisitionSettings(captures_per_condition=6, seed=5))
     )
+
+
+def measure_at_one_exposure(system: System, faults: EffectValues, seed: int, each: int = 6) -> Captures:
+    """Captures of one power and one exposure time, the longest that saturates hardly anything; noise by numpy."""
+    nominal = measure(system, {}, AcquisitionSettings(captures_per_condition=each, seed=seed))
+    count = len(nominal)
+    nominal = replace(nominal, exposure_s=np.full(count, 0.05), power=np.ones(count))
+    prediction, camera = Predictor(nominal)(np.arange(count), faults), nominal.camera
+    light = prediction.signal.double().numpy()
+    light *= 0.75 * (camera.saturation - camera.black_level) / np.quantile(light, 0.999, axis=(1, 2)).max()
+    light += 0.0 if prediction.ambient is None else prediction.ambient.double().numpy()
+    rng, gain = np.random.default_rng((seed, 1)), camera.electrons_per_count
+    electrons = rng.poisson(gain * light) + camera.read_noise * rng.standard_normal(light.shape)
+    counts = np.rint(electrons / gain + prediction.black_level)
+    return replace(nominal, images=np.clip(counts, 0, camera.saturation).astype(np.uint16))
 
 
 def make_context_of(captures: Captures) -> SearchContext:

@@ -65,6 +65,13 @@ def test_large_fields_are_fewer() -> None:
     assert BudgetConfig(max_fields=200).fields_for(1000 * usual) == 200
 
 
+def test_the_middle_of_larger_pictures_gets_more() -> None:
+    budget, usual = BudgetConfig(), 256 * 192
+    assert budget.fields_for_middle(usual, usual // 9) == budget.fields_for_middle(usual, usual) == budget.max_fields
+    assert budget.fields_for_middle(2 * usual, 4 * usual) == 2 * budget.max_fields
+    assert budget.fields_for_middle(usual, 1000 * usual) == 5 * budget.max_fields
+
+
 def test_a_field_of_a_fourier_bench_counts_by_the_points_of_its_transforms(nominal: Captures) -> None:
     """Pictures of 64 × 80 pixels, modulators of 32 × 40 with two samples a pixel each way."""
     assert field_samples(nominal) == 4 * 32 * 40
@@ -93,7 +100,7 @@ def test_of_large_fields_effects_are_tried_before_stuck_pixels(
         assert tried, "nothing else was tried"
         return lambda effect: []
 
-    monkeypatch.setattr("holoview.diagnose.starts.by_kind.StuckStarts", look)
+    monkeypatch.setattr("holoview.diagnose.screening.StuckStarts", look)
     effects = [context.effects[name] for name in ("slm1_stuck", "gap", "stroke", "aberration1")]
     for stage in screen_effects(context, {}, effects, lambda *_: None, ""):
         for batch in stage:

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.diagnose import intervals, judge, nuisances, power_law, screening
+from holoview.diagnose import intervals, judge, nuisances, power_law, rivals, screening
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.report import causes
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "holoview" / "diagnose"
@@ -85,7 +84,7 @@ def test_the_table_of_thresholds_has_the_values_of_the_configuration() -> None:
         f"gains spread by > {power_law.MIN_SPREAD:.1%}".replace("%", " %"),
         f"{intervals.MODEL_ACCURACY:.1%} of the value is added".replace("%", " %"),
         f"rises by less than {CONFIG.verdict.min_delta_chi2:g}",
-        f"canonical correlation of {causes.MIN_CORRELATION:g} or more",
+        f"canonical correlation of {rivals.MIN_CORRELATION:g} or more",
         f"{100 * intervals.LEVEL:.0f} % interval",
     ],
 )

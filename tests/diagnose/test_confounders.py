@@ -7,7 +7,6 @@ import pytest
 
 from holoview.diagnose.fit import CandidateFit, effect_jacobian, identity_values
 from holoview.diagnose.intervals import canonical_correlation
-from holoview.diagnose.judge import HeldOutScore
 from holoview.diagnose.report.causes import best_separating_capture, proposed_captures
 from holoview.diagnose.search_context import SearchContext, equivalent_effects
 from holoview.model.effects.registry import listed_effects
@@ -59,15 +58,15 @@ def test_captures_that_might_help_differ_in_one_respect_each() -> None:
 def test_a_second_plane_tells_a_wavelength_from_a_distance(context: SearchContext) -> None:
     """z·λ is what one plane sees: 450 nm at 4 mm, 1 % off. What is proposed must be one of the experiments."""
 
-    def score(effect: str, name: str, value: float) -> HeldOutScore:
-        return HeldOutScore(CandidateFit((effect,), {effect: {name: value}}, 0.0), 1.0, 1.0)
+    def fit(effect: str, name: str, value: float) -> CandidateFit:
+        return CandidateFit((effect,), {effect: {name: value}}, 0.0)
 
     words = best_separating_capture(
-        context, score("wavelength_offset", "offset", 5e-9), score("distance", "distance_error", 4e-5)
+        context, fit("wavelength_offset", "offset", 5e-9), fit("distance", "distance_error", 4e-5)
     )
     assert words is not None and words.startswith("a capture")
 
 
 def test_nothing_separates_what_is_the_same(context: SearchContext) -> None:
-    same = HeldOutScore(CandidateFit(("gap",), {"gap": {"gap_error": 1e-4}}, 0.0), 1.0, 1.0)
+    same = CandidateFit(("gap",), {"gap": {"gap_error": 1e-4}}, 0.0)
     assert best_separating_capture(context, same, same) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,10 +14,9 @@ import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose import search_context
-from holoview.diagnose.config import USUAL_SAMPLES, BudgetConfig, SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.search_context import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
+from holoview.diagnose.search_context import NEVER, BestSoFar, Pace, SearchEnd, SearchEnded, describe_so_far
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
@@ -60,20 +60,29 @@ def test_time_over_raises_and_never_does_not() -> None:
     assert near.is_near and not SearchEnd(3600.0, last_begin=1.0).is_near
 
 
-@pytest.mark.parametrize(
-    ("share", "passed_s", "is_over"), [(1.0, 11, True), (0.5, 19, False), (0.5, 21, True), (0.1, 41, True)]
-)
-def test_the_time_is_stretched_where_others_use_the_processor(
-    monkeypatch: pytest.MonkeyPatch, share: float, passed_s: float, is_over: bool
-) -> None:
-    """Ten seconds, divided by the share that the search gets, but fourfold at most; not without being asked for."""
-    now = [100.0]
+def test_the_pace_tells_how_long_the_rest_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred fields a second; counts that don't change, while processes work, don't count as slow."""
+    now, pace = [50.0], Pace()
     monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(search_context, "processor_share", lambda: share)
-    plain, stretched = SearchEnd(10.0), SearchEnd(20.0, max_stretch=4.0).after_share(0.5)
-    now[0] += passed_s
-    assert stretched.is_near == is_over
-    assert plain.is_near
+    assert pace.seconds_for(1000, 0) is None
+    now[0] += 1.0
+    assert pace.seconds_for(1000, 99) is None
+    now[0] += 1.0
+    assert pace.seconds_for(1000, 200) == pytest.approx(10.0)
+    now[0] += 60.0
+    assert pace.seconds_for(1000, 200) == pytest.approx(10.0)
+
+
+def test_progress_says_how_long_a_search_takes_at_most(make_context: MakeContext) -> None:
+    context, notes = replace(make_context(), field_budget=1e6), list[str]()
+    tell = context.telling_time_left(lambda done, total, note: notes.append(note))
+    tell(0, 1, "one cause")
+    for _ in range(10):
+        context.predictor(np.arange(12), {})
+    tell(0, 1, "one cause")
+    replace(context, end=SearchEnd(7.0)).telling_time_left(lambda done, total, note: notes.append(note))(1, 1, "two")
+    assert notes[0] == "one cause" and re.fullmatch(r"one cause \(at most \S+ s more\)", notes[1])
+    assert re.fullmatch(r"two \(at most [67] s more\)|two \(at most 6\.\d s more\)", notes[2])
 
 
 def test_somebody_asks_in_this_process_only() -> None:
@@ -163,14 +172,12 @@ def test_a_finished_search_is_no_interrupted_one() -> None:
     assert found.verdict is Verdict.CONSISTENT and not any("ended" in note for note in found.notes)
 
 
-def test_larger_modulators_get_more_time() -> None:
-    budget = BudgetConfig()
-    assert budget.time_for(USUAL_SAMPLES // 9) == budget.time_for(USUAL_SAMPLES) == 60
-    assert budget.time_for(2 * USUAL_SAMPLES) == 120
-    assert budget.time_for(1000 * USUAL_SAMPLES) == 300
-
-
-def test_the_time_of_the_settings_is_the_default_of_the_command() -> None:
+def test_without_a_time_the_clock_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine on which every second is an hour finds the same."""
     captures = make_captures(small_system(), FAULTS, SESSION)
-    hasty = SearchConfig(budget=BudgetConfig(time_s=1e-3, max_time_s=1e-3))
-    assert any("--time" in note for note in diagnose(captures, EFFECTS, time_s=None, config=hasty).notes)
+    usual = diagnose(captures, EFFECTS, free_maps=False)
+    clock = time.monotonic
+    monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: 3600.0 * clock()))
+    slow = diagnose(captures, EFFECTS, free_maps=False)
+    told = [{**found.as_json(), "seconds": 0, "records": None} for found in (usual, slow)]
+    assert told[0] == told[1] and slow.verdict is Verdict.EXPLAINED

@@ -10,7 +10,8 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.refine import prefer_fewer_numbers, refine_fit, wider_names
+from holoview.diagnose.refine import refine_fit
+from holoview.diagnose.rivals import prefer_fewer_numbers, wider_names
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.registry import listed_effects

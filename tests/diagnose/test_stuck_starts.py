@@ -11,7 +11,6 @@ import pytest
 from holoview.diagnose import screening
 from holoview.diagnose.report.error_places import find_pixel_maps, line_notes
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.starts import by_kind
 from holoview.diagnose.starts.stuck import (
     LINE_SEGMENTS,
     DeadPlace,
@@ -103,7 +102,7 @@ def test_stuck_pixels_are_looked_for_only_where_an_effect_has_them(
     """Looking takes seconds, and a fit of another effect over its range made a fit of a moment long."""
     context = make_context({"stroke": {"stroke_error": 0.3}})
     looked: list[str] = []
-    monkeypatch.setattr(by_kind, "StuckStarts", lambda *_: looked.append("for stuck pixels") or (lambda effect: []))
+    monkeypatch.setattr(screening, "StuckStarts", lambda *_: looked.append("for stuck pixels") or (lambda effect: []))
     screening.fit_over_range(context, {}, context.effects["camera_gamma"], [])
     assert looked == []
     screening.fit_over_range(context, {}, context.effects["slm1_stuck"], [])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from functools import cache
 from pathlib import Path
@@ -26,6 +25,8 @@ from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig.registration import Measured, Registration, write_registration
+from holoview.study.runner import ResultStore
+from holoview.study.study import JobResult, StudyJob
 from holoview.targets.picture import read_picture
 from tests.fuzz.field_files import make_fields
 from tests.rig.conftest import write_rig
@@ -193,9 +194,9 @@ _PLACEMENT = Registration("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 4
 
 
 def _job(folder: Path) -> None:
-    Image.fromarray(np.full((4, 5, 3), 7, np.uint8)).save(folder / "job-seen.png")
-    text = {"format": "holoview-result", "numbers": {"psnr": 20.0}, "pictures": {"seen": "job-seen.png"}}
-    (folder / "job.json").write_text(json.dumps(text), encoding="utf-8")
+    job, picture = StudyJob("one", "a job", {}), np.full((4, 5, 3), 7, np.uint8)
+    ResultStore(folder).save(job, JobResult({"psnr": 20.0}, {"seen": picture}))
+    (folder / f"{job.key}.json").rename(folder / "job.json")
 
 
 def _web_page(folder: Path) -> None:

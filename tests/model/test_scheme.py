@@ -58,6 +58,8 @@ def test_numbers_of_wavelengths_and_frames_are_what_was_asked() -> None:
         ("sequential", 'scheme: "sequential"; expected simultaneous, time-sequential'),
         ("holochrome", 'scheme: "holochrome"'),
         ("holochrome-0", "expected numbers from 1 to 64"),
+        ("holochrome-999999999", "expected numbers from 1 to 64"),
+        (f"holochrome-{'9' * 5000}", "holochrome-NxT"),
         ("holochrome-8+multisource-3", "multisource-RxC"),
         ("", 'scheme: ""'),
     ],

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -239,6 +240,16 @@ def test_a_result_that_isn_t_whole_is_made_again(damage: str, store: ResultStore
     assert store.load(job) is None
     run_jobs(STUDY, [job], store)
     assert _log(tmp_path / "log") == [3, 3]
+
+
+@pytest.mark.parametrize("change", [{"numbers": {}}, {"numbers": {"square": 10}}, {"label": "another"}])
+def test_a_result_that_was_changed_is_made_again(change: dict[str, Any], store: ResultStore) -> None:
+    """A number that is missing would be missed only once a report is written."""
+    job = _job(3)
+    run_jobs(STUDY, [job], store)
+    (path,) = store.folder.glob("*.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    assert store.load(job) is None
 
 
 def test_a_lost_picture_makes_a_result_not_whole(store: ResultStore) -> None:

@@ -10,13 +10,11 @@ from pathlib import Path
 import pytest
 
 from holoview.util import processors
-from holoview.util import processors as module
 from holoview.util.processors import (
     SPIN_COUNT,
     affine_cpu_count,
     cpu_quota,
     process_cpu_count,
-    processor_share,
     share_the_machine,
 )
 
@@ -122,25 +120,3 @@ def test_the_command_line_sets_this_before_torch_is_loaded() -> None:
     environment = {key: value for key, value in os.environ.items() if key not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == str(SPIN_COUNT)
-
-
-@pytest.mark.parametrize(
-    ("text", "share"),
-    [("3000 1000 17\n", 0.75), ("5 0 1", 1.0), ("0 30 1", 1.0), ("", 1.0), ("words 1 2", 1.0)],
-)
-def test_it_is_what_ran_over_what_ran_or_waited(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, share: float
-) -> None:
-    told = tmp_path / "schedstat"
-    told.write_text(text)
-    monkeypatch.setattr(module, "_SCHEDSTAT", told)
-    assert processor_share() == share
-
-
-def test_where_the_system_does_not_tell_it_is_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_SCHEDSTAT", tmp_path / "missing")
-    assert processor_share() == 1.0
-
-
-def test_this_thread_got_some() -> None:
-    assert 0 < processor_share() <= 1

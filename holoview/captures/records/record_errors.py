@@ -52,6 +52,7 @@ from holoview.captures.records.corrections import (
     value_indices,
 )
 from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values
+from holoview.util.errors import UserError
 
 POWER_SPREAD = 0.02
 """[1] Spread of the gains from which the order of the powers is checked. Evidence: jitter of ordinary laboratories is
@@ -302,6 +303,16 @@ cost: captures of 128 × 96 pixels are compared whole."""
 MOST_CAPTURES = 64
 """[captures] Of the middle of many captures that are considered. Evidence: the cost."""
 
+_MIN_SIDE_PX = 4
+"""[px] Of a picture. Evidence: a reason: a grain of speckle and its surroundings; fewer have no contrast to compare."""
+
+
+def _require_speckle(captures: Captures) -> None:
+    rows, columns = captures.shape
+    if min(rows, columns) < _MIN_SIDE_PX:
+        found, expected = f"pictures of {rows} × {columns} pixels", f"{_MIN_SIDE_PX} rows and columns or more"
+        raise UserError("camera/images", found, expected=expected, remedy="smaller ones show no speckle")
+
 
 def find_record_errors(
     captures: Captures,
@@ -313,8 +324,10 @@ def find_record_errors(
     """Which records of these captures are wrong.
 
     effects: those that the nominal bench has, {id: {parameter: value}}. region_px, most_captures: how much of large
-    captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible.
+    captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible, and for
+    pictures that are too small to show speckle.
     """
+    _require_speckle(captures)
     began, units = time.monotonic(), units_of_lengths(captures)
     captures = apply_corrections(captures, units)
     region = central_region(captures, region_px)

@@ -20,10 +20,10 @@ from holoview.diagnose.fit_statistics import (
 from holoview.diagnose.judge import RIVAL_FACTOR, Verdict, with_further_cause
 from holoview.diagnose.outlier_rejection import SearchOutcome
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
-from holoview.diagnose.refine import wider_names
 from holoview.diagnose.report.causes import describe_causes, describe_power_law, describe_wrong_records
 from holoview.diagnose.report.diagnosis import CandidateResult, Diagnosis
 from holoview.diagnose.report.error_places import FreeMapFit, find_pixel_maps, fit_free_maps, likely_fits, line_notes
+from holoview.diagnose.rivals import wider_names
 from holoview.diagnose.search_context import SearchContext
 from holoview.util.progress import ProgressCallback
 
@@ -53,7 +53,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
         after=after,
         causes=tuple(causes if law is None else [*causes, describe_power_law(context, law)]),
         values=values if law is None else values | law.values,
-        rivals=(*(r.causes for r in decision.rivals), *wider_names(context, decision)),
+        rivals=_rivals(outcome),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
         free_maps=_free_maps(outcome, progress) if free_maps and is_open else (),
         pixel_maps=pixels,
@@ -70,6 +70,13 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
         notes=(*notes, *outcome.notes, *line_notes(pixels)),
         seconds=math.nan,
     )
+
+
+def _rivals(outcome: SearchOutcome) -> tuple[tuple[str, ...], ...]:
+    """The sets of causes that can't be excluded; the same physics in more numbers, or unseen here, come last."""
+    decision = outcome.decision
+    unseen = [fit.causes for fit in outcome.result.unseen_rivals if decision.best is outcome.result.best]
+    return (*(r.causes for r in decision.rivals), *unseen, *wider_names(outcome.context, decision))
 
 
 def with_wrong_records(diagnosis: Diagnosis, records: CheckedRecords) -> Diagnosis:

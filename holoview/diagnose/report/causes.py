@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -19,31 +18,22 @@ from holoview.diagnose.correct.wrong_records import RecordGain
 from holoview.diagnose.fit import (
     CandidateFit,
     FittedValues,
-    effect_jacobian,
     free_parameters_of,
-    identity_values,
-    number_count,
 )
 from holoview.diagnose.fit_statistics import fit_quality
 from holoview.diagnose.intervals import (
-    LocalJacobian,
-    canonical_correlation,
     confidence_intervals,
     local_information,
-    local_jacobian,
 )
-from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult
-from holoview.diagnose.likelihood import Comparison, Values
+from holoview.diagnose.judge import Decision, Lookalikes, SearchResult
+from holoview.diagnose.likelihood import Values
 from holoview.diagnose.power_law import PowerLawFit
 from holoview.diagnose.report.diagnosis import Cause
-from holoview.diagnose.screening import is_very_costly
+from holoview.diagnose.rivals import find_lookalikes
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import ListParameter
 from holoview.util.errors import UserError
-
-MIN_CORRELATION = 0.5
-"""[1] Canonical correlation from which an effect is told. Evidence: the screening study: most pairs are below 0.3."""
 
 MEAN_LIGHT = 0.1
 """[1] Mean signal of a proposed capture over saturation. Evidence: none recorded."""
@@ -63,11 +53,10 @@ def describe_causes(
     effects = [context.effects[name] for name in fit.causes]
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
     intervals = confidence_intervals(fit, local_information(fit, effects, fine), fine, context.config)
-    one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
-    few = near.model_weighted_comparison(near.split.coarse[one_or_two], fit.values)
-    lookalikes = lookalike_correlations(near, fit, local_jacobian(fit, effects, few), few)
-    separate = best_separating_capture(near, decision.best, decision.rivals[0]) if decision.rivals else None
-    rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in fit.causes}
+    alike = result.lookalikes
+    lookalikes = alike if alike is not None and alike.fit is fit else find_lookalikes(near, fit)
+    rivals = [*(rival.fit for rival in decision.rivals), *result.unseen_rivals]
+    separate = best_separating_capture(near, fit, rivals[0]) if rivals else None
     causes = []
     for effect in effects:
         before = fit_quality(held_out, held_out.fit_gains(fit.without(effect.id).values))
@@ -83,11 +72,18 @@ def describe_causes(
                 gain_db=after.psnr_db - before.psnr_db,
                 before=before,
                 after=after,
-                confounded_with=rivals | lookalikes[effect.id],
+                confounded_with=_alike(effect.id, fit, rivals, lookalikes),
                 separate_by=separate,
             )
         )
     return sorted(causes, key=lambda c: -c.gain_db)
+
+
+def _alike(cause: str, fit: CandidateFit, rivals: Sequence[CandidateFit], lookalikes: Lookalikes) -> dict[str, float]:
+    """Look-alikes of one of a fit's causes; first those that rivals have in its place, which are the same here."""
+    without = [rival.causes for rival in rivals if cause not in rival.causes]
+    same = {name: 1.0 for causes in without for name in causes if name not in fit.causes}
+    return same | {name: value for name, value in lookalikes.correlations[cause].items() if name not in same}
 
 
 def describe_wrong_records(gains: Sequence[RecordGain]) -> tuple[Cause, ...]:
@@ -135,32 +131,6 @@ def _lists(effect: Effect, values: Values) -> dict[str, tuple[float, ...]]:
     return {p.name: own for p, own in lists.items() if own and not p.free_entries(own)}
 
 
-def lookalike_correlations(
-    context: SearchContext, fit: CandidateFit, at: LocalJacobian, comparison: Comparison
-) -> dict[str, dict[str, float]]:
-    """For each cause of a fit, effects that change the captures alike: id → canonical correlation of their slopes.
-
-    What the fit's other causes explain is projected out first. The same physics in as many numbers or more counts as 1.
-    """
-    residual = comparison.residual(fit.values)
-    others = [e for e in context.effects.values() if e.id not in fit.causes]
-    jobs = [partial(effect_jacobian, e, {**fit.values, e.id: identity_values(e)}, comparison, residual) for e in others]
-    slopes = context.run_parallel(jobs)
-    owner = np.array([effect for effect, _ in at.parameters.entries])
-    result: dict[str, dict[str, float]] = {}
-    for cause in fit.causes:
-        own, rest = at.slopes[owner == cause], at.slopes[owner != cause]
-        correlations = {
-            e.id: canonical_correlation(own, s, rest) for e, s in zip(others, slopes, strict=True) if len(s)
-        }
-        equal = context.equivalents.get(cause, frozenset())
-        numbers = number_count(context.effects[cause])
-        correlations |= {name: 1.0 for name in equal if number_count(context.effects[name]) >= numbers}
-        ordered = sorted(correlations.items(), key=lambda pair: -pair[1])
-        result[cause] = {name: value for name, value in ordered if value >= MIN_CORRELATION}
-    return result
-
-
 @dataclass(frozen=True)
 class ProposedCapture:
     """A capture that could be taken: in words, and as captures of one, whose images are never used."""
@@ -169,12 +139,12 @@ class ProposedCapture:
     captures: Captures
 
 
-def best_separating_capture(context: SearchContext, first: HeldOutScore, second: HeldOutScore) -> str | None:
+def best_separating_capture(context: SearchContext, first: CandidateFit, second: CandidateFit) -> str | None:
     """In words, the capture that would tell two explanations apart best; None where none of those tried would."""
     smooth, rough = int(context.split.coarse[0]), int(context.split.held_out[-1])
     best, description = context.config.verdict.min_delta_chi2, None
     for proposed in proposed_captures(context.data.captures, smooth, rough):
-        delta = _delta_chi2(proposed.captures, first.fit.values, second.fit.values)
+        delta = _delta_chi2(proposed.captures, first.values, second.values)
         if delta > best:
             best, description = delta, proposed.description
     return description

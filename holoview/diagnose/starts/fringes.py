@@ -24,8 +24,7 @@ from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison, GainFit
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import StartingValues
-from holoview.diagnose.starts.stuck import modulator_of
-from holoview.diagnose.starts.transmission_slopes import transmission_slopes
+from holoview.diagnose.starts.transmission_slopes import modulator_of, transmission_slopes
 from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.hook_contexts import ModulatorContext
 

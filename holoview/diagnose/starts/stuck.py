@@ -30,6 +30,7 @@ from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import StartingValues
 from holoview.diagnose.starts.transmission_slopes import (
     line_significance,
+    modulator_of,
     replacement_gains,
     significance,
     squared_residuals,
@@ -136,11 +137,6 @@ class DeadPlace:
 def is_stuck_effect(effect: Effect) -> bool:
     """Whether an effect is one of dead places."""
     return StartKind.STUCK_PIXELS in effect.start_kinds
-
-
-def modulator_of(effect: Effect) -> int:
-    """The number of the modulator that an effect acts on, 0 for the first."""
-    return int(effect.acts_on[0].removeprefix("modulator ")) - 1
 
 
 def as_values(places: Sequence[DeadPlace]) -> dict[str, Any]:

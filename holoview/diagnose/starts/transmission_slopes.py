@@ -26,6 +26,11 @@ Complex = NDArray[np.complexfloating]
 Tensor = torch.Tensor
 
 
+def modulator_of(effect: Effect) -> int:
+    """The number of the modulator that an effect acts on, 0 for the first."""
+    return int(effect.acts_on[0].removeprefix("modulator ")) - 1
+
+
 @dataclass(frozen=True, eq=False)
 class TransmissionSlope:
     """What a capture of a comparison, at a position in its indices, says of the samples of a modulator.

@@ -106,7 +106,8 @@ class LoopResult:
 
 
 class ClosedLoop:
-    """A loop. devices: open ones, which the caller closes. effects: the candidates. options: of `diagnose`."""
+    """A loop. devices: open ones, which the caller closes. effects: the candidates. options: of `diagnose`; known
+    effects among them replace those of the rig's placement."""
 
     def __init__(
         self,
@@ -123,7 +124,7 @@ class ClosedLoop:
     ) -> None:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
-        self._options = options | diagnosis_options(rig.registration)
+        self._options: dict[str, Any] = {**diagnosis_options(rig.registration), **options}
         self._session, self._time = Measurement(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
