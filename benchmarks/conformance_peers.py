@@ -3,9 +3,9 @@
     python -m benchmarks.conformance_peers
 
 A library that isn't installed is left out; benchmarks/README.md says how to install odak and torchoptics beside
-holoview, and diffractsim likewise: pip install --no-deps diffractsim==2.2.13. Each is called as its documentation
-shows, on the case's samples, with complex128 numbers. Each method of a library has a row, and every case counts, those
-too for which its authors wouldn't have chosen it.
+holoview, and diffractsim likewise: pip install --no-deps diffractsim==2.2.13 progressbar. Each is called as its
+documentation shows, on the case's samples, with complex128 numbers. Each method of a library has a row, and every case
+counts, those too for which its authors wouldn't have chosen it.
 """
 
 from __future__ import annotations
@@ -91,17 +91,17 @@ def main() -> None:
     cases = all_cases()
     families = list(dict.fromkeys(case.family for case in cases))
     counts = [f"{family} ({sum(case.family == family for case in cases)})" for family in families]
-    rows = [row("holoview, complex64", propagated, cases, families)]
+    print(f"| program | {' | '.join(counts)} | all ({len(cases)}) | error below 1 % | median error |")
+    print("| --- " * (len(families) + 4) + "|")
+    print(row("holoview, complex64", propagated, cases, families), flush=True)
     for library, (make, methods) in PEERS.items():
         try:
             installed = version(library)
         except PackageNotFoundError:
             print(f"{library} isn't installed")
             continue
-        rows += [row(f"{library} {installed}, {method}", make(method), cases, families) for method in methods]
-    print(f"| program | {' | '.join(counts)} | all ({len(cases)}) | error below 1 % | median error |")
-    print("| --- " * (len(families) + 4) + "|")
-    print("\n".join(rows))
+        for method in methods:
+            print(row(f"{library} {installed}, {method}", make(method), cases, families), flush=True)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
 model       the display as data: `System`, presets, colour schemes, `Plan`; the framework of effects
 effects     imperfections of real displays, one physical cause in each file
 optics      source, modulator, propagation and pupil as torch functions; effects applied to light
+wavefield   complex fields without a modulator: files of other programs, recordings of cameras
 targets     pictures with depth as focal stacks with natural defocus
 engine      the graph of stages of a frame, evaluated by torch and by shaders; incremental rendering
 io          files of holograms, pictures and modulator patterns

@@ -3,6 +3,7 @@
 backend            opens an executor by name; estimates the memory that a simulation takes
 frame              the sequence of stages from the laser to the intensity, independent of the executor
 torch_executor     the reference executor: PyTorch in complex64 or complex128, differentiable
+stage_fields       the complex field at each stage of a frame, by the reference executor
 wgpu_executor      the WebGPU executor: fused kernels, and each stage by itself for comparison with PyTorch
 fused              records the fused kernels of a frame: the hooks with row and column FFTs
 frame_layout       what the kernels store between them: the rows and columns that stops pass

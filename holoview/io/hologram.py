@@ -87,7 +87,15 @@ class Hologram:
 
     @staticmethod
     def of_field(field: Wavefield) -> Hologram:
-        """A field with the bench that shows it. Raises UserError as `bench_of_field` does."""
+        """A field with the bench that shows it.
+
+        field: a `Wavefield`. Raises UserError for a pitch that differs between y and x, and for lengths out of range.
+
+        >>> import holoview as hv, numpy as np
+        >>> field = hv.load_field(np.ones((48, 64), np.complex64), pitch="8 um", wavelengths=["532 nm"]).field()
+        >>> hv.Hologram.of_field(field).system.is_field
+        True
+        """
         return Hologram(lit_field(field), bench_of_field(field))
 
     def field(self) -> Wavefield:

@@ -106,17 +106,16 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     """
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
+    from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
+    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field = reading.wavefield
     if reading.recording is not None:
-        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
-
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
     assert field is not None
-    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
-
     seen, moved = image_field(field, request.propagation)
     notes = (*notes, moved) if moved else notes
     hologram = Hologram.of_field(seen)

@@ -250,7 +250,12 @@ class System(Description):
 
     @property
     def plane_type(self) -> Array:
-        """Field type of the distances of its focal planes, with their range."""
+        """Field type of the distances of its focal planes, with their range.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").plane_type.item.high
+        1.0
+        """
         return FIELD_DISTANCES if self.is_field else PLANE_DISTANCES
 
     @property

@@ -48,14 +48,16 @@ _BLOCK = 1 << 22  # frequencies of which H is computed at a time, so that its fl
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of samples in a plane across the axis.
+    """A rectangle of samples in a plane across the axis, or turned out of it.
 
     shape: rows and columns. pitch_m: distance (y, x) between samples. centre_m: its centre (y, x) beside the axis.
+    tilt_rad: angles by which its y axis and its x axis rise towards +z, as of `holoview.optics.tilted_window`.
     """
 
     shape: tuple[int, int]
     pitch_m: Pair
     centre_m: Pair = (0.0, 0.0)
+    tilt_rad: Pair = (0.0, 0.0)
 
     @property
     def side_m(self) -> Pair:
@@ -188,14 +190,18 @@ class AngularSpectrum:
         squared = [s.square().max() for s in sines]
         if float(sum(squared)) < 1 and not self._fades(float(sum(squared)), [float(s.abs().max()) for s in sines]):
             return whole
-        a = sines[0].square()[:, None] + sines[1].square()[None, :]
+        return whole * self.fading(sines[0][:, None], sines[1][None, :]).to(dtype)
+
+    def fading(self, sine_y: Tensor, sine_x: Tensor) -> Tensor:
+        """T at direction sines that broadcast with each other, float64; 0 for evanescent waves."""
+        a = sine_y.square() + sine_x.square()
         slope = self.distance_m / torch.sqrt((1 - a).clamp_min(torch.finfo(torch.float64).tiny))
         weight = (a < 1).double()
-        for axis, sine in zip(self.axes, (sines[0][:, None], sines[1][None, :]), strict=True):
+        for axis, sine in zip(self.axes, (sine_y, sine_x), strict=True):
             if axis.margin_m > 0:
                 way = (sine * slope - axis.centre_m).abs() - (axis.reach_m + axis.margin_m / 2)
                 weight = weight * (0.5 * torch.erfc(way * (10 / (math.sqrt(2) * axis.margin_m))))
-        return whole * weight.to(dtype)
+        return weight
 
     def _fades(self, squared: float, steepest: list[float]) -> bool:
         """Whether the steepest of some rays leads beyond what the window needs."""

@@ -3,6 +3,7 @@
 plane, gap                  focal plane and gap, with a unit of length
 laser3=off                  the third laser is off
 power3, wavelength3         factor on its power, and its wavelength
+laser2.3=off                the third laser of the second hologram, which isn't opened
 pupil, pupil_x, pupil_y     diameter and place of the eye's pupil
 chromatic                   off: the eye has no chromatic aberration
 exposure, view              how the page shows it: no part of a hologram
@@ -22,7 +23,8 @@ from holoview.model.focus import parse_plane, required_eye
 from holoview.util import units
 from holoview.util.errors import UserError
 
-_PART = re.compile(r"([a-z_]+?)(\d*)=(.*)", re.DOTALL)
+_PART = re.compile(r"([a-z_]+?)([\d.]*)=(.*)", re.DOTALL)
+_OF_ANOTHER = re.compile(r"(?:laser|power|wavelength)\d{1,4}\.\d{1,4}=.*", re.DOTALL)
 _EXPECTED = "for example #plane=9.7mm&gap=2.1mm&laser3=off"
 _SHOWN_ONLY = ("exposure", "view")
 _EYE_KEYS = {"pupil": "pupil", "pupil_x": "pupil_x", "pupil_y": "pupil_y"}
@@ -53,6 +55,8 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
     amplitudes, wavelengths = system.amplitudes.copy(), system.wavelengths_m.copy()
     edits: dict[str, Any] = {}
     for part in filter(None, unquote(state).split("&")):
+        if _OF_ANOTHER.fullmatch(part):
+            continue
         found = _PART.fullmatch(part)
         if found is None:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
@@ -83,7 +87,7 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
 
 def _laser(part: str, number: str, count: int) -> int:
     """The index of a laser from its number in a link."""
-    if not (0 < len(number) < 5 and 1 <= int(number) <= count):
+    if not (0 < len(number) < 5 and number.isdecimal() and 1 <= int(number) <= count):
         raise UserError("link", f'"{part[:40]}"', expected=f"a laser from 1 to {count}")
     return int(number) - 1
 

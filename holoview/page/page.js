@@ -12,12 +12,36 @@ function firstState(bench) {
         plane_m: PAGE.plane_m ?? bench.planes_m[Math.floor(bench.planes_m.length / 2)],
         gap_m: bench.gap_m,
         exposure: 0,
-        lasers: bench.wavelengths_m.map(() => true),
-        powers: bench.wavelengths_m.map(() => 1),
-        wavelengths_m: [...bench.wavelengths_m],
+        ...firstLasers(bench),
         eye: bench.eye && { ...bench.eye },
         view: "hologram 1",
         split: 0.5,
+        others: Object.fromEntries(PAGE.holograms.flatMap((each, i) => (isOwn(i) ? [[i + 1, firstLasers(each.bench)]] : []))),
+    }
+}
+
+const firstLasers = bench => ({
+    lasers: bench.wavelengths_m.map(() => true),
+    powers: bench.wavelengths_m.map(() => 1),
+    wavelengths_m: [...bench.wavelengths_m],
+})
+
+// Whether a hologram has lasers of its own: other wavelengths than the first one.
+const isOwn = index => String(PAGE.holograms[index].bench.wavelengths_m) !== String(PAGE.holograms[0].bench.wavelengths_m)
+
+// The lasers in a state that light a hologram.
+const lasersOf = (state, index) => state.others[index + 1] ?? state
+
+// Rules for lasers: whether a value can be, and what was expected.
+function laserRules(bench) {
+    const isNumber = (value, low, high) => Number.isFinite(value) && value >= low && value <= high
+    const isList = (value, check) => Array.isArray(value) && value.length === bench.wavelengths_m.length && value.every(check)
+    const isFixed = bench.fixed.wavelengths
+    return {
+        lasers: [value => isList(value, each => typeof each === "boolean"), "true or false for each laser"],
+        powers: [value => isList(value, each => isNumber(each, 0, 1e3)), "a factor from 0 to 1000 for each laser"],
+        wavelengths_m: isFixed ? [value => String(value) === String(bench.wavelengths_m), "those of the file: effects or aberrations were computed for them"]
+            : [value => isList(value, each => isNumber(each, 390e-9, 830e-9)), "metres from 390e-9 to 830e-9 for each laser"],
     }
 }
 
@@ -26,27 +50,29 @@ function changed(state, bench, changes) {
     const next = { ...state }
     const refuse = (name, expected) => { throw new Refusal(`${name}: expected ${expected}.`) }
     const isNumber = (value, low, high) => Number.isFinite(value) && value >= low && value <= high
-    const isList = (value, check) => Array.isArray(value) && value.length === bench.wavelengths_m.length && value.every(check)
+    const isObject = value => typeof value === "object" && value !== null
+    const isOther = ([name, lasers]) => state.others[name] && isObject(lasers) &&
+        Object.entries(lasers).every(([key, value]) => laserRules(PAGE.holograms[name - 1].bench)[key]?.[0](value))
     const rules = {
         plane_m: [value => isNumber(value, ...PAGE.plane_range_m), `metres from ${PAGE.plane_range_m.join(" to ")}`],
         gap_m: [value => bench.gap_m !== null && isNumber(value, ...PAGE.gap_range_m), "metres of a gap that this bench can have"],
         exposure: [value => isNumber(value, -20, 20), "stops from −20 to 20"],
-        lasers: [value => isList(value, each => typeof each === "boolean"), "true or false for each laser"],
-        powers: [value => isList(value, each => isNumber(each, 0, 1e3)), "a factor from 0 to 1000 for each laser"],
-        wavelengths_m: [value => isList(value, each => isNumber(each, 390e-9, 830e-9)), "metres from 390e-9 to 830e-9 for each laser"],
+        ...laserRules(bench),
+        others: [value => isObject(value) && Object.entries(value).every(isOther),
+            `lasers, powers or wavelengths_m of holograms with lasers of their own: ${Object.keys(state.others).join(", ") || "none here"}`],
         view: [value => views().includes(value), `one of: ${views().join(", ")}`],
         split: [value => isNumber(value, 0, 1), "a number from 0 to 1"],
-        eye: [value => bench.eye !== null && typeof value === "object" && value !== null, "settings of an eye, which this bench must have"],
+        eye: [value => bench.eye !== null && isObject(value), "settings of an eye, which this bench must have"],
     }
     for (const [name, value] of Object.entries(changes)) {
         if (!rules[name]) refuse(name, `one of ${Object.keys(rules).join(", ")}`)
         if (!rules[name][0](value)) refuse(name, rules[name][1])
         next[name] = name === "eye" ? { ...state.eye, ...value } : Array.isArray(value) ? [...value] : value
+        if (name !== "others") continue
+        next.others = { ...state.others }
+        for (const [i, lasers] of Object.entries(value)) next.others[i] = { ...state.others[i], ...structuredClone(lasers) }
     }
     if (next.eye && !(next.eye.pupil_m >= 0.5e-3 && next.eye.pupil_m <= 12e-3)) refuse("eye.pupil_m", "0.5e-3 to 12e-3")
-    if (bench.fixed.wavelengths && String(next.wavelengths_m) !== String(bench.wavelengths_m)) {
-        refuse("wavelengths_m", "those of the file: effects or aberrations were computed for them")
-    }
     return next
 }
 
@@ -64,9 +90,13 @@ function toHash(state, bench) {
     const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
     if (state.gap_m !== bench.gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
     if (state.exposure) parts.push(`exposure=${state.exposure}`)
-    state.lasers.forEach((on, i) => on || parts.push(`laser${i + 1}=off`))
-    state.powers.forEach((power, i) => power !== 1 && parts.push(`power${i + 1}=${power}`))
-    state.wavelengths_m.forEach((λ, i) => λ !== bench.wavelengths_m[i] && parts.push(`wavelength${i + 1}=${+(λ * 1e9).toPrecision(8)}nm`))
+    const add = (prefix, { lasers, powers, wavelengths_m }, bench) => {
+        lasers.forEach((on, i) => on || parts.push(`laser${prefix}${i + 1}=off`))
+        powers.forEach((power, i) => power !== 1 && parts.push(`power${prefix}${i + 1}=${power}`))
+        wavelengths_m.forEach((λ, i) => λ !== bench.wavelengths_m[i] && parts.push(`wavelength${prefix}${i + 1}=${+(λ * 1e9).toPrecision(8)}nm`))
+    }
+    add("", state, bench)
+    for (const [i, lasers] of Object.entries(state.others)) add(`${i}.`, lasers, PAGE.holograms[i - 1].bench)
     if (state.eye) {
         if (state.eye.pupil_m !== bench.eye.pupil_m) parts.push(`pupil=${+(state.eye.pupil_m * 1e3).toPrecision(6)}mm`)
         for (const axis of ["x", "y"]) {
@@ -81,17 +111,24 @@ function toHash(state, bench) {
 
 function fromHash(hash, state, bench) {
     const changes = {}
-    const list = name => (changes[name] ??= [...state[name]])
+    const list = (name, number) => { // "3" is the third laser, "2.3" that of the second hologram
+        const [laser, hologram] = number.split(".").reverse()
+        const to = hologram ? ((changes.others ??= {})[hologram] ??= {}) : changes
+        const from = hologram ? state.others[hologram] : state
+        if (!from || !(laser >= 1 && laser <= from[name].length)) refuse(`${name.split("_")[0]} ${number}`)
+        to[name] ??= [...from[name]]
+        return { set: value => { to[name][laser - 1] = value } }
+    }
     const eye = () => (changes.eye ??= {})
     for (const part of decodeURIComponent(hash.slice(1)).split("&").filter(Boolean)) {
-        const [, name, number, text] = part.match(/^([a-z_]+?)(\d*)=(.*)$/) ?? refuse(part)
+        const [, name, number, text] = part.match(/^([a-z_]+?)([\d.]*)=(.*)$/) ?? refuse(part)
         const value = text.endsWith("mm") ? parseFloat(text) * 1e-3 : text.endsWith("nm") ? parseFloat(text) * 1e-9 : parseFloat(text)
         if (name === "plane") changes.plane_m = value
         else if (name === "gap") changes.gap_m = value
         else if (name === "exposure") changes.exposure = value
-        else if (name === "laser") list("lasers")[number - 1] = text !== "off"
-        else if (name === "power") list("powers")[number - 1] = value
-        else if (name === "wavelength") list("wavelengths_m")[number - 1] = value
+        else if (name === "laser") list("lasers", number).set(text !== "off")
+        else if (name === "power") list("powers", number).set(value)
+        else if (name === "wavelength") list("wavelengths_m", number).set(value)
         else if (name === "pupil") eye().pupil_m = value
         else if (name === "pupil_x" || name === "pupil_y") eye()[`${name}_m`] = value
         else if (name === "chromatic") eye().chromatic = text !== "off"
@@ -179,16 +216,20 @@ class Viewer {
     stateOf(index) {
         const { bench } = PAGE.holograms[index]
         if (index === 0) return this.state
-        const same = JSON.stringify(bench.wavelengths_m) === JSON.stringify(this.bench.wavelengths_m)
-        const own = same ? {} : firstState(bench)
         const gap_m = bench.gap_m === this.bench.gap_m ? this.state.gap_m : bench.gap_m
         const kept = { plane_m: this.state.plane_m, gap_m, eye: bench.eye && (this.state.eye ?? bench.eye) }
-        return { ...this.state, ...own, ...kept }
+        return { ...this.state, ...lasersOf(this.state, index), ...kept }
     }
 
     shownHolograms() {
         if (this.state.view === "wipe holograms") return [0, 1]
         return this.state.view.startsWith("hologram") ? [Number(this.state.view.split(" ")[1]) - 1] : [0]
+    }
+
+    // The hologram whose lasers the controls show.
+    lasersShown() {
+        const [index] = this.shownHolograms()
+        return isOwn(index) ? index : 0
     }
 
     keep(view, rgba, [height, width], colorSpace) {
@@ -323,10 +364,10 @@ class Viewer {
     note(kind, milliseconds) {
         this.times[kind] = [...this.times[kind].slice(-8), milliseconds]
         const median = times => Math.round([...times].sort((a, b) => a - b)[times.length >> 1])
-        const quick = this.times.quick.length ? `${median(this.times.quick)} ms to its quick image, ` : ""
-        const exact = this.times.exact.length ? `${median(this.times.exact)} ms to its exact one` : "the exact one is computed"
+        const each = [["quick", "a quick image"], ["exact", this.times.quick.length ? "the exact one" : "its image"]]
+        const said = each.filter(([name]) => this.times[name].length).map(([name, text]) => `${median(this.times[name])} ms to ${text}`)
         const device = [this.info.vendor, this.info.architecture, this.info.description].filter(Boolean).join(" ")
-        $("speed").textContent = `From a change: ${quick}${exact} (medians), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
+        $("speed").textContent = `From a change ${said.join(", ")} (medians), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
     }
 }
 
@@ -415,8 +456,28 @@ function connect(viewer) {
 const planeLabel = (bench, plane) => (bench.eye
     ? `${WHOLE_MM(plane)} (${((plane - bench.eye.far_plane_m) / bench.eye.eyepiece_m ** 2).toFixed(2)} D)` : WHOLE_MM(plane))
 
+// Controls for each set of lasers: those of the first hologram, and of others with lasers of their own.
 function connectLasers(viewer, change) {
-    const { bench } = viewer
+    const own = PAGE.holograms.map((_, index) => index).filter(isOwn)
+    const panels = [0, ...own].map(index => [index, laserPanel(viewer, change, index)])
+    return () => {
+        const active = viewer.lasersShown()
+        for (const [index, show] of panels) show(index === active)
+        $("laser-note").textContent = PAGE.holograms[active].bench.fixed.wavelengths
+            ? "Wavelengths are fixed: effects or aberrations of this bench were computed for them." : ""
+        drawSpectrum(viewer)
+    }
+}
+
+// The controls of the lasers of a hologram; returns what shows or hides them.
+function laserPanel(viewer, change, index) {
+    const { bench } = PAGE.holograms[index]
+    const panel = document.createElement("div")
+    $("laser-rows").append(panel)
+    const set = (name, i, value) => {
+        const changes = { [name]: lasersOf(viewer.state, index)[name].map((each, j) => (j === i ? value : each)) }
+        change(index === 0 ? changes : { others: { [index + 1]: changes } })
+    }
     const rows = bench.wavelengths_m.map((λ, i) => {
         const row = document.createElement("div")
         row.className = "laser"
@@ -433,22 +494,21 @@ function connectLasers(viewer, change) {
         const [powerInput, powerText] = range(power, "Power", 0, 2, 0.01)
         const [waveInput, waveText] = range(wavelength, "Wavelength", Math.max(λ * 1e9 - 30, 390), Math.min(λ * 1e9 + 30, 830), 0.1)
         waveInput.disabled = bench.fixed.wavelengths
-        const list = (name, value) => viewer.state[name].map((each, j) => (j === i ? value : each))
-        on.addEventListener("change", () => change({ lasers: list("lasers", on.checked) }))
-        powerInput.addEventListener("input", () => change({ powers: list("powers", Number(powerInput.value)) }))
+        on.addEventListener("change", () => set("lasers", i, on.checked))
+        powerInput.addEventListener("input", () => set("powers", i, Number(powerInput.value)))
         waveInput.addEventListener("input", () => {
             const asked = Number(waveInput.value) * 1e-9
-            if (viewer.holograms[0].full.canHold(asked)) change({ wavelengths_m: list("wavelengths_m", asked) })
+            if (viewer.holograms[index].full.canHold(asked)) set("wavelengths_m", i, asked)
             else $("message").textContent = "At this wavelength light passes the stops that the recorded kernels don't compute: move it less."
         })
         row.append(on, swatch, power, wavelength)
-        $("laser-rows").append(row)
+        panel.append(row)
         return { on, swatch, powerInput, powerText, waveInput, waveText }
     })
-    if (bench.fixed.wavelengths) $("laser-note").textContent = "Wavelengths are fixed: effects or aberrations of this bench were computed for them."
-    return () => {
+    return isShown => {
+        panel.hidden = !isShown
+        const { lasers, powers, wavelengths_m } = lasersOf(viewer.state, index)
         rows.forEach((row, i) => {
-            const { lasers, powers, wavelengths_m } = viewer.state
             row.on.checked = lasers[i]
             row.powerInput.value = powers[i]
             row.powerText.textContent = `${Math.round(powers[i] * 100)} %`
@@ -456,7 +516,6 @@ function connectLasers(viewer, change) {
             row.waveText.textContent = `${(wavelengths_m[i] * 1e9).toFixed(1)} nm`
             row.swatch.style.background = colourOf(bench, wavelengths_m[i])
         })
-        drawSpectrum(viewer)
     }
 }
 
@@ -655,10 +714,11 @@ function drawSpectrum(viewer) {
         for (let nm = low; nm <= high; nm += 3) points.push(`${x(nm).toFixed(1)},${(80 - 76 * rows[nm - PAGE.cones.first_nm][cone]).toFixed(1)}`)
         shape(svg, "polyline", { points: points.join(" "), fill: "none", stroke: colour, "stroke-width": 1.5 })
     })
-    viewer.state.wavelengths_m.forEach((λ, i) => {
+    const { lasers, powers, wavelengths_m } = lasersOf(viewer.state, viewer.lasersShown())
+    wavelengths_m.forEach((λ, i) => {
         const at = x(λ * 1e9).toFixed(1)
-        const on = viewer.state.lasers[i] && viewer.state.powers[i] > 0
-        shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(viewer.state.powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
+        const on = lasers[i] && powers[i] > 0
+        shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
     })
     for (const nm of [400, 500, 600, 700]) {
         const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })

@@ -5,7 +5,7 @@ reading     anyone's hologram from its file: a field, or a camera's recording
 request     what a user knows of a file and wants from it
 readers     one module for each file format; other packages can add their own
 interpret   what the arrays of a file mean: axes, quantities, scales, pitch, wavelengths
-imaging     recordings demodulated, and far images brought near, for a bench to show
+imaging     far images brought near, for a bench to show
 field_bench the bench that shows a field
 field_file  holoview's own file of a field
 exchange    fields from other running programs: a listener on this machine and `push`

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from holoview.optics.free_space import AngularSpectrum, Window, first_order_window, fresnel_propagate
+from holoview.optics.tilted_window import tilted_propagate
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.wavefield.wavefield import Wavefield
@@ -63,13 +64,15 @@ def choose_method(
     - without a window, "asm" up to |z| = 2·N·dx²/λ along the shorter side and at the longest wavelength, and "fresnel"
       beyond. Up to there the steepest light that the samples hold moves sideways by no more than the field's own side,
       and its own window shows the image. Further away the first order, λz/dx, is wider than two fields;
-    - with a window, "asm" unless its grid has more than four times the samples of the field and the window together.
+    - with a window, "asm" unless its grid has more than four times the samples of the field and the window together;
+      for a tilted window always.
 
     "asm" shows the field's own window. "fresnel" and "fourier" show one first order of the shortest wavelength, which
     is the window that one FFT fills. Within half the field's side of its edge it also holds light of the next order.
 
     Raises UserError for an unknown method, for "fresnel" so near that the first order is narrower than the field (where
-    the chirp would alias), for "asm" of a field that has to be lit by a spherical wave, and for "fourier" at z = 0.
+    the chirp would alias), for "asm" of a field that has to be lit by a spherical wave, for "fourier" at z = 0, and for
+    a tilted window by another method than "asm".
     """
     methods = get_args(Method)
     if method not in methods:
@@ -78,6 +81,12 @@ def choose_method(
     if not math.isfinite(distance_m):
         raise UserError("distance", f"{distance_m:g} m", expected="a finite length")
     reason = "asked for"
+    if window is not None and window.tilt_rad != (0.0, 0.0):
+        if method in ("fresnel", "fourier") or field.reference_radius_m is not None:
+            raise UserError(
+                "window", f"a tilted one with {method}", expected="asm of a field lit by a plane wave for it"
+            )
+        return MethodChoice("asm", "a tilted window is seen by the angular spectrum alone", window)
     if method == "auto":
         method, reason = _automatic(field, distance_m, window)
     if method == "asm" and field.reference_radius_m is not None:
@@ -101,8 +110,8 @@ def propagate_field(
 ) -> PropagatedField:
     """The field at a distance from its plane, before it where the distance is below 0.
 
-    field: complex amplitude with pitch and wavelengths. distance_m: z. method, window: as of `choose_method`; the
-    window may have any pitch and any place beside the axis.
+    field: complex amplitude with pitch and wavelengths. distance_m: z, of the window's centre. method, window: as of
+    `choose_method`; the window may have any pitch, place beside the axis and tilt.
     values: (frame, wavelength, y, x) complex, computed in place of the field's own, in their precision and with
     gradients.
 
@@ -110,7 +119,8 @@ def propagate_field(
     sample holds is dark: the samples' first order, evanescent waves. Against closed forms of a Gaussian beam, from
     1 mm to 2 m, the error is below 1e-6 of the field (docs/physics.md).
 
-    Raises UserError as `choose_method` does, and for values of another shape.
+    Raises UserError as `choose_method` does, for values of another shape, and for a tilted window that reaches the
+    plane of the field or that light grazes.
 
     >>> import numpy as np
     >>> from holoview.wavefield.propagation import propagate_field
@@ -128,7 +138,9 @@ def propagate_field(
         raise UserError("values", f"{tuple(values.shape)}", expected=f"complex numbers {field.values.shape}")
     planes = []
     for index, wavelength_m in enumerate(float(λ) for λ in field.wavelengths_m):
-        if choice.method == "asm":
+        if choice.window.tilt_rad != (0.0, 0.0):
+            planes.append(tilted_propagate(values[:, index], field.pitch_m, wavelength_m, distance_m, choice.window))
+        elif choice.method == "asm":
             path = AngularSpectrum.make(field.shape, field.pitch_m, wavelength_m, distance_m, choice.window)
             planes.append(path.propagate(values[:, index]))
         else:

@@ -19,7 +19,8 @@ def hologram() -> hv.Hologram:
 
 def test_a_link_changes_the_bench_and_tells_the_plane(hologram: hv.Hologram) -> None:
     state = (
-        "plane=9.7mm&gap=2.1mm&laser3=off&power1=0.5&wavelength8=640nm&pupil=4mm&pupil_x=-1mm&chromatic=off&view=target"
+        "plane=9.7mm&gap=2.1mm&laser3=off&power1=0.5&wavelength8=640nm&laser2.1=off"
+        "&pupil=4mm&pupil_x=-1mm&chromatic=off&view=target"
     )
     shown = shown_by_link(hologram, state)
     system = shown.hologram.system
@@ -48,6 +49,8 @@ def test_an_empty_state_changes_nothing(hologram: hv.Hologram) -> None:
         "laser9=off",
         "laser=off",
         "laser99999=off",
+        "laser1.=off",
+        "laser.1=off",
         "power1=nan",
         "gap=1kg",
         "x=1",

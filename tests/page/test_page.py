@@ -187,6 +187,7 @@ def test_a_link_holds_the_state(browser: Browser, written: Written) -> None:
         ({"lasers": [True]}, "for each laser"),
         ({"gap_m": None}, "gap_m"),
         ({"colour": 1}, "colour: expected one of"),
+        ({"others": {"2": {"lasers": [True]}}}, "others: expected"),
         ({"eye": {"pupil_m": 1e-3}}, "eye"),
     ],
 )
@@ -259,6 +260,27 @@ def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, writ
     assert np.abs(means["wipe target"] - means["hologram 1"])[:, left].mean() < 2
     assert np.abs(means["wipe target"] - means["target"])[:, right].mean() < 2
     assert np.abs(means["target"] - means["hologram 1"]).mean() > 10
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_a_hologram_of_other_wavelengths_has_lasers_of_its_own(
+    browser: Browser, written: Written, tmp_path: Path
+) -> None:
+    system = hv.load("simultaneous").with_(shape=[48, 64])
+    three = hv.Hologram(hv.random_drive(system, seed=6), system)
+    file = export_html(tmp_path / "both.html", {"eight": written.first, "three": three})
+    page = open_page(browser, file)
+    assert page.locator("#lasers .laser:visible").count() == 8
+    set_state(page, view="hologram 2")
+    assert page.locator("#lasers .laser:visible").count() == 3
+    page.locator("#lasers .laser:visible input[type=checkbox]").nth(1).uncheck()
+    page.wait_for_function("() => location.hash.includes('laser2.2=off')")
+    _is_equal(page_pixels(page), three, _laser_off(system, 1), 10e-3)
+    other = open_page(browser, file, page.evaluate("() => location.hash"))
+    assert other.evaluate("() => window.holoview.state.others['2'].lasers") == [True, False, True]
+    set_state(other, view="hologram 1")
+    _is_equal(page_pixels(other), written.first, written.first.system, 10e-3)
     assert browser.close_pages() == []
 
 

@@ -159,6 +159,66 @@ def test_gradients_are_the_adjoint(method: str, distance_m: float) -> None:
     assert complex((u.detach().conj() * u.grad).sum()).real == pytest.approx(product.real.item(), rel=1e-12)
 
 
+# --- tilted windows ---------------------------------------------------------------------------------------------------
+
+
+def _tilted_points(window: Window, distance_m: float) -> np.ndarray:
+    """Positions (rows, columns, 3) of x, y, z, by turning the window about y by β, then about its own x axis by α."""
+    (alpha, beta), (y, x) = window.tilt_rad, window.centre_m
+    along_x = np.array([math.cos(beta), 0.0, math.sin(beta)])
+    normal = np.array([-math.sin(beta), 0.0, math.cos(beta)])
+    along_y = math.cos(alpha) * np.array([0.0, 1.0, 0.0]) + math.sin(alpha) * normal
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * p for n, p in zip(window.shape, window.pitch_m, strict=True))
+    return np.array([x, y, distance_m]) + rows[:, None, None] * along_y + columns[None, :, None] * along_x
+
+
+@pytest.mark.parametrize("distance_m", [0.05, -0.05])
+@pytest.mark.parametrize("tilt_rad", [(0.0, 0.3), (-0.5, 0.0), (0.4, -0.6)], ids=str)
+def test_a_tilted_window_sees_the_direct_sum_at_its_own_points(tilt_rad, distance_m: float) -> None:
+    values, pitch_m = _random_phase(6, (40, 40)), 4e-6
+    window = Window((7, 9), (20e-6, 15e-6), (50e-6, -80e-6), tilt_rad)
+    found = _values(_field(values, (pitch_m, pitch_m)), distance_m, "auto", window)
+    at = (np.arange(40) - 19.5) * pitch_m
+    expected = np.empty(window.shape, complex)
+    sources = values if distance_m > 0 else np.conj(values)  # the way back is the conjugate of the conjugate's way on
+    for index in np.ndindex(*window.shape):
+        x, y, z = _tilted_points(window, distance_m)[index]
+        squared = (x - at[None, :]) ** 2 + (y - at[:, None]) ** 2
+        r = np.sqrt(squared + z * z)
+        path = squared / (r + abs(z)) + abs(z) - abs(distance_m)
+        h = abs(z) / r**2 * (1 / (2 * math.pi * r) - 1j / WAVELENGTH) * np.exp(2j * math.pi * (path / WAVELENGTH % 1))
+        expected[index] = (sources * h).sum() * pitch_m**2
+    assert _error(found, expected if distance_m > 0 else np.conj(expected)) < 1e-5
+
+
+def test_the_gradient_of_a_tilted_window_is_its_adjoint() -> None:
+    rng = np.random.default_rng(7)
+    window = Window((6, 5), (30e-6, 20e-6), tilt_rad=(0.2, 0.3))
+    u, v = (
+        torch.from_numpy(rng.normal(size=(1, 1, *s)) + 1j * rng.normal(size=(1, 1, *s))) for s in ((18, 20), (6, 5))
+    )
+    u.requires_grad_()
+    product = (propagate_field(_field(np.ones((18, 20))), 0.03, "asm", window, values=u).values.conj() * v).sum()
+    product.real.backward()
+    assert u.grad is not None
+    assert complex((u.detach().conj() * u.grad).sum()).real == pytest.approx(product.real.item(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("window", "distance_m", "method"),
+    [
+        (Window((64, 64), (1e-3, 1e-3), tilt_rad=(0.0, 0.5)), 0.01, "auto"),  # reaches the plane of the field
+        (Window((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 1.56)), 0.01, "auto"),  # light grazes it
+        (Window((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 0.5)), 0.2, "fresnel"),
+    ],
+    ids=["too near", "grazed", "fresnel"],
+)
+def test_impossible_tilts_are_refused(window: Window, distance_m: float, method: str) -> None:
+    with pytest.raises(UserError) as error:
+        propagate_field(_field(np.ones((64, 64))), distance_m, method, window)
+    assert error.value.where == "window"
+
+
 # --- spherical reference ----------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,95 @@
+"""A field is a document: opened, focused on either side, saved with its session, and refused what needs a modulator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from holoview.document.archive import SessionArchive, SessionData, read_session
+from holoview.document.editing_session import EditingSession
+from holoview.document.files import FileLoader, read_content
+from holoview.document.focus import focus_at, focus_range_m, look_on_other_side
+from holoview.document.optimisation_job import start_optimisation
+from holoview.render.page_images import phase_turns
+from holoview.util.errors import UserError
+from holoview.wavefield.reading import ReadRequest
+from tests.document.conftest import small_system
+
+REQUEST = ReadRequest(pitch_m=(8e-6, 8e-6), wavelengths_m=(638e-9, 532e-9), distance_m=2e-3)
+
+
+def _values() -> NDArray[np.complex64]:
+    return np.exp(2j * np.pi * np.random.default_rng(0).random((2, 24, 32))).astype(np.complex64)
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Iterator[EditingSession]:
+    """A session of a bench of two modulators, in which the file of a field was opened."""
+    np.save(tmp_path / "field.npy", _values())
+    session = EditingSession(small_system())
+    loader = FileLoader(session, quick=True)
+    loader.apply(read_content(tmp_path / "field.npy", session.system, REQUEST))
+    yield session
+    loader.close()
+    session.close()
+
+
+def test_a_file_of_another_program_takes_the_place_of_the_bench(shown: EditingSession) -> None:
+    assert shown.system.is_field and shown.document.origin == "field field.npy"
+    np.testing.assert_array_equal(shown.drive[0], _values())
+    assert shown.view_settings.plane_m == 2e-3
+    turns = phase_turns(shown.system, shown.drive, 0, 0)
+    np.testing.assert_allclose(np.exp(2j * np.pi * turns), _values()[0], atol=1e-6)
+    shown.undo()
+    assert not shown.system.is_field and shown.drive.dtype == np.float32
+
+
+def test_what_nothing_tells_is_guessed_and_said(tmp_path: Path) -> None:
+    np.save(tmp_path / "field.npy", _values())
+    content = read_content(tmp_path / "field.npy", small_system())
+    assert content.kind == "field" and any("pitch" in note and "guessed" in note for note in content.notes)
+
+
+def test_the_other_side_of_a_field_can_be_focused_at(shown: EditingSession) -> None:
+    low, high = focus_range_m(shown.system)
+    assert (low, high) == pytest.approx((1e-3, 3e-3))
+    focus_at(shown, 2.5e-3)
+    look_on_other_side(shown)
+    assert shown.view_settings.plane_m == -2.5e-3 and focus_range_m(shown.system) == pytest.approx((-3e-3, -1e-3))
+    shown.undo()
+    assert shown.view_settings.plane_m == 2.5e-3
+
+
+def test_a_field_whose_image_lies_in_its_plane_is_looked_at_on_both_sides(shown: EditingSession) -> None:
+    low, high = focus_range_m(shown.system.with_(planes=[0.0]))
+    # the finest detail, a line pair of two samples, walks off by the height of 24 samples over N·dx²/λ
+    assert high == -low == pytest.approx(24 * (8e-6) ** 2 / 638e-9)
+
+
+def test_a_session_with_a_field_comes_back_from_its_archive(shown: EditingSession, tmp_path: Path) -> None:
+    data = SessionData(shown.history, shown.history_position, {"field": shown.document})
+    SessionArchive(tmp_path / "session").write(data, {})
+    again, unreadable = read_session(tmp_path / "session")
+    assert unreadable == []
+    assert again.present.system == shown.system
+    np.testing.assert_array_equal(again.present.drive, shown.drive)
+    assert again.present.drive is again.snapshots["field"].drive  # steps share what is stored once
+
+
+@pytest.mark.parametrize(
+    "changes", [{"wavelengths": ["532 nm"], "amplitudes": [[1.0]]}, {"shape": [12, 12]}, {"frames": 2}]
+)
+def test_the_samples_of_a_field_are_not_made_up(shown: EditingSession, changes: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match="2 wavelengths, 32 x 24 samples"):
+        shown.change("Bench", changes)
+    assert shown.drive.shape == (1, 2, 24, 32)
+
+
+def test_a_field_has_nothing_to_optimise(shown: EditingSession) -> None:
+    with pytest.raises(UserError, match="no patterns"):
+        start_optimisation(shown)
