@@ -11,6 +11,7 @@ import torch
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.output_files import add_output_folder
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.file_writer import make_folder
 from holoview.wavefield.conformance import Case, all_cases, describe_case, write_cases
 from holoview.wavefield.conformance_score import error_of
 from holoview.wavefield.propagation import propagate_field
@@ -32,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Writes the cases, or computes them and prints the errors; 1 if an error is beyond its tolerance."""
     cases = _chosen(args.family)
     if args.output is not None:
+        make_folder(args.output)
         with progress_bar("cases") as progress:
             write_cases(args.output, cases, progress)
         print(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import time
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
@@ -30,7 +31,15 @@ from holoview.commands.arguments import (
     whole,
 )
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
-from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files
+from holoview.commands.output_files import (
+    ResultSaver,
+    add_input,
+    add_output,
+    check_files,
+    check_folder,
+    check_suffix,
+    hold_outputs,
+)
 from holoview.experiment.camera_loop.camera_problem import require_camera_settings
 from holoview.experiment.camera_loop.loop import (
     STEP_RAD,
@@ -54,6 +63,7 @@ from holoview.numerics.structural_similarity import WEIGHTS
 from holoview.numerics.tensors import Region
 from holoview.optimise.checkpoint import IterationState, load_checkpoint
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
+from holoview.optimise.film import FilmJob, optimise_film
 from holoview.optimise.hologram_job import IntermediateFiles, OptimisationResult, RunOptions, optimise_hologram
 from holoview.optimise.memory import require_optimisation_memory
 from holoview.optimise.parallel import (
@@ -65,15 +75,18 @@ from holoview.optimise.parallel import (
 )
 from holoview.optimise.settings import INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
 from holoview.rig import read_rig
+from holoview.targets.film import Film, is_video
 from holoview.targets.light_field import ViewGrid
 from holoview.targets.picture import COLOUR_SPACES
-from holoview.targets.target import Placement
+from holoview.targets.target import Placement, target_for
 from holoview.targets.target_source import TargetFile, TargetSource
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
 from holoview.util.processes import Interruption
 
 _DEFAULTS = Settings()
+_NEXT_ITERATIONS = 20
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
@@ -84,6 +97,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _add_target(parser.add_argument_group("target"))
     _add_objective(parser.add_argument_group("what is sought"))
     _add_running(parser.add_argument_group("running"))
+    _add_result(parser.add_argument_group("result"))
     _add_rig(parser.add_argument_group("camera in the loop"))
 
 
@@ -92,10 +106,13 @@ def run(args: argparse.Namespace) -> int:
     if args.rig is not None:
         return _run_on_rig(args)
     _require_no_rig_options(args)
+    if args.film or is_video(Path(args.target)):
+        return _run_on_film(args)
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
     output = args.output or default_output(system.name, Path(args.target).stem, ".safetensors")
+    check_suffix(output, ".safetensors")
     check_files(args, {"-o": [output], "--resume": [args.resume] if args.resume and not args.checkpoint else []})
     require_optimisation_memory(system)
     eyes = OptimisedEyes.from_text(args.pupils, args.chromatic)
@@ -159,7 +176,15 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "target",
         metavar="TARGET",
         help="a picture (PNG, JPEG, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field (a folder "
-        "with views.toml)",
+        "with views.toml), or a film (MP4 and others): each of its holograms begins with the last one",
+    )
+    group.add_argument("--film", action="store_true", help="the folder TARGET holds the pictures of a film")
+    group.add_argument(
+        "--next-iterations",
+        metavar="N",
+        type=whole(1),
+        default=_NEXT_ITERATIONS,
+        help=f"of each picture of a film after the first ({_NEXT_ITERATIONS})",
     )
     add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(
@@ -267,8 +292,16 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     add_output(
         group, "--preview", metavar="FILE", suffix=".png", help="PNG of the middle plane, rewritten while it runs"
     )
+
+
+def _add_result(group: argparse._ArgumentGroup) -> None:
     add_output(
-        group, "-o", "--output", metavar="FILE", suffix=".safetensors", help="hologram file to write (.safetensors)"
+        group,
+        "-o",
+        "--output",
+        metavar="FILE",
+        suffix="",
+        help="hologram file to write (.safetensors); of a film, a folder",
     )
     group.add_argument(
         "--drive-type",
@@ -431,6 +464,61 @@ def _parse_view_grid(text: str | None, system: System) -> ViewGrid | None:
         raise error.inside("--views: ") from error
 
 
+# --- a film ---
+
+
+_NOT_OF_FILMS = ("depth", "near", "far", "views", "pupils", "start", "checkpoint", "resume", "preview", "score")
+
+
+def _run_on_film(args: argparse.Namespace) -> int:
+    """Writes a hologram for each picture. After Ctrl-C, those that are done are kept; the same command goes on."""
+    job, film, placement = _film_job(args)
+    stacks = (
+        target_for(job.system, picture, placement, args.brightness, saturation=args.saturation).stack
+        for picture in film.pictures()
+    )
+    started = time.monotonic()
+    with deferred_interrupt() as interruption, progress_bar(f"optimising {job.system.name}") as progress:
+        found_db = optimise_film(job, stacks, progress=progress, interruption=interruption, tell=_note)
+    seconds = time.monotonic() - started
+    table = {"folder": str(job.folder), "holograms": len(found_db), "seconds": seconds, "psnr_db": found_db}
+    if args.json:
+        print_json(table)
+    else:
+        mean = f", PSNR {np.mean(found_db):.2f} dB in the mean" if found_db else ""
+        print(f"{job.folder}: {len(found_db)} holograms in {seconds:.1f} s{mean}")
+    if interruption():
+        print_stderr(f"interrupted: what is done is kept in {job.folder}; the same command goes on")
+    return interruption.exit_code
+
+
+def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
+    """The job, its film and where the pictures stand. Raises UserError for options that a film doesn't have."""
+    given = [name for name in _NOT_OF_FILMS if getattr(args, name)]
+    if given or args.sharded or args.chromatic == "ignore":
+        flag = f"--{given[0]}" if given else "--sharded" if args.sharded else "--chromatic"
+        raise UserError(flag, "with a film", expected="a picture as the target, or no such option")
+    if args.output is None:
+        raise UserError("-o", "is missing", expected="a folder for the holograms of the film")
+    system = system_from_args(args)
+    check_files(args)
+    check_folder(args.output)
+    hold_outputs(args, [args.output])
+    require_optimisation_memory(system)
+    film = Film(Path(args.target), args.space)
+    job = FilmJob(
+        system=system,
+        settings=_settings(args, system, PupilPlaces()),
+        next_iterations=args.next_iterations,
+        options=_run_options(args),
+        folder=args.output,
+        count=film.count,
+        as_uint8=args.drive_type == "uint8",
+    )
+    make_folder(args.output)
+    return job, film, Placement(at_m=_parse_length(args, "at"))
+
+
 # --- on a rig ---
 
 
@@ -483,6 +571,7 @@ def _rig_job(args: argparse.Namespace) -> tuple[RigJob, Path]:
         raise UserError("--chromatic/--pupils", "with --rig", expected="no eye: the camera stands in the focal planes")
     warn_of_camera_effects(system)
     output = args.output or default_output(system.name, Path(args.target).stem, ".safetensors")
+    check_suffix(output, ".safetensors")
     checkpoint = args.checkpoint or args.resume or output.with_name(f"{output.stem}.loop.safetensors")
     check_files(args, {"-o": [output], "--checkpoint": [checkpoint]})
     require_optimisation_memory(system)

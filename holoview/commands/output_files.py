@@ -85,7 +85,7 @@ def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] 
     ]
     for argument, path in given:
         if argument.kind in ("folder", "shared folder"):
-            _check_folder(path)
+            check_folder(path)
         elif argument.suffix:
             check_suffix(path, argument.suffix)
     derived = derived or {}
@@ -157,7 +157,7 @@ def check_suffix(path: Path, suffix: str) -> None:
         raise UserError(str(path), "is a folder", expected=f"the name of a {suffix} file to write")
 
 
-def _check_folder(path: Path) -> None:
+def check_folder(path: Path) -> None:
     """Raises UserError unless the folder can be written to, or made in the nearest folder above it that there is."""
     if os.path.lexists(path) and not path.is_dir():
         remedy = "choose another folder"

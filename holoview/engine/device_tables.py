@@ -53,6 +53,7 @@ class DeviceTables:
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
+        self._support_rows: dict[tuple[int, int], bytes] = {}  # of which the support by columns is among the items
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
         self._fill_inputs()
         self.set_plan(plan, inputs)
@@ -89,7 +90,10 @@ class DeviceTables:
         for wavelength in range(count) if wavelengths is None else wavelengths:
             step = self.plan.transfer(relay, wavelength, distance_m)
             propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
-            supports[wavelength] = support_table(step, grid).tobytes()
+            rows = step.support.tobytes()
+            if self._support_rows.get((relay, wavelength)) != rows:  # most edits leave the stops as they are
+                self._support_rows[relay, wavelength] = rows
+                supports[wavelength] = support_table(step, grid).tobytes()
         for name, items in (("propagations", propagations), ("support", supports)):
             self._items[name, relay] = items
             self._fill((name, relay), items)

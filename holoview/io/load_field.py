@@ -113,8 +113,6 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field = reading.wavefield
     if reading.recording is not None:
-        from holoview.wavefield.demodulation import field_of_recording  # scipy and torch: slow, for recordings only
-
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
     assert field is not None

@@ -1,6 +1,8 @@
 """Computer-generated holography: patterns, laser amplitudes and wavelengths for a focal stack, by gradient descent.
 
 hologram_job         a whole optimisation: when it ends, and the checkpoint and preview that it writes
+film                 holograms for the pictures of a film, each from the one before
+kernels              image and gradients of a plane's fields, by torch or compiled by numba
 solve                the optimisation loop, a generator of states
 settings             options of the optimiser; the colour spaces in which image and target are compared
 eyes                 for which eyes a hologram is optimised: places of the pupil, fixed or drawn, chromatic aberration

@@ -16,6 +16,7 @@ from holoview.engine.torch_executor import TorchPropagation
 from holoview.model.plan import Plan
 from holoview.optics.torch_effects import SampledTransmissions
 from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.kernels import Kernels
 from holoview.optimise.level_gradients import LevelSteps
 from holoview.optimise.transfer_functions import TransferFunctions
 
@@ -104,7 +105,7 @@ class _Patterns:
 
 
 def make_forward_model(
-    plan: Plan, *, device: str, double: bool = False, rows_at_a_time: int | None = None
+    plan: Plan, *, device: str, double: bool = False, rows_at_a_time: int | None = None, kernels: Kernels
 ) -> ForwardModel:
     """The model of a plan: an `AutogradModel` if effects change the light of its modulators. Arguments as there."""
     strokes_m = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
@@ -112,4 +113,4 @@ def make_forward_model(
         strokes_m[0] != strokes_m[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
     )
     model = AutogradModel if needs_autograd else ForwardModel
-    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time)
+    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time, kernels=kernels)

@@ -9,7 +9,7 @@ A beam is the light of one laser in one frame from one direction of the source. 
                  FFT's first bins, so that no band is wrapped around zero. The field is placed at the first samples of
                  the padded grid, wherever the plan puts it: propagation is a convolution.
 `BeamGroup`      Beams are computed in groups: few enough numbers for a processor's cache, many enough for a GPU.
-`BeamFields`     Spectra are stored in blocks of columns, each one piece of memory, because transforms along y take one
+`BeamFields`     Spectra are stored in blocks of columns, column after column, because transforms along y take one
                  block after the other. Lines, which are transformed along one axis only, are stored by rows of all
                  beams, because transforms along x take rows.
 """
@@ -186,19 +186,22 @@ class ZeroTails:
         self._local = threading.local()
 
     def buffer(self, like: Tensor, dim: int, length: int) -> Tensor:
-        """A buffer of the shape of `like` but `length` long in an axis, zero beyond the length of `like` there."""
-        shape = list(like.shape)
-        shape[dim] = length
-        key = (tuple(shape), dim, like.shape[dim])
+        """A buffer of the shape of `like` but `length` long in an axis, zero beyond the length of `like` there.
+
+        That axis is the contiguous one: FFTs along it are then the fastest.
+        """
+        shape = list(like.transpose(dim, -1).shape)
+        key = (*shape, dim, length)
         buffers: dict[tuple[object, ...], Tensor] = self._local.__dict__.setdefault("buffers", {})
         if key not in buffers:
-            buffers[key] = torch.zeros(shape, dtype=like.dtype, device=like.device)
+            shape[-1] = length
+            buffers[key] = torch.zeros(shape, dtype=like.dtype, device=like.device).transpose(dim, -1)
         return buffers[key]
 
 
 # --- fields as they are stored ---------------------------------------------------------------------------------------
 
-_ROW_MARGIN = 8  # samples between rows: columns of rows whose length is a power of 2 compete for the same cache lines
+_ROW_MARGIN = 1  # numbers between rows: columns of rows whose length is a power of 2 compete for the same cache lines
 
 
 @dataclass(frozen=True)
@@ -266,8 +269,9 @@ class BeamFields:
 
 
 def make_lines(beams: tuple[int, int], rows: int, frequencies: int, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Lines (laser, source, row, frequency) of zeros."""
-    return torch.zeros(*beams, rows, frequencies + _ROW_MARGIN, dtype=dtype, device=device)[..., :frequencies]
+    """Lines (laser, source, row, frequency) of zeros, stored row after row: those of all beams lie together."""
+    lines = torch.zeros(rows, *beams, frequencies + _ROW_MARGIN, dtype=dtype, device=device)
+    return lines[..., :frequencies].movedim(0, 2)
 
 
 def make_beam_fields(
@@ -281,8 +285,8 @@ def make_beam_fields(
     y, x = axes
 
     def blocks() -> ColumnBlocks:
-        sizes = [(y.last.frequencies, part.stop - part.start) for part in columns]
-        return ColumnBlocks(columns, [plane_lines.new_zeros(*group.shape, *size) for size in sizes])
+        sizes = [(part.stop - part.start, y.last.frequencies) for part in columns]
+        return ColumnBlocks(columns, [plane_lines.new_zeros(*group.shape, *size).mT for size in sizes])
 
     rows, dtype, device = y.last.count, plane_lines.dtype, plane_lines.device
     return BeamFields(

@@ -36,7 +36,6 @@ from typing import TypeVar
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.fourier import PrunedAxis
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import phasor, sum_pool
 from holoview.optimise.beams import (
@@ -53,6 +52,7 @@ from holoview.optimise.beams import (
     slices,
     spectral_axes,
 )
+from holoview.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.optimise.lasers import Laser, lit_lasers
 from holoview.optimise.level_gradients import LevelSteps, secant_gradient
 from holoview.optimise.parallel import ThreadTeam
@@ -82,9 +82,15 @@ class ForwardModel:
     _lines: Tensor
 
     def __init__(
-        self, plan: Plan, *, double: bool = False, device: str = "cpu", rows_at_a_time: int | None = None
+        self,
+        plan: Plan,
+        *,
+        double: bool = False,
+        device: str = "cpu",
+        rows_at_a_time: int | None = None,
+        kernels: Kernels = TORCH_KERNELS,
     ) -> None:
-        self.device = torch.device(device)
+        self.device, self.kernels = torch.device(device), kernels
         self.complex_dtype = torch.complex128 if double else torch.complex64
         self.real_dtype = torch.float64 if double else torch.float32
         self.lasers = lit_lasers(plan)
@@ -299,13 +305,13 @@ class ModulatorLight:
                 fields.spectra.write(columns, spectrum)
             return phasors
         for columns, spectrum in incident:
-            fields.gap_lines[..., columns] = y.gap.inverse(spectrum, -2)
+            fields.gap_lines[..., columns] = y.gap.inverse(spectrum.mT, -1).mT
         for rows, pixel_rows in self._row_blocks(fields):
             field = x.gap.inverse(fields.gap_lines[..., rows, :], -1)
             self._modulate(field, phasors[1][:, pixel_rows])
             fields.plane_lines[..., rows, :] = x.last.forward(field, -1)
         for columns, spectrum in zip(fields.spectra.columns, fields.spectra.blocks, strict=True):
-            spectrum.copy_(y.last.forward(fields.plane_lines[..., columns], -2))
+            spectrum.copy_(y.last.forward(fields.plane_lines[..., columns].mT, -1).mT)
         return phasors
 
     def incident_spectra(self, fields: BeamFields, first_pixels: Tensor) -> Tensor:
@@ -354,10 +360,10 @@ class ModulatorLight:
         lines = x.pixels.forward(self._illuminated(group, first_pixels), -1)
         factors = iter(self.transfer_functions.gap)
         for part, tiles in self.transfer_functions.gap_tiles:
-            spectrum = y.pixels.forward(lines[..., part], -2)
+            spectrum = y.pixels.forward(lines[..., part].mT, -1).mT
             for columns, entries in tiles:
                 factor = next(factors)[group.wavelengths, None]
-                incident = spectrum.new_empty(*group.shape, y.gap.frequencies, columns.stop - columns.start)
+                incident = spectrum.new_empty(*group.shape, columns.stop - columns.start, y.gap.frequencies).mT
                 for rows, row_entries in y.tiles:
                     source = spectrum[..., row_entries, entries]
                     torch.mul(source, factor[..., rows, :], out=incident[..., rows, :])
@@ -376,18 +382,18 @@ class ModulatorLight:
         lines = fields.plane_lines.new_empty(*group.shape, y.pixels.count, x.pixels.frequencies)
         factors = iter(self.transfer_functions.gap)
         for part, tiles in self.transfer_functions.gap_tiles:
-            folded = lines.new_zeros(*group.shape, y.pixels.frequencies, part.stop - part.start)
+            folded = lines.new_zeros(*group.shape, part.stop - part.start, y.pixels.frequencies).mT
             for columns, entries in tiles:
                 if fields.gap_lines is None:
                     adjoint = fields.adjoint_spectra.read(columns)
                 else:
-                    adjoint = y.gap.inverse_transposed(fields.gap_lines[..., columns], -2)
+                    adjoint = y.gap.inverse_transposed(fields.gap_lines[..., columns].mT, -1).mT
                 if incident_adjoint is not None:
                     incident_adjoint[..., columns] = adjoint
                 product = self._times_pixel_shape(adjoint * next(factors)[group.wavelengths, None], group, columns)
                 for rows, row_entries in y.tiles:
                     folded[..., row_entries, entries] += product[..., rows, :]
-            lines[..., part] = y.pixels.forward_transposed(folded, -2)
+            lines[..., part] = y.pixels.forward_transposed(folded.mT, -1).mT
         return lines
 
     # --- modulator 2 ------------------------------------------------------------------------------------------------
@@ -397,7 +403,7 @@ class ModulatorLight:
         assert fields.gap_lines is not None
         (y, x), lines = self.axes, fields.plane_lines
         for columns, spectrum in zip(fields.adjoint_spectra.columns, fields.adjoint_spectra.blocks, strict=True):
-            lines[..., columns] = y.last.forward_transposed(spectrum, -2)
+            lines[..., columns] = y.last.forward_transposed(spectrum.mT, -1).mT
         products = lines.new_empty(*fields.group.shape, *pixels.shape[1:])
         for rows, pixel_rows in self._row_blocks(fields):
             gap_rows = fields.gap_lines[..., rows, :]
@@ -420,14 +426,6 @@ class ModulatorLight:
         row_bytes = math.prod(fields.group.shape) * self.plan.grid.padded[1] * lines.element_size()
         pixel_rows = slices(lines.shape[-2] // upsample, block_bytes(lines.device) // (row_bytes * upsample))
         return [(slice(p.start * upsample, p.stop * upsample), p) for p in pixel_rows]
-
-
-# From the spectra behind the last modulator to the fields at a focal plane, and back: the part that planes repeat.
-#
-# E = [F⁻¹ H W],  c_W += H·F⁻¹c_E
-#
-# Both ways are a multiplication by H, an FFT along y in blocks of columns, and one along x in blocks of rows. The band
-# lies at the first bins of the FFT, so that the zeros that it is padded with lie behind it.
 
 
 class PlanePropagation:
@@ -455,31 +453,26 @@ class PlanePropagation:
 
     def carry_back(self, fields: BeamFields, block: int, transfer: Tensor) -> Tensor:
         """Adds a plane's part to a block of columns of c_W. Returns that part without H."""
-        lines = self._padded(fields.plane_lines[..., fields.spectra.columns[block]], -2, self._y)
-        adjoint = _inverse_fft(lines, -2).narrow(-2, 0, self._y.frequencies)
+        lines = fields.plane_lines[..., fields.spectra.columns[block]]
+        padded = self._zero_tails.buffer(lines, -2, self._y.padded)
+        padded.narrow(-2, 0, self._y.count).copy_(lines)
+        adjoint = _inverse_fft(padded, -2).narrow(-2, 0, self._y.frequencies)
         fields.adjoint_spectra.blocks[block].addcmul_(adjoint, transfer)
         return adjoint
 
     def process_rows(self, lines: Tensor, process: Callable[[Tensor], Result], *, carry_back: bool) -> Result:
         """Calls a function with the fields of lines (laser, source, row, k_x); carry_back: back to lines again."""
-        padded = lines
+        rows = lines.movedim(2, 0)  # as they are stored
+        padded = rows
         if self._x.frequencies < self._x.padded:
-            padded = self._zero_tails.buffer(lines, -1, self._x.padded)
-            padded.narrow(-1, 0, self._x.frequencies).copy_(lines)
+            padded = self._zero_tails.buffer(rows, -1, self._x.padded)
+            padded.narrow(-1, 0, self._x.frequencies).copy_(rows)
         whole = _inverse_fft(padded, -1)
-        result = process(whole.narrow(-1, 0, self._x.count))
+        result = process(whole.narrow(-1, 0, self._x.count).movedim(0, 2))
         if carry_back:
             whole.narrow(-1, self._x.count, self._x.padded - self._x.count).zero_()
-            lines.copy_(_inverse_fft(whole, -1).narrow(-1, 0, self._x.frequencies))
+            rows.copy_(_inverse_fft(whole, -1).narrow(-1, 0, self._x.frequencies))
         return result
-
-    def _padded(self, lines: Tensor, dim: int, axis: PrunedAxis) -> Tensor:
-        """Lines of samples with zeros behind them."""
-        if axis.count == axis.padded:
-            return lines
-        padded = self._zero_tails.buffer(lines, dim, axis.padded)
-        padded.narrow(dim, 0, axis.count).copy_(lines)
-        return padded
 
 
 def _inverse_fft(values: Tensor, dim: int) -> Tensor:

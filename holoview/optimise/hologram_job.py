@@ -22,6 +22,7 @@ from holoview.io.pictures import write_png
 from holoview.model.system import System
 from holoview.optimise.checkpoint import Checkpoint, IterationState
 from holoview.optimise.eyes import StacksAt
+from holoview.optimise.kernels import will_compile
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import Settings
@@ -102,6 +103,8 @@ def optimise_hologram(
     interruption = interruption or Interruption()
     start = None if options.initial_hologram is None else options.initial_hologram.drive
     files = IntermediateFiles(options, tell)
+    if will_compile(options.device):
+        tell("compiling the optimiser for this processor, once: some seconds")
     state: IterationState | None = None
     for state in iterate(
         options.simulated(system), stack, settings, start, options.resume, device=options.device, team=process_group

@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 from holoview.model.plan import Plan
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
 from holoview.numerics.tensors import Region, region_slices, zero_outside
+from holoview.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import LossSpace, Settings, find_loss_space
 from holoview.util.errors import UserError
@@ -68,9 +69,11 @@ class Objective:
         rows, columns = target.shape[-2:]
         self.region_slices = region_slices(region or (0, 0, columns, rows))
         matrix = loss.to_rgb
-        self._is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
-        self._to_rgb = None if matrix is None or self._is_linear_srgb else torch.as_tensor(matrix).to(target)
-        self._set_target(target)
+        is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
+        self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
+        # squared errors of the channels that the PSNR is defined on
+        self._is_plain = self._to_rgb is None and not loss.is_encoded and loss.structure_weight == 0
+        self.target = target
 
     def set_stack(self, stack: NDArray[np.floating]) -> None:
         """Changes to another focal stack (plane, y, x, 3) in linear sRGB, of the same shape.
@@ -79,14 +82,9 @@ class Objective:
         """
         planes, _, rows, columns = self.target.shape
         _check_stack(stack, (planes, rows, columns, 3))
-        self._set_target(_target_channels(self.loss, stack).to(self.target))
+        self.target = _target_channels(self.loss, stack).to(self.target)
 
-    def _set_target(self, target: Tensor) -> None:
-        self.target = target
-        low, high = torch.aminmax(target)
-        self._target_needs_no_clipping = bool(low >= 0 and high <= 1) and self._is_linear_srgb
-
-    def evaluate_rows(self, plane: int, rows: slice, image: Tensor) -> ResidualSums:
+    def evaluate_rows(self, plane: int, rows: slice, image: Tensor, kernels: Kernels = TORCH_KERNELS) -> ResidualSums:
         """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.
 
         A structural loss takes all rows at once (`needs_whole_planes`).
@@ -97,6 +95,15 @@ class Objective:
             return ResidualSums(image.new_zeros(()), image.new_zeros(()))
         inside, inside_target = cut
         cropped, target = image[inside], self.target[plane][inside_target]
+        if self._is_plain:
+            norms = kernels.replace_by_residual(cropped, target, 2 * self._sample_weight(plane))
+        else:
+            norms = self._replace_by_slopes(plane, cropped, target)
+        zero_outside(image, *inside[1:])
+        return ResidualSums(*norms)
+
+    def _replace_by_slopes(self, plane: int, cropped: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
+        """Replaces an image by ∂L/∂image, for losses of any kind; the norms of `ResidualSums`."""
         error_norm = self._error_norm(cropped, target)
         derivative = torch_srgb_encode_derivative(cropped) if self.loss.is_encoded else None
         if self.loss.is_encoded:
@@ -110,8 +117,7 @@ class Objective:
             cropped.add_(structure.slopes, alpha=self._sample_weight(plane))
         if derivative is not None:
             cropped.mul_(derivative)
-        zero_outside(image, *inside[1:])
-        return ResidualSums(residual_norm, error_norm)
+        return residual_norm, error_norm
 
     @property
     def needs_whole_planes(self) -> bool:
@@ -158,8 +164,7 @@ class Objective:
         """The norm of the difference of images in linear sRGB, or of the only channel, clipped to 0…1."""
         if self._to_rgb is not None:
             image, target = (torch.einsum("rc,cyx->ryx", self._to_rgb, t) for t in (image, target))
-        error = image.clamp(0, 1).sub_(target if self._target_needs_no_clipping else target.clamp(0, 1))
-        return torch.linalg.vector_norm(error)
+        return torch.linalg.vector_norm(image.clamp(0, 1).sub_(target.clamp(0, 1)))
 
 
 @dataclass(frozen=True)
@@ -247,13 +252,6 @@ def _checked_region(settings: Settings, shape: tuple[int, int], loss: LossSpace)
     return settings.region
 
 
-# Rows of a focal plane: from the fields of all beams to the image, its loss, and back to the fields' gradients.
-#
-# Everything that an evaluation does with the samples of a plane happens here, in one pass over a block of rows: the
-# squares of the fields, the mixture of lasers to colours, the loss and its slope, and the mixture back to lasers. Real
-# and imaginary parts stay interleaved, so that each step is one over consecutive numbers.
-
-
 # --- the curve of encoded sRGB ---------------------------------------------------------------------------------------
 
 _SRGB_KNEE, _SRGB_SLOPE = 0.0031308, 12.92  # IEC 61966-2-1
@@ -291,9 +289,8 @@ class RowResult:
 class RowEvaluation:
     """Evaluates blocks of rows of planes: fields of all beams, image, loss, and the gradients of the fields.
 
-    All operations on the samples of a plane happen here, in one pass over a block of rows: the squares of the fields,
-    the mixture of lasers to colours, the loss and its slope, and the mixture back to lasers. Real and imaginary parts
-    stay interleaved, so that each step is one over consecutive numbers. To be called by
+    All operations on the samples of a plane happen here, while a block of rows is in the cache: the squares of the
+    fields, the mixture of lasers to colours, the loss and its slope, and the mixture back to lasers. To be called by
     `ForwardModel.process_planes`; threads may share it.
 
     weights (own laser, channel): what a laser's unit intensity adds to the image. least_squares: None if amplitudes
@@ -304,6 +301,7 @@ class RowEvaluation:
     group: ProcessGroup
     weights: Tensor
     least_squares: AmplitudeLeastSquares | None
+    kernels: Kernels
     needs_gradient: bool
     needs_image_products: bool
     picture: Tensor
@@ -311,26 +309,23 @@ class RowEvaluation:
 
     def __call__(self, plane: int, rows: slice, fields: Tensor) -> RowResult:
         """The result of rows of a plane. fields (laser, source, row, x): E, replaced by c_E if a gradient is needed."""
-        parts = torch.view_as_real(fields)
-        squares = parts.new_empty(parts.shape)
-        torch.mul(parts, parts, out=squares)
         beam_weights = beam_weights_of(self.weights, fields.shape[1])
-        image = _pair_sums((beam_weights.T @ squares.flatten(0, 1).flatten(1)).view(-1, *parts.shape[2:]))
+        image = self.kernels.mix(fields, beam_weights)
         self.group.all_reduce_sum(image)
         if plane == self.pictured_plane:
             self.picture[:, rows] = image
         intensity = None
         if self.least_squares is not None or self.needs_image_products:
-            intensity = _pair_sums(squares.mean(dim=1) if fields.shape[1] > 1 else squares[:, 0])
+            intensity = _mean_intensity(fields)
         normal_equations = None
         if self.least_squares is not None and intensity is not None:
             normal_equations = self._normal_equations(plane, rows, intensity, self.least_squares)
-        sums = self.objective.evaluate_rows(plane, rows, image)  # image is now ∂L/∂image
+        sums = self.objective.evaluate_rows(plane, rows, image, self.kernels)  # image is now ∂L/∂image
         products = None
         if self.needs_image_products and intensity is not None:
             products = (image.flatten(1) @ intensity.flatten(1).T).double().cpu()
         if self.needs_gradient:
-            replace_by_adjoint(fields, beam_weights, image, squares)
+            self.kernels.replace_by_adjoint(fields, beam_weights, image)
         return RowResult(sums, normal_equations, products)
 
     def _normal_equations(
@@ -348,20 +343,11 @@ def beam_weights_of(weights: Tensor, sources: int) -> Tensor:
     return weights.repeat_interleave(sources, dim=0) / sources
 
 
-def replace_by_adjoint(fields: Tensor, beam_weights: Tensor, slopes: Tensor, scratch: Tensor) -> None:
-    """Replaces fields E (laser, source, row, x) by c_E = 2·g·conj(E), with g the slopes weighted for each beam.
-
-    slopes (channel, row, x): ∂L/∂image. scratch: of the shape of the fields' real and imaginary parts, overwritten.
-    """
-    # g·(1 − i): pairs (g, −g) for the real and the imaginary part of conj(E)
-    pairs = torch.view_as_real(slopes.to(fields.dtype).mul_(1 - 1j)).flatten(1)
-    torch.mm(2 * beam_weights, pairs, out=scratch.view(len(beam_weights), -1))
-    torch.view_as_real(fields).mul_(scratch)
-
-
-def _pair_sums(values: Tensor) -> Tensor:
-    """Sums of the pairs in the last axis."""
-    return values[..., 0] + values[..., 1]
+def _mean_intensity(fields: Tensor) -> Tensor:
+    """|E|² (laser, row, x) of fields (laser, source, row, x), mean over sources."""
+    squares = torch.view_as_real(fields).square()
+    mean = squares.mean(dim=1) if fields.shape[1] > 1 else squares[:, 0]
+    return mean[..., 0] + mean[..., 1]
 
 
 # --- laser amplitudes in closed form ---------------------------------------------------------------------------------

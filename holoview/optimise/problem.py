@@ -18,6 +18,7 @@ from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.eyes import Places
 from holoview.optimise.forward_model import ProcessRows
+from holoview.optimise.kernels import Kernels, choose_kernels
 from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, require_optimisation_memory
@@ -89,7 +90,7 @@ class Problem:
 
     In a process group this process's model has only its own lasers, but `evaluate` returns the results of all.
     lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32. places_m: places of
-    the eye's pupil, those of the settings when None.
+    the eye's pupil, those of the settings when None. kernels: the fastest on this machine when None.
     Raises UserError for a target or settings that don't fit the system, and when memory is too small.
     """
 
@@ -103,7 +104,10 @@ class Problem:
         *,
         double: bool = False,
         places_m: Places | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
+        if system.is_field:
+            raise UserError("modulators", "a field", expected="modulators, whose patterns are optimised")
         self.system, self.settings, self.group = system, settings, group
         free_wavelengths = "wavelengths" in settings.free
         self._places_m = settings.pupil_places_m if places_m is None else places_m
@@ -130,7 +134,13 @@ class Problem:
             rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
             if whole_planes:
                 rows_at_a_time = plan.grid.shape[0]
-            self.model = make_forward_model(plan, device=device, double=double, rows_at_a_time=rows_at_a_time)
+            self.model = make_forward_model(
+                plan,
+                device=device,
+                double=double,
+                rows_at_a_time=rows_at_a_time,
+                kernels=choose_kernels(device) if kernels is None else kernels,
+            )
             self._middle_image = torch.empty_like(self.objective.target[0])
             self.eyebox = EyeboxPenalty(self.model)
             self._transmittance_cache: dict[int, tuple[float, float]] = {}
@@ -203,6 +213,7 @@ class Problem:
             group=self.group,
             weights=weights,
             least_squares=least_squares,
+            kernels=self.model.kernels,
             needs_gradient=request.path_gradient,
             needs_image_products=request.path_gradient and request.needs_image_products,
             picture=self._middle_image,

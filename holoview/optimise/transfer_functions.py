@@ -70,7 +70,9 @@ class TransferFunctions:
             self.pixel_shapes = None
 
     def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
-        return [torch.empty(*sizes, c.stop - c.start, dtype=self.dtype, device=self.device) for c in columns]
+        *outer, rows = sizes
+        shapes = [(*outer, part.stop - part.start, rows) for part in columns]
+        return [torch.empty(shape, dtype=self.dtype, device=self.device).mT for shape in shapes]
 
     def set_eyes(self, plan: Plan) -> None:
         """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`).

@@ -8,5 +8,6 @@ light_field    views from a grid of viewpoints, also from a folder, and what a p
 moving_pupil   a picture from any place of the pupil, blurred once and then moved; targets of a bench whose eye moves
 picture        a picture or a depth map as linear light of sRGB primaries, its saturation, and resizing to the grid
 image_reader   decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes
+film           the pictures of a video file, or of a folder
 target_source  a target file, read once and built for any planes and places of the pupil
 """

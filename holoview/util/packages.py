@@ -22,6 +22,7 @@ EXTRAS = {
     "imagecodecs": "images",
     "imageio": "export",
     "matplotlib": "plots",
+    "numba": "fast",
     "pycvvdp": "perceptual",
     "pymmcore_plus": "rig",
     "serial": "rig",

@@ -49,11 +49,18 @@ def holoview(
 
 
 @pytest.fixture
-def interrupted(tmp_path: Path) -> Callable[..., Outcome]:
-    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so, then SIGINT."""
+def interrupted(tmp_path: Path, pytestconfig: pytest.Config) -> Callable[..., Outcome]:
+    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so, then SIGINT.
+
+    Its seeds are those of this process, which may go on with what it began.
+    """
+    number, seeds = pytestconfig.getoption("reseed"), ""
+    if number:
+        seeds = f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); "
+        seeds += f"from tests.randomness import SeedMover; SeedMover({number}).install(); "
 
     def run(line: str, *arguments: object, number: int = signal.SIGINT) -> Outcome:
-        command = [sys.executable, "-c", PROGRAM, *(str(argument) for argument in arguments)]
+        command = [sys.executable, "-c", seeds + PROGRAM, *(str(argument) for argument in arguments)]
         pipe = subprocess.PIPE
         with child_process(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
             assert process.stderr is not None

@@ -119,12 +119,13 @@ def test_a_periodic_grid_has_no_band_limit() -> None:
 def test_where_the_band_limit_cuts_the_first_order_eightfold_padding_shows_another_picture(
     plane: str, is_kept: bool
 ) -> None:
-    """Against 8-fold padding, which cuts nothing here: measured 0.9 %, 19 % and 30 %; the rest of a kept limit is from
-    the tails of the kernel, which fall with the number of frequencies."""
+    """Against 8-fold padding, which cuts nothing here: 0.86 ± 0.03 %, 19 ± 1.5 % and 35 ± 6 % (10 seeds); the rest of a
+    kept limit is from the tails of the kernel, which fall with the number of frequencies. A tenth is 6 σ below 19 %;
+    the 35 % are skew, and the least of ten was 27 %."""
     system = _bench(planes=[plane])
     assert _is_kept(BAND_LIMIT, system) == is_kept
     error = _error(system, system.with_(padding=8))
-    assert error < 0.05 if is_kept else error > 0.16
+    assert error < 0.05 if is_kept else error > 0.1
 
 
 def test_the_band_limit_is_stated_in_half_widths_of_the_first_order() -> None:

@@ -199,4 +199,5 @@ def test_contrast_by_pupil_is_drawn_and_a_hologram_may_get_an_eye(
     ],
 )
 def test_wrong_pupils_are_refused(refused: Refused, arguments: tuple[str, ...], complaint: str) -> None:
+    Image.new("L", (16, 16)).save("picture.png")
     assert complaint in refused("contrast", *arguments)

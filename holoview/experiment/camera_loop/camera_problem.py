@@ -48,6 +48,7 @@ from holoview.model.system import System
 from holoview.numerics.subpixel_shift import interpolation_weights
 from holoview.numerics.tensors import Region, region_slices
 from holoview.optimise.forward_model import ProcessRows
+from holoview.optimise.kernels import TORCH_KERNELS
 from holoview.optimise.objective import (
     AmplitudeLeastSquares,
     NormalEquations,
@@ -55,7 +56,6 @@ from holoview.optimise.objective import (
     ResidualSums,
     RowResult,
     beam_weights_of,
-    replace_by_adjoint,
 )
 from holoview.optimise.problem import EvaluationRequest, Floats, Problem
 from holoview.optimise.settings import Settings
@@ -124,7 +124,7 @@ class RecordedEvaluation:
             _give_measured_amplitude(fields, recorded)
             slopes = recorded.view.transposed(image)
             beam_weights = beam_weights_of(self.weights, fields.shape[1])
-            replace_by_adjoint(fields, beam_weights, slopes, torch.empty_like(torch.view_as_real(fields)))
+            TORCH_KERNELS.replace_by_adjoint(fields, beam_weights, slopes)
         return RowResult(sums, self._normal_equations(intensity, target, usable), products)
 
     def _normal_equations(self, intensity: Tensor, target: Tensor, usable: Tensor) -> NormalEquations | None:

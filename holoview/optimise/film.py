@@ -1,0 +1,108 @@
+"""Holograms for the pictures of a film: each begins with the patterns and amplitudes of the one before.
+
+Neighbouring pictures are alike, so that a hologram needs fewer iterations after the first one. A hologram begins with
+what the last file holds, whether this run wrote it or one before: a run that goes on makes the same files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.model.system import System
+from holoview.optimise.hologram_job import RunOptions, optimise_hologram
+from holoview.optimise.settings import Settings
+from holoview.util.errors import UserError
+from holoview.util.processes import Interruption
+from holoview.util.progress import ProgressCallback, TextCallback
+
+_LEAST_AMPLITUDE = 1e-6  # of the brightest laser: a laser that the last picture didn't need may be needed now
+
+
+@dataclass(frozen=True)
+class FilmJob:
+    """What to make of a film.
+
+    settings: of the first hologram. next_iterations: of each hologram after it. folder: where to write the files
+    00000.safetensors, … count: number of pictures, 0 if unknown. as_uint8: store patterns as bytes.
+    """
+
+    system: System
+    settings: Settings
+    next_iterations: int
+    options: RunOptions
+    folder: Path
+    count: int = 0
+    as_uint8: bool = False
+
+    def __post_init__(self) -> None:
+        if self.next_iterations < 1:
+            raise UserError("--next-iterations", str(self.next_iterations), expected="at least 1")
+
+    def file(self, number: int) -> Path:
+        """The hologram of a picture, counted from 0."""
+        return self.folder / f"{number:05d}.safetensors"
+
+
+def optimise_film(
+    job: FilmJob,
+    stacks: Iterable[NDArray[np.float32]],
+    *,
+    progress: ProgressCallback,
+    interruption: Interruption,
+    tell: TextCallback,
+) -> list[float]:
+    """Writes a hologram for each focal stack (plane, y, x, 3); returns the PSNR (dB) of those that it optimised.
+
+    Holograms that are in the folder already are kept. An interruption ends it after an iteration, without the hologram
+    that was being optimised. Raises UserError for a hologram in the folder that is of another bench.
+    """
+    found_db: list[float] = []
+    last: Hologram | None = None
+    for number, stack in enumerate(stacks):
+        path = job.file(number)
+        if path.exists():
+            last = _of_same_bench(path, job.system)
+            continue
+        note = "" if not found_db else f"PSNR {found_db[-1]:.2f} dB"
+        progress(number, max(job.count, number + 1), note)
+        result = optimise_hologram(
+            job.system if last is None else _with_amplitudes_of(job.system, last),
+            stack,
+            job.settings if last is None else replace(job.settings, iterations=job.next_iterations),
+            replace(job.options, initial_hologram=last),
+            interruption=interruption,
+            tell=tell,
+        )
+        if interruption():
+            return found_db
+        hologram = Hologram(result.hologram.drive, job.system.edit({"amplitudes": result.hologram.system.amplitudes}))
+        hologram.save(path, as_uint8=job.as_uint8)
+        last = load_hologram(path)
+        found_db.append(result.state.best_psnr_db)
+        progress(number + 1, max(job.count, number + 1), f"PSNR {found_db[-1]:.2f} dB")
+    return found_db
+
+
+def _with_amplitudes_of(system: System, last: Hologram) -> System:
+    """The system with the amplitudes of a hologram; lasers that are on in the system stay on."""
+    amplitudes = np.asarray(last.system.amplitudes)
+    least = _LEAST_AMPLITUDE * amplitudes.max()
+    return system.edit({"amplitudes": np.where(system.amplitudes > 0, np.maximum(amplitudes, least), 0.0)})
+
+
+def _of_same_bench(path: Path, system: System) -> Hologram:
+    hologram = load_hologram(path)
+    if hologram.system.edit({"amplitudes": system.amplitudes}) != system:
+        raise UserError(
+            str(path),
+            "is a hologram of another bench",
+            expected=f"none, or those of an earlier run for {system.name}",
+            remedy="choose another folder",
+        )
+    return hologram

@@ -1,0 +1,189 @@
+"""Compiled kernels against those of torch; which of them is chosen, and what is remembered of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optimise import kernels as module
+from holoview.optimise.kernels import TORCH_KERNELS, CompiledKernels, choose_kernels, will_compile
+from holoview.optimise.problem import EvaluationRequest, Problem
+from holoview.optimise.settings import LOSS_SPACES, Settings
+
+pytest.importorskip("numba")
+
+Bench = Callable[..., System]
+Noise = Callable[..., torch.Tensor]
+UNIT = 2.0**-53
+"""Rounding of one operation in float64."""
+LASERS, SOURCES, ROWS, SAMPLES = 3, 2, 5, 37
+
+
+@pytest.fixture(scope="module")
+def compiled() -> CompiledKernels:
+    return CompiledKernels()
+
+
+def _fields(noise: Noise, layout: str) -> torch.Tensor:
+    """Fields (laser, source, row, x) with rows of other lengths than `SAMPLES`, as a padded FFT leaves them."""
+    order = {"beam by beam": (LASERS, SOURCES, ROWS), "row by row": (ROWS, LASERS, SOURCES)}[layout]
+    real, imaginary = (noise(seed, *order, SAMPLES + 6) - 0.5 for seed in (0, 1))
+    fields = torch.complex(real, imaginary)[..., :SAMPLES]
+    return fields if layout == "beam by beam" else fields.movedim(0, 2)
+
+
+LAYOUTS = pytest.mark.parametrize("layout", ["beam by beam", "row by row"])
+CHANNELS = pytest.mark.parametrize("channels", [1, 3])
+
+
+@LAYOUTS
+@CHANNELS
+def test_images_are_equal_to_rounding(layout: str, channels: int, noise: Noise, compiled: CompiledKernels) -> None:
+    fields, weights = _fields(noise, layout), noise(2, LASERS * SOURCES, channels) - 0.3
+    expected = TORCH_KERNELS.mix(fields, weights)
+    power = fields.abs().square().flatten(0, 1)
+    # Each of n terms is rounded by its square, its sum and its weight, and by n sums: in both, in any order.
+    count = LASERS * SOURCES
+    bound = 2 * (count + 4) * UNIT * torch.einsum("bc,byx->cyx", weights.abs(), power)
+    assert bool(((compiled.mix(fields, weights) - expected).abs() <= bound).all())
+
+
+@LAYOUTS
+@CHANNELS
+def test_gradients_are_equal_to_rounding_and_nothing_else_is_written(
+    layout: str, channels: int, noise: Noise, compiled: CompiledKernels
+) -> None:
+    weights, slopes = noise(2, LASERS * SOURCES, channels) - 0.3, noise(3, channels, ROWS, SAMPLES) - 0.5
+    before, found, expected = (_fields(noise, layout) for _ in range(3))
+    compiled.replace_by_adjoint(found, weights, slopes)
+    TORCH_KERNELS.replace_by_adjoint(expected, weights, slopes)
+    largest = torch.einsum("bc,cyx->byx", 2 * weights.abs(), slopes.abs()).view(LASERS, SOURCES, ROWS, SAMPLES)
+    bound = 2 * (channels + 3) * UNIT * largest * before.abs()
+    assert bool(((found - expected).abs() <= bound).all())
+    torch.testing.assert_close(
+        expected.flatten(0, 1),
+        2 * torch.einsum("bc,cyx->byx", weights, slopes) * before.conj().resolve_conj().flatten(0, 1),
+        rtol=1e-13,
+        atol=1e-15,
+    )
+    beyond, untouched = (f.as_strided((6,), (1,), f[0, 0, 0].storage_offset() + SAMPLES) for f in (found, before))
+    assert torch.equal(beyond, untouched)
+
+
+@CHANNELS
+def test_residuals_are_equal_to_rounding(channels: int, noise: Noise, compiled: CompiledKernels) -> None:
+    """Of a part of an image, as a region cuts it, whose values lie below 0 and above 1 too."""
+    target = (noise(5, channels, ROWS + 3, SAMPLES + 4) * 3 - 1)[:, 1 : ROWS + 1, 2 : SAMPLES + 2]
+    shown = noise(4, channels, ROWS + 2, SAMPLES) * 3 - 1
+    found, expected = shown.clone()[:, :ROWS], shown.clone()[:, :ROWS]
+    norms = compiled.replace_by_residual(found, target, 0.7)
+    expected_norms = TORCH_KERNELS.replace_by_residual(expected, target, 0.7)
+    torch.testing.assert_close(found, 0.7 * (shown[:, :ROWS] - target), rtol=4 * UNIT, atol=4 * UNIT)
+    torch.testing.assert_close(expected, found, rtol=4 * UNIT, atol=4 * UNIT)
+    terms = channels * ROWS * SAMPLES  # of a sum of squares, each of which is rounded
+    for norm, other in zip(norms, expected_norms, strict=True):
+        assert float(norm) == pytest.approx(float(other), rel=(terms + 4) * UNIT)
+
+
+REQUEST = EvaluationRequest(path_gradient=True, optimal_amplitudes=True)
+BENCHES: dict[str, dict[str, Any]] = {
+    "padded": {},
+    "first orders": {"relay1.square": "first order", "relay2.square": "first order"},
+    "sources, two frames": {
+        "source": {"directions": [[0, 0], [0.01, -0.02]]},
+        "amplitudes": [[1.0, 0.5, 0.0], [0.7, 0.9, 1.2]],
+    },
+}
+
+
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("loss", LOSS_SPACES)
+def test_loss_gradient_and_amplitudes_are_those_of_torch(
+    loss: str, name: str, bench: Bench, noise: Noise, compiled: CompiledKernels
+) -> None:
+    system = bench(**BENCHES[name])
+    grid = make_plan(system).grid
+    stack = np.random.default_rng(3).uniform(0.1, 0.6, (len(system.planes_m), *grid.shape, 3))
+    settings = Settings(loss=loss, region=(3, 2, grid.shape[1] - 5, grid.shape[0] - 4))
+    found, expected = (
+        Problem(system, stack, settings, double=True, kernels=kernels).evaluate(
+            noise(0, *system.drive_shape) * 825e-9, np.array(system.amplitudes), REQUEST
+        )
+        for kernels in (compiled, TORCH_KERNELS)
+    )
+    # Sums of some thousand terms in another order: 1e3·2⁻⁵³. The slope of encoded sRGB is at most 12.92 and the
+    # derivatives of structure divide by variances of its windows, from 1e-3 on.
+    near = 1e-12 if not LOSS_SPACES[loss].is_encoded else 1e-9
+    assert found.loss == pytest.approx(expected.loss, rel=near)
+    assert found.path_gradient is not None and expected.path_gradient is not None
+    difference = float((found.path_gradient - expected.path_gradient).norm())
+    assert difference <= near * float(expected.path_gradient.norm())
+    assert found.optimal_amplitudes is not None and expected.optimal_amplitudes is not None
+    np.testing.assert_allclose(found.optimal_amplitudes, expected.optimal_amplitudes, rtol=1e-6, atol=1e-9)
+
+
+# --- the choice ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache folder; nothing is remembered from other tests, nor afterwards."""
+    monkeypatch.setattr(module, "cache_dir", lambda: tmp_path)
+    choose_kernels.cache_clear()
+    yield tmp_path
+    choose_kernels.cache_clear()
+
+
+def test_the_choice_is_measured_once_and_remembered(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(module, "_faster_name", lambda: asked.append("") or "torch")
+    assert will_compile("cpu")
+    assert choose_kernels("cpu") is TORCH_KERNELS
+    choose_kernels.cache_clear()  # as in another process
+    assert choose_kernels("cpu") is TORCH_KERNELS
+    assert len(asked) == 1
+    assert not will_compile("cpu")
+    (path,) = cache_folder.iterdir()
+    assert list(json.loads(path.read_text()).values()) == ["torch"]
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"other machine": "torch"}', "\x00"])
+def test_a_file_that_says_nothing_is_measured_again(
+    content: str, cache_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (cache_folder / module._FILE).write_text(content)
+    monkeypatch.setattr(module, "_faster_name", lambda: "compiled")
+    assert isinstance(choose_kernels("cpu"), CompiledKernels)
+
+
+def test_the_faster_of_both_is_chosen(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for faster, slower in (("torch", "compiled"), ("compiled", "torch")):
+        times = {faster: 1.0, slower: 2.0}
+        monkeypatch.setattr(module, "_seconds_of_block", lambda kernels, times=times: times[kernels.name])
+        assert module._faster_name() == faster
+
+
+def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise RuntimeError("no compiler for this processor")
+
+    monkeypatch.setattr(module, "_compiled", fail)
+    assert choose_kernels("cpu") is TORCH_KERNELS
+    choose_kernels.cache_clear()
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    assert not will_compile("cpu")
+    assert choose_kernels("cpu") is TORCH_KERNELS
+
+
+def test_other_devices_than_the_cpu_compute_by_torch(cache_folder: Path) -> None:
+    assert choose_kernels("cuda:1") is TORCH_KERNELS
+    assert not will_compile("cuda")
+    assert list(cache_folder.iterdir()) == []
