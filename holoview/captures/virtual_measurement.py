@@ -215,6 +215,8 @@ def _planes(system: System, settings: AcquisitionSettings) -> NDArray[np.float64
 def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
     """Raises UserError unless a capture file can hold the bench's nominal geometry."""
     remedy = "use a preset without it; `--effects` can add it as what is really there"
+    if system.is_field:
+        raise UserError("modulators", "a field", expected="modulators, whose patterns are sent", remedy=remedy)
     for name in ("relay1", "relay2"):
         if not has_only_stops(getattr(system, name)):
             expected = "a nominal relay with an iris and a square stop only"

@@ -106,6 +106,8 @@ class Problem:
         places_m: Places | None = None,
         kernels: Kernels | None = None,
     ) -> None:
+        if system.is_field:
+            raise UserError("modulators", "a field", expected="modulators, whose patterns are optimised")
         self.system, self.settings, self.group = system, settings, group
         free_wavelengths = "wavelengths" in settings.free
         self._places_m = settings.pupil_places_m if places_m is None else places_m

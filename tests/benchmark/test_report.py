@@ -28,6 +28,7 @@ from holoview.util.processes import Interruption
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")
 WHEELS = ("wgpu", "cffi", "_cffi_backend", "pycparser", "rich", "markdown_it", "mdurl", "pygments", "tomli_w", "psutil")
+WHEELS += ("safetensors",)
 """What torch brings along, and the modules of the wheels that docs/fast-frame.md names."""
 ARGUMENTS = ("--size", "64x48", "--lasers", "1,2", "--rounds", "1")
 

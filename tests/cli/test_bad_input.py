@@ -187,7 +187,7 @@ OUTPUTS: list[tuple[list[str], list[str]]] = [
     ([*OPTIMISE, "colour.png", "-o", "nowhere/h.safetensors"], ["the folder nowhere doesn't exist"]),
     ([*OPTIMISE, "colour.png", "-o", "folder.safetensors"], ["folder.safetensors", "is a folder"]),
     ([*OPTIMISE, "colour.png", "-o", "h.png"], ["h.png", '".png"', "expected .safetensors"]),
-    (["export", "missing", "--png", "out"], ["missing", "no such file", "hologram file"]),
+    (["export", "missing", "--png", "out"], ["missing", "no such file", "hologram's file"]),
     (["export", "other.safetensors", "--png", "grey.png"], ["grey.png", "can't be made", "choose another folder"]),
     (["export", "other.safetensors", "--png", "out", "--levels"], ["--levels", "continuous", "leave it out"]),
     (["demo", "-o", "grey.png"], ["grey.png", "is a file", "expected a folder"]),

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
+from holoview.captures.virtual_measurement import make_captures
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model import preset
 from holoview.model.plan import make_plan
@@ -147,6 +148,13 @@ def test_a_bench_of_a_field_has_no_pixels(changes: dict[str, Any], where: str, w
     with pytest.raises(UserError, match=words) as caught:
         _field_system(**changes)
     assert caught.value.where == where
+
+
+def test_what_needs_patterns_refuses_a_field() -> None:
+    with pytest.raises(UserError, match="modulators: a field"):
+        next(iter(hv.iterate(_field_system(), np.ones((1, 8, 8, 3), np.float32))))
+    with pytest.raises(UserError, match="modulators: a field"):
+        make_captures(_field_system())
 
 
 def test_effects_on_a_modulator_are_refused() -> None:
