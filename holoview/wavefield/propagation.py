@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -61,9 +62,9 @@ def choose_method(
 
     "auto" takes
     - "fourier" where the field has a reference radius;
-    - without a window, "asm" up to |z| = 2·N·dx²/λ along the shorter side and at the longest wavelength, and "fresnel"
-      beyond. Up to there the steepest light that the samples hold moves sideways by no more than the field's own side,
-      and its own window shows the image. Further away the first order, λz/dx, is wider than two fields;
+    - without a window, "asm" as long as 99 % of the light moves sideways by no more than the field's own side, so that
+      its own window shows the image: up to |z| = 2·N·dx²/λ whatever the light, further where it fills only a part of the
+      samples' band (`farthest_by_light`); "fresnel" beyond, where the first order, λz/dx, is wider than two fields;
     - with a window, "asm" unless its grid has more than four times the samples of the field and the window together;
       for a tilted window always.
 
@@ -164,10 +165,31 @@ def _automatic(field: Wavefield, distance_m: float, window: Window | None) -> tu
     if window is not None:
         return _for_window(field, distance_m, window)
     limit_m = farthest_by_spectrum(field)
-    limit = f"2·N·pitch²/λ = {units.format_rounded(limit_m, 'mm')}"
+    words = "2·N·pitch²/λ"
+    if abs(distance_m) > limit_m:
+        limit_m, words = farthest_by_light(field), "side/(λ·f₉₉)"
+    limit = f"{words} = {units.format_rounded(limit_m, 'mm')}"
     if abs(distance_m) <= limit_m:
         return "asm", f"the image is within {limit}: the steepest light moves sideways by no more than the field's side"
     return "fresnel", f"beyond {limit} the image may lie outside the field's own window, which one transform shows"
+
+
+def farthest_by_light(field: Wavefield) -> float:
+    """side/(λ·f₉₉) (m): up to it 99 % of the light moves sideways by no more than the field's own side.
+
+    f₉₉ is the spatial frequency along an axis within which 99 % of the power of a wavelength lies. Light that fills the
+    whole band has the limit of `farthest_by_spectrum`; a recording that fills little of it, a longer one.
+    """
+    limits = []
+    for axis, (n, pitch) in enumerate(zip(field.shape, field.pitch_m, strict=True)):
+        frequencies = np.abs(np.fft.fftfreq(n, pitch))
+        order = np.argsort(frequencies)
+        for index, wavelength_m in enumerate(field.wavelengths_m):
+            spectrum = np.fft.fft(field.values[:, index], axis=axis + 1)
+            power = np.square(np.abs(spectrum)).sum(axis=(0, 2 - axis))[order].cumsum()
+            highest = frequencies[order][min(int(np.searchsorted(power, 0.99 * power[-1])), n - 1)]
+            limits.append(n * pitch / (float(wavelength_m) * highest) if highest > 0 else math.inf)
+    return min(limits)
 
 
 def _for_window(field: Wavefield, distance_m: float, window: Window) -> tuple[Method, str]:

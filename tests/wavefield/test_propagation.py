@@ -11,7 +11,13 @@ from scipy.special import fresnel
 
 from holoview.optics.free_space import Window
 from holoview.util.errors import UserError
-from holoview.wavefield.propagation import choose_method, farthest_by_spectrum, own_window, propagate_field
+from holoview.wavefield.propagation import (
+    choose_method,
+    farthest_by_light,
+    farthest_by_spectrum,
+    own_window,
+    propagate_field,
+)
 from holoview.wavefield.wavefield import Wavefield
 
 WAVELENGTH = 532e-9
@@ -238,7 +244,7 @@ def test_a_spherical_reference_is_a_lens(distance_m: float) -> None:
 def test_several_colours_share_a_window() -> None:
     values = np.stack([_gaussian(WINDOWS[0], 200e-6, 0.0)] * 2).astype(np.complex64)[None]
     field = Wavefield(values, (8e-6, 8e-6), np.array([640e-9, 473e-9]))
-    seen = propagate_field(field, 0.3)
+    seen = propagate_field(field, 0.3, "fresnel")
     assert seen.choice.window.pitch_m[0] == pytest.approx(473e-9 * 0.3 / (192 * 8e-6))
     width = [float((i * torch.arange(192).sub(95.5).square()).sum() / i.sum()) for i in seen.intensity]
     spot = [(200e-6 / 2) ** 2 + (λ * 0.3 / (2 * math.pi * 200e-6)) ** 2 for λ in field.wavelengths_m]
@@ -249,11 +255,11 @@ def test_several_colours_share_a_window() -> None:
 
 
 def test_the_method_follows_from_the_samples() -> None:
-    field = _field(np.ones((100, 120)))
+    field = _field(_random_phase(5, (100, 120)))
     limit_m = farthest_by_spectrum(field)
     assert limit_m == pytest.approx(2 * 100 * 64e-12 / WAVELENGTH)
     assert choose_method(field, limit_m).method == choose_method(field, -limit_m).method == "asm"
-    beyond = choose_method(field, -1.01 * limit_m)
+    beyond = choose_method(field, -1.2 * limit_m)
     assert beyond.method == "fresnel"
     assert "outside the field's own window" in beyond.reason
     assert choose_method(field, 10 * limit_m, window=own_window(field)).method == "asm"
@@ -272,3 +278,24 @@ def test_what_would_alias_or_is_unknown_is_refused(distance_m: float, method: st
 def test_values_of_another_shape_are_refused() -> None:
     with pytest.raises(UserError):
         propagate_field(_field(np.ones((64, 64))), 0.1, values=torch.ones(64, 64, dtype=torch.complex64))
+
+
+def test_light_that_fills_little_of_the_band_keeps_the_field_s_own_window() -> None:
+    """A Gaussian of waist w has 99 % of its power within f = 2.576/(2πw) along an axis."""
+    shape, waist_m, wavelength_m = (128, 128), 100e-6, 532e-9
+    window = Window(shape, (8e-6, 8e-6))
+    field = _field(_gaussian(window, waist_m, 0.0))
+    expected_m = 128 * 8e-6 / (wavelength_m * 2.576 / (2 * math.pi * waist_m))
+    step = 1 / (128 * 8e-6)
+    slack = step / (2.576 / (2 * math.pi * waist_m))  # the band is known to a frequency step
+    assert abs(farthest_by_light(field) / expected_m - 1) < 1.5 * slack
+    assert farthest_by_spectrum(field) < 0.3 < farthest_by_light(field)
+    assert choose_method(field, 0.3).method == "asm"
+    assert choose_method(field, 2 * farthest_by_light(field)).method == "fresnel"
+
+
+def test_light_that_fills_the_band_is_shown_by_one_transform_beyond_its_limit() -> None:
+    field = _field(_random_phase(3, (64, 64)))
+    limit_m = farthest_by_spectrum(field)
+    assert farthest_by_light(field) == pytest.approx(limit_m, rel=0.15)  # f99 of a flat band, and its scatter
+    assert choose_method(field, 1.2 * limit_m).method == "fresnel"
