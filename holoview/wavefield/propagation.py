@@ -64,7 +64,7 @@ def choose_method(
     - "fourier" where the field has a reference radius;
     - without a window, "asm" as long as 99 % of the light moves sideways by no more than the field's own side, so that
       its own window shows the image: up to |z| = 2·N·dx²/λ whatever the light, and further where it fills a part of the
-      samples' band only (`farthest_by_light`); "fresnel" beyond, where the first order, λz/dx, is wider than two fields;
+      samples' band only (`farthest_by_light`); "fresnel" beyond, where the first order, λz/dx, exceeds two fields;
     - with a window, "asm" unless its grid has more than four times the samples of the field and the window together;
       for a tilted window always.
 
