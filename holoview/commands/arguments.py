@@ -133,7 +133,7 @@ def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
     for file in files:
         print_stderr(f"running {file} for its effects")
         load_user_effects(file)
-    changes = dict(_parse_assignment(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
+    changes = dict(parse_assignment(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
     table = EffectTable().with_changes((), changes, "--effects")
     return {name: dict(values) for name, values in table}
 
@@ -156,7 +156,7 @@ def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System
 
 def with_changes(system: System, changes: list[str]) -> System:
     """A system with KEY=VALUE texts applied together. A value is read as TOML, or as plain text if it isn't TOML."""
-    return system.edit(dict(_parse_assignment(change) for change in changes)) if changes else system
+    return system.edit(dict(parse_assignment(change) for change in changes)) if changes else system
 
 
 def warn_of_camera_effects(system: System) -> None:
@@ -174,7 +174,8 @@ def warn_of_limits(notes: Iterable[str]) -> None:
         print_stderr(f"note: {note}")
 
 
-def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
+def parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
+    """Key and value of KEY=VALUE; the value is read as TOML, or as plain text if it isn't TOML. Raises UserError."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise UserError(f"{flag} {text}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")

@@ -13,7 +13,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
-from holoview.commands.arguments import number, parse_effects, system_from_args, with_changes, with_effects
+from holoview.commands.arguments import (
+    number,
+    parse_assignment,
+    parse_effects,
+    system_from_args,
+    with_changes,
+    with_effects,
+)
 from holoview.commands.console import print_stderr
 from holoview.io.hologram import Hologram
 from holoview.io.load_field import OpenedHologram, open_hologram
@@ -21,12 +28,23 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.wavefield.reading import ReadRequest, remember
+from holoview.wavefield.reading import ReadRequest, over, remember, request_of_notes
 from holoview.wavefield.request import Part, Propagation, Quantity, RecordingKind
 
 _NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
-_OPTIONS = ("wavelength", "pitch", "distance", "recording", "quantity", "variable", "index", "parts", "conjugate")
+_OPTIONS = (
+    "wavelength",
+    "pitch",
+    "distance",
+    "recording",
+    "quantity",
+    "variable",
+    "index",
+    "parts",
+    "conjugate",
+    "file_note",
+)
 
 
 def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True) -> None:
@@ -58,6 +76,12 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         help="to its distance: asm, the angular spectrum in the field's own window; one transform for far images",
     )
     group.add_argument("--conjugate", action="store_true", help="phases were written with the other sign: exp(-iφ)")
+    group.add_argument(
+        "--file-note",
+        metavar="KEY=VALUE",
+        **several,
+        help="a key of the notes beside a file: phase_levels=255 colour_axis=last transposed=true …",
+    )
     group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
     group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
 
@@ -74,7 +98,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     for part in parts:
         if part not in get_args(Part):
             raise UserError("--parts", f'"{part}"', expected=", ".join(get_args(Part)))
-    return ReadRequest(
+    stated = ReadRequest(
         pitch_m=None if pitch is None else (pitch[0], pitch[-1]),
         wavelengths_m=tuple(units.parse(text, "--wavelength") for text in args.wavelength or ()),
         distance_m=None if distance is None else units.parse(distance, "--distance"),
@@ -87,6 +111,23 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         accept_guesses=args.guess,
         propagation=args.propagation,
     )
+    return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
+
+
+def _notes(texts: Sequence[str]) -> dict[str, Any]:
+    """The table of notes that KEY=VALUE texts make; dots lead into the table "binary"."""
+    table: dict[str, Any] = {}
+    for text in texts:
+        key, value = parse_assignment(text, "--file-note", "phase_levels=255")
+        outer, dot, inner = key.partition(".")
+        if dot:
+            nested = table.setdefault(outer, {})
+            if not isinstance(nested, dict):
+                raise UserError(f"--file-note {key}", f"beside {outer}", expected="one of them")
+            nested[inner] = value
+        else:
+            table[key] = value
+    return table
 
 
 def has_field_options(args: argparse.Namespace) -> bool:
@@ -98,7 +139,7 @@ def check_no_field_options(args: argparse.Namespace, where: str) -> None:
     """Raises UserError if an option says something of a file, beside `where`, which isn't one."""
     for name in _OPTIONS:
         if getattr(args, name) not in (None, False):
-            raise UserError(f"--{name}", f"with {where}", expected="a file of another program")
+            raise UserError(f"--{name.replace('_', '-')}", f"with {where}", expected="a file of another program")
 
 
 def is_preset(name: str) -> bool:

@@ -30,13 +30,23 @@ from holoview.wavefield.interpret.properties import (
     find_radius,
     find_wavelengths,
 )
-from holoview.wavefield.interpret.remembered import over, read_notes, remember
+from holoview.wavefield.interpret.remembered import over, read_notes, remember, request_of_notes
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
 from holoview.wavefield.wavefield import Provenance, Wavefield
 
-__all__ = ["BinaryLayout", "Question", "ReadRequest", "Reading", "Recording", "read_wavefield", "remember"]
+__all__ = [
+    "BinaryLayout",
+    "Question",
+    "ReadRequest",
+    "Reading",
+    "Recording",
+    "over",
+    "read_wavefield",
+    "remember",
+    "request_of_notes",
+]
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,6 +50,26 @@ def test_a_field_is_rendered_at_its_distance_and_json_says_what_was_read_and_why
     assert all(entry["reason"] for entry in result["read"]["properties"])
 
 
+def test_notes_say_what_a_dump_of_bare_numbers_is(holoview: Run) -> None:
+    _lens().astype("<c8").tofile("lens.bin")
+    layout = ("--file-note", "binary.dtype=complex64", "binary.shape=[64, 64]")
+    done = holoview("render", "lens.bin", *KNOWN, *layout, "--plane", "1cm", *TORCH, "-o", "seen.png")
+    assert done.code == 0 and _brightest("seen.png") == POINT
+    turned = (*layout, "transposed=true")
+    assert holoview("render", "lens.bin", *KNOWN, *turned, "--plane", "1cm", *TORCH, "-o", "turned.png").code == 0
+    assert _brightest("turned.png") == POINT[::-1]
+
+
+@pytest.mark.parametrize(
+    ("note", "words"), [("colour=red", "colour"), ("transposed", "KEY=VALUE"), ("phase_levels=-3", "above 0")]
+)
+def test_a_note_that_says_nothing_known_is_refused(holoview: Run, note: str, words: str) -> None:
+    np.save("lens.npy", _lens())
+    done = holoview("render", "lens.npy", *KNOWN, "--file-note", note, *TORCH, "-o", "seen.png")
+    assert done.code == 2 and words in done.err
+    assert not Path("seen.png").exists()
+
+
 def test_the_image_of_a_conjugate_lies_before_the_plane(holoview: Run) -> None:
     np.save("lens.npy", _lens().conj())
     assert holoview("render", "lens.npy", *KNOWN, "--plane", "-1cm", *TORCH, "-o", "before.png").code == 0

@@ -50,13 +50,17 @@ def read_notes(path: Path) -> ReadRequest:
     notes = notes_path(path)
     if not notes.exists():
         return ReadRequest()
-    table = parse_toml(read_text(notes, _EXPECTED), str(notes), _EXPECTED)
+    return request_of_notes(parse_toml(read_text(notes, _EXPECTED), str(notes), _EXPECTED), f"{notes}: ")
+
+
+def request_of_notes(table: dict[str, Any], where: str) -> ReadRequest:
+    """What a table of notes says of a file; `where` names the table in errors. Raises UserError for wrong notes."""
     names = {name: key for key, (name, _) in _LENGTHS.items()} | {key: key for key in (*_PLAIN, "binary")}
-    check_keys(table, names, f"{notes}: ")
+    check_keys(table, names, where)
     try:
         return ReadRequest(**{names[name]: _parse(names[name], value) for name, value in table.items()})
     except UserError as error:
-        raise error.inside(f"{notes}: ") from error
+        raise error.inside(where) from error
 
 
 def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
