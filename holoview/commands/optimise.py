@@ -66,6 +66,7 @@ from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, Stacks
 from holoview.optimise.film import FilmJob, optimise_film
 from holoview.optimise.hologram_job import IntermediateFiles, OptimisationResult, RunOptions, optimise_hologram
 from holoview.optimise.memory import require_optimisation_memory
+from holoview.optimise.named_methods import METHODS
 from holoview.optimise.parallel import (
     SINGLE_PROCESS,
     ProcessGroup,
@@ -103,10 +104,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Optimises, saves and scores the hologram. After Ctrl-C it saves the best so far, without a score."""
+    is_film = args.film or is_video(Path(args.target))
+    if args.method != METHODS[0] and (args.rig is not None or is_film):
+        where = "--rig" if args.rig is not None else "a film"
+        raise UserError(f"--method {args.method}", f"with {where}", expected=f"--method {METHODS[0]}")
     if args.rig is not None:
         return _run_on_rig(args)
     _require_no_rig_options(args)
-    if args.film or is_video(Path(args.target)):
+    if is_film:
         return _run_on_film(args)
     system = system_from_args(args)
     warn_of_camera_effects(system)
@@ -118,6 +123,7 @@ def run(args: argparse.Namespace) -> int:
     eyes = OptimisedEyes.from_text(args.pupils, args.chromatic)
     pupils = eyes.places_in(system)
     settings, options = _settings(args, system, pupils), _run_options(args)
+    options.check_method(settings)
     source = _target_source(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
     aimed = eyes.aimed(system)
     stack = target_at_places(source, aimed, pupils)
@@ -252,6 +258,12 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_running(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
+        help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
+    )
     group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
     group.add_argument(
         "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
@@ -399,6 +411,7 @@ def _run_options(args: argparse.Namespace) -> RunOptions:
     checkpoint = args.checkpoint or args.resume
     device = resolve_torch_device(args.device)
     return RunOptions(
+        method=args.method,
         grid=args.grid,
         device=device_for_rank(device) if args.sharded else device,
         sharded=args.sharded,

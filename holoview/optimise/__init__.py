@@ -4,6 +4,7 @@ hologram_job         a whole optimisation: when it ends, and the checkpoint and 
 film                 holograms for the pictures of a film, each from the one before
 kernels              image and gradients of a plane's fields, by torch or compiled by numba
 solve                the optimisation loop, a generator of states
+named_methods        double phase and Gerchberg–Saxton, to compare with
 settings             options of the optimiser; the colour spaces in which image and target are compared
 eyes                 for which eyes a hologram is optimised: places of the pupil, fixed or drawn, chromatic aberration
 variables            patterns, amplitudes and wavelengths, their Adam steps and their checkpoint form

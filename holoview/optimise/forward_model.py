@@ -180,6 +180,27 @@ class ForwardModel:
                 assert wavelength_gradient is not None
                 wavelength_gradient[wavelength] += derivative
 
+    def carrier(self) -> Tensor:
+        """The plane wave (y, x) that all fields E contain beside the light's own phase: their spectra are displaced."""
+        y, x = (
+            torch.arange(n, device=self.device).mul_(axis.displacement).remainder_(padded).to(self.real_dtype) / padded
+            for n, padded, axis in zip(self.plan.grid.shape, self.plan.grid.padded, self.axes, strict=True)
+        )
+        turns = y[:, None] + x
+        return torch.polar(torch.ones_like(turns), -2 * math.pi * turns)
+
+    def pixel_fields(self) -> Tensor:
+        """A⁺x at the first modulator's pixels, (laser, y, x), summed over sources and planes, for c_E = conj(x).
+
+        A⁺ is the adjoint of the map A from these pixels to a plane. Overwrites the lines, as `accumulate_gradients`.
+        """
+        fields_of_lasers: dict[int, Tensor] = {}
+        for fields, phasors in zip(self._fields, self._phasors, strict=True):
+            products = self._light.backpropagate(fields, phasors)[0].sum(dim=1)  # (Aᵀc_E)·p, and |p| = 1
+            for laser, field in enumerate(products.conj() * phasors[0], start=fields.group.lasers.start):
+                fields_of_lasers[laser] = fields_of_lasers.get(laser, 0) + field
+        return torch.stack([fields_of_lasers[laser] for laser in range(len(self.lasers))])
+
     # --- planes -----------------------------------------------------------------------------------------------------
 
     def _process_columns(self, before: int | None, plane: int | None, chosen: tuple[int, int]) -> None:

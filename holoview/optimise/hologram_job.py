@@ -24,20 +24,24 @@ from holoview.optimise.checkpoint import Checkpoint, IterationState
 from holoview.optimise.eyes import StacksAt
 from holoview.optimise.kernels import will_compile
 from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.named_methods import METHODS, describe_method, iterate_named
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 
 _PREVIEW_INTERVAL_S = 2.0
+_DEFAULT_SETTINGS = Settings()
+_OF_ITERATIONS = ("iterations", "seed", "begin")  # settings that a closed form doesn't have
 
 
 @dataclass(frozen=True)
 class RunOptions:
     """How to run an optimisation: device, start, stopping criteria, and files that are written meanwhile.
 
+    method: one of `holoview.optimise.named_methods.METHODS`; "adam" is the optimiser's own.
     grid: "compact" pads the simulation only by the walk-off of the light, "preset" as the bench says.
     device: of torch. sharded: whether the processes that torchrun started share the lasers.
     initial_hologram: its patterns are the initial ones. resume: a checkpoint to continue from.
@@ -45,6 +49,7 @@ class RunOptions:
     stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
     """
 
+    method: str = "adam"
     grid: str = "compact"
     device: str = "cpu"
     sharded: bool = False
@@ -55,6 +60,29 @@ class RunOptions:
     preview: Path | None = None
     stop_psnr_db: float = math.inf
     time_limit_s: float = math.inf
+
+    def check_method(self, settings: Settings) -> None:
+        """Raises UserError for options and settings that the method doesn't have."""
+        if self.method not in METHODS:
+            remedy = suggest_matches(self.method, METHODS)
+            raise UserError("--method", f'"{self.method}"', expected=", ".join(METHODS), remedy=remedy)
+        if self.method == "adam":
+            return
+        given: dict[str, object] = {
+            "--resume": self.resume,
+            "--checkpoint": self.checkpoint,
+            "--sharded": self.sharded,
+            "--loss": settings.loss,
+            "--free": settings.free != _DEFAULT_SETTINGS.free,
+            "--eyebox": settings.eyebox,
+            "--pupils": settings.pupil_places_m or settings.drawn_pupils,
+            "--step": settings.step_rad != _DEFAULT_SETTINGS.step_rad,
+        }
+        if self.method == "double-phase":
+            given["--start"] = self.initial_hologram
+            given |= {f"--{key}": getattr(settings, key) != getattr(_DEFAULT_SETTINGS, key) for key in _OF_ITERATIONS}
+        if flags := [flag for flag, value in given.items() if value]:
+            raise UserError(flags[0], f"with --method {self.method}", expected="no such option, or --method adam")
 
     def simulated(self, system: System) -> System:
         """The system on the grid that the optimisation simulates."""
@@ -101,14 +129,20 @@ def optimise_hologram(
     system's own sampling. Raises UserError if the checkpoint to resume has no iteration left.
     """
     interruption = interruption or Interruption()
+    options.check_method(settings)
     start = None if options.initial_hologram is None else options.initial_hologram.drive
     files = IntermediateFiles(options, tell)
     if will_compile(options.device):
         tell("compiling the optimiser for this processor, once: some seconds")
     state: IterationState | None = None
-    for state in iterate(
-        options.simulated(system), stack, settings, start, options.resume, device=options.device, team=process_group
-    ):
+    simulated = options.simulated(system)
+    if options.method == "adam":
+        states = iterate(simulated, stack, settings, start, options.resume, device=options.device, team=process_group)
+    else:
+        assert not callable(stack)
+        tell(describe_method(options.method, simulated))
+        states = iterate_named(options.method, simulated, stack, settings, start, device=options.device)
+    for state in states:
         progress(state.iteration, state.iterations, _progress_note(state))
         is_interrupted = process_group.any_rank(interruption())  # the same in all, whatever comes in the meantime
         is_enough = process_group.any_rank(options.is_enough(state.best_psnr_db, state.seconds))

@@ -143,3 +143,30 @@ def test_too_little_memory_says_how_much_is_needed_and_what_to_lower(
     assert "needs about " in outcome.err and "GiB of memory" in outcome.err
     assert "lower shape, upsample, frames" in outcome.err
     assert not (tmp_path / "h.safetensors").exists()
+
+
+def test_named_methods_give_scored_holograms_and_say_what_they_do(holoview: Run, tmp_path: Path, picture: Path) -> None:
+    for method, iterations in (("double-phase", 0), ("gerchberg-saxton", 2)):
+        given = ("--iterations", str(iterations)) if iterations else ()
+        size = ("--set", "shape=[24,32]", "-o", "h.safetensors", "--method", method, "--json")
+        outcome = holoview("optimise", "simultaneous", picture, *size, *given)
+        assert outcome.code == 0, outcome.err
+        assert "the second modulator stays flat" in outcome.err
+        table = json.loads(outcome.out)
+        assert table["iterations"] == iterations and np.isfinite(table["psnr_db"])
+        drive = load_hologram(tmp_path / "h.safetensors").drive
+        assert drive[:, 0].any() and not drive[:, 1].any()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--checkpoint", "c.safetensors"), ("--loss", "srgb"), ("--film",), ("--rig", "rig.toml"), ("--sharded",)],
+)
+def test_options_of_the_optimiser_are_refused_with_a_named_method(
+    options: tuple[str, ...], holoview: Run, picture: Path
+) -> None:
+    (picture.parent / "rig.toml").touch()
+    outcome = holoview("optimise", "simultaneous", picture, "--method", "gerchberg-saxton", *options)
+    assert outcome.code != 0
+    assert "--method gerchberg-saxton" in outcome.err
+    assert not (picture.parent / "simultaneous-picture.safetensors").exists()
