@@ -180,8 +180,8 @@ def field_at(
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
     >>> behind = hv.field_at(system, hv.random_drive(system), stage="slm1")
-    >>> abs(behind.values).round(6).min(), behind.step
-    (np.float64(1.0), (4e-06, 4e-06))
+    >>> float(abs(behind.values).round(6).min()), behind.step
+    (1.0, (4e-06, 4e-06))
     """
     system, drive = _with_drive(system, drive)
     planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])

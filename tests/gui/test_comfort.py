@@ -20,6 +20,7 @@ from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
+from holoview.document.files import NO_FILES
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from tests.gui.conftest import SIZE, Gui, small_bench
@@ -37,7 +38,7 @@ def start(device: Device, tmp_path: Path) -> Iterator[Callable[[], InputDriver]]
             app.close()
         opened.clear()
         canvas = OffscreenRenderCanvas(size=SIZE)
-        app = run.open_app(EditingSession(small_bench()), device, canvas, SessionStore(tmp_path), [])
+        app = run.open_app(EditingSession(small_bench()), device, canvas, SessionStore(tmp_path), NO_FILES)
         app.context.loader.optimises_new_targets = False
         opened.append(app)
         driver = InputDriver(app)
@@ -68,7 +69,7 @@ def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], Inpu
 def test_without_a_folder_that_can_be_written_to_it_starts_and_says_so(device: Device, tmp_path: Path) -> None:
     (tmp_path / "home").touch()  # no folder can be made inside a file, not even by root
     store = SessionStore(tmp_path / "home" / "state")
-    app = run.open_app(EditingSession(small_bench()), device, OffscreenRenderCanvas(size=SIZE), store, [])
+    app = run.open_app(EditingSession(small_bench()), device, OffscreenRenderCanvas(size=SIZE), store, NO_FILES)
     try:
         app.context.set_theme("Light")
         InputDriver(app).draw_frames(3)

@@ -15,6 +15,7 @@ from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.document.editing_session import EditingSession
 from holoview.document.example import EXAMPLE_PRESET, new_session
+from holoview.document.files import FilesToOpen
 from holoview.document.optimisation_job import running_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.document.target import example_target
@@ -34,7 +35,8 @@ def start(device: Device, tmp_path: Path) -> Iterator[Callable[..., App]]:
     def started(session: EditingSession, names: tuple[str, ...] = ()) -> App:
         for app in opened:
             app.close()
-        opened[:] = [run.open_app(session, device, OffscreenRenderCanvas(size=SIZE), SessionStore(tmp_path), names)]
+        canvas, store = OffscreenRenderCanvas(size=SIZE), SessionStore(tmp_path)
+        opened[:] = [run.open_app(session, device, canvas, store, FilesToOpen(names))]
         opened[0].context.loader.optimises_new_targets = False
         for _ in range(4):
             opened[0].window.canvas.draw()

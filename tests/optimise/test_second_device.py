@@ -15,6 +15,7 @@ from holoview.model.effects.registry import listed_effects
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
+from holoview.optimise.kernels import TORCH_KERNELS
 from holoview.view import random_drive
 from tests.second_device import SecondDevice
 
@@ -37,6 +38,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
 EFFECTS = sorted(listed_effects())
 OF_LASERS = {"bandwidth", "second_line", "flicker", "polarisation", "laser_power"}
 """Effects that change the lasers themselves, which the optimiser refuses."""
+
+
+@pytest.fixture(autouse=True)
+def same_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The processor computes with the kernels that a card has, so that both round alike."""
+    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
 
 
 def _system(**changes: Any) -> System:

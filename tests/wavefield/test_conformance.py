@@ -36,7 +36,7 @@ def test_holoview_passes(case: Case) -> None:
     assert error_of(propagated(case), case.answer, case.indices) <= case.tolerance
 
 
-@pytest.mark.slow
+@pytest.mark.explores
 def test_holoview_passes_all() -> None:
     failed = [c.name for c in CASES if error_of(propagated(c), c.answer, c.indices) > c.tolerance]
     assert failed == []
