@@ -217,3 +217,9 @@ def test_a_closed_form_has_no_iterations() -> None:
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(UserError, match="adam, double-phase, gerchberg-saxton"):
         RunOptions(method="gs").check_method(Settings())
+
+
+def test_effects_that_change_the_modulators_are_refused(bench: Bench) -> None:
+    system = bench(effects={"crosstalk": {"sigma": 0.5}})
+    with pytest.raises(UserError, match="effects that change the modulators' light"):
+        next(iter(iterate_named("double-phase", system, _stack(system), Settings())))
