@@ -61,16 +61,7 @@ class IterationState:
     checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
 
 
-# Saves and restores an optimisation in a safetensors file, from which it continues bit for bit on the same machine.
-#
-# drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
-# best_drive                       float32: the best hologram so far
-# amplitudes best_amplitudes       float64 (frame, wavelength)
-# wavelengths best_wavelengths     float64 (wavelength,), m
-# amplitude_moments                float64 (2, frame, wavelength), of Adam
-# wavelength_moments               float64 (2, wavelength)
-# steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
-# metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
+# --- the file ---
 
 
 _F64 = ("float64",)
