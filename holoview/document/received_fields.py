@@ -24,7 +24,7 @@ class ReceivedFields:
 
     def __init__(self, session: EditingSession, is_ready: Callable[[], bool]) -> None:
         self._session, self._is_ready = session, is_ready
-        self._lock, self._waiting = Lock(), dict[str, Wavefield]()
+        self._lock, self._waiting = Lock(), dict[str, Hologram]()
         self._listener: FieldListener | None = None
 
     def listen(self, port: int = 0) -> str:
@@ -39,9 +39,9 @@ class ReceivedFields:
             name = next(iter(self._waiting), None)
             if name is None or (self._session.document.origin == _origin(name) and not self._is_ready()):
                 return
-            field = self._waiting.pop(name)
+            hologram = self._waiting.pop(name)
         with self._session.report_errors():
-            self._show(field)
+            self._show(name, hologram)
 
     def close(self) -> None:
         """Ends listening."""
@@ -51,18 +51,18 @@ class ReceivedFields:
 
     def _receive(self, field: Wavefield) -> None:
         """Called on a thread of the listener. Raises UserError for a field that no bench shows."""
-        Hologram.of_field(field)
+        hologram = Hologram.of_field(field)
         with self._lock:
-            self._waiting[field.name] = field
+            self._waiting[field.name] = hologram
         self._session.call_on_owner(lambda: None)  # wakes the owner, which polls
 
-    def _show(self, field: Wavefield) -> None:
-        hologram, session = Hologram.of_field(field), self._session
-        title, origin = f"Receive {printable(field.name)}", _origin(field.name)
+    def _show(self, name: str, hologram: Hologram) -> None:
+        session = self._session
+        title, origin = f"Receive {printable(name)}", _origin(name)
         if session.document.origin == origin and _shows(session.system, hologram.system):
             session.edit(title, drive=hologram.drive, undoable=False)
             return
-        view_settings = session.document.view_settings_for_picture.with_(plane_m=field.distance_m)
+        view_settings = session.document.view_settings_for_picture.with_(plane_m=float(hologram.system.planes_m[0]))
         session.edit(
             title,
             system=hologram.system,
