@@ -30,7 +30,7 @@ from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.render.side_renderers import SideRenderers
 
 if TYPE_CHECKING:
-    from holoview.experiment.live.rig_session import RigSession
+    from holoview.experiment.rig_session import RigSession
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in logical pixels of the window."""
@@ -108,7 +108,7 @@ class AppContext:
     def rig(self) -> RigSession:
         """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
         if self._rig is None:
-            from holoview.experiment.live.rig_session import RigSession  # slow start: most sessions open no rig
+            from holoview.experiment.rig_session import RigSession  # slow start: most sessions open no rig
 
             self._rig = RigSession(self.session)
         return self._rig

@@ -57,14 +57,13 @@ from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import PreparedCaptures, add_model_error, neighbour_variance, prepare_captures
 from holoview.effects.calibrated import Calibrated
-from holoview.model.effects.active_effects import EffectValues
+from holoview.model.effects.effect import Values
 from holoview.model.effects.learned_maps import MAP_SCHEMAS, LearnedMaps, MapCache, MapLayout, map_sizes, read_layout
-from holoview.model.effects.parameter import Values
+from holoview.model.effects.registry import EffectValues
 from holoview.optimise.adam import Adam, cosine_decay
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
-from holoview.util.tables import read_record
+from holoview.util.tables import ArraySchema, read_record
 
 Tensor = torch.Tensor
 

@@ -32,7 +32,7 @@ from holoview.metrics.speckle import (
     speckle_contrast,
 )
 from holoview.model.focus import parse_plane, plane_label
-from holoview.numerics.tensors import Region
+from holoview.numerics.sampling import Region
 from holoview.page.page import export_html
 from holoview.report.images import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure

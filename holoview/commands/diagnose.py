@@ -31,20 +31,20 @@ from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.experiment.known_alignment import KnownEffects
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
+from holoview.experiment.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
+from holoview.experiment.rig_bench import KnownEffects
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.system import System
 from holoview.report.images import require_matplotlib
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
+from holoview.rig.capture_folder import CaptureFolder, loop_captures
 from holoview.rig.registration import read_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import process_cpu_count
 from holoview.util.progress import ProgressCallback
 
 _SHORT_S = 10.0  # of a search that says nothing before its end

@@ -19,7 +19,7 @@ from holoview.commands.hologram_files import NAMES_HELP, add_field_options, show
 from holoview.commands.output_files import add_input
 from holoview.model import preset
 from holoview.model.bench_parts import Relay
-from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.eye import field_degrees, sample_degrees
 from holoview.model.passband import band_limit
 from holoview.model.plan import Plan, make_plan

@@ -55,8 +55,7 @@ from holoview.io.pupil_path_file import load_pupil_path
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset
-from holoview.model.focus import focused_planes, parse_plane, plane_label
-from holoview.model.pupil_path import views_along
+from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.model.system import System
 from holoview.render.field_picture import field_picture
 from holoview.render.planes import render_each

@@ -25,7 +25,7 @@ from holoview.io.load_field import open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.model.system import System
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link

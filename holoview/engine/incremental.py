@@ -29,12 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor
-from holoview.engine.device_tables import Fingerprint
-from holoview.engine.frame_layout import frame_shape
-from holoview.engine.fused import WavelengthSpan, group_into_spans
-from holoview.engine.kernels import FusedKernels
+from holoview.engine.fused import Fingerprint, WavelengthSpan, group_into_spans
+from holoview.engine.kernels import FusedKernels, frame_shape
 from holoview.engine.result_cache import RenderSettings, ResultCache, has_no_dense_maps
-from holoview.engine.shader_inputs import ShaderInputs
+from holoview.engine.shader_structs import ShaderInputs
 from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy

@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor, WeightedIntensity
-from holoview.engine.device_tables import Fingerprint
-from holoview.engine.frame_layout import StoredRows
-from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
-from holoview.engine.kernels import FusedKernels
-from holoview.engine.shader_inputs import ShaderInputs
+from holoview.engine.fused import BufferRegion, Fingerprint, FusedFrame, WavelengthSpan
+from holoview.engine.kernels import FusedKernels, StoredRows
+from holoview.engine.shader_structs import ShaderInputs
 from holoview.gpu.device import Buffer
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from holoview.colour import observer_weights
 from holoview.model.eye import PUPIL, sample_degrees
 from holoview.model.system import System
-from holoview.numerics.tensors import Region, region_slices
+from holoview.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 

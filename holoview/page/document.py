@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import colour
-from holoview.engine.frame_layout import frame_shape
+from holoview.engine.kernels import frame_shape
 from holoview.engine.shader_structs import BLEND_TERM, MODULATOR, PLANE_WAVE, PROPAGATION, SRGB_ENCODING
 from holoview.gpu.shader import WgslStruct
 from holoview.io.hologram import Hologram

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
-from holoview.engine.shader_inputs import ShaderInputs
+from holoview.engine.shader_structs import ShaderInputs
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy, supported_strategies

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.orientations import ORIENTATIONS, oriented_shape, undone
+from holoview.captures.dataset import ORIENTATIONS, oriented_shape, undone
 from holoview.model.fields import Array, Number
 from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera, WrappedModulator, WrappedStage
 from holoview.util import units

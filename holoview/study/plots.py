@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.metrics.speckle import independent_patterns, speckle_density, speckle_histogram
-from holoview.numerics.tensors import Region, region_slices
+from holoview.numerics.sampling import Region, region_slices
 from holoview.report.images import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
 

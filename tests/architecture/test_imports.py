@@ -49,8 +49,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
     ("holoview.render.page_images", "torch"): SLOW,
-    ("holoview.view", "holoview.engine.stage_fields"): SLOW,
-    ("holoview.render.page_images", "holoview.engine.stage_fields"): SLOW,
+    ("holoview.view", "holoview.engine.torch_executor"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
@@ -77,7 +76,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.view", "holoview.gpu.device"): OPTIONAL,
     ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
     ("holoview.app.launch", "holoview.app.run"): SLOW,
-    ("holoview.app.context", "holoview.experiment.live.rig_session"): SLOW,
+    ("holoview.app.context", "holoview.experiment.rig_session"): SLOW,
     ("holoview.app.panels.rig", "holoview.app.rig_controls"): SLOW,
     ("holoview.commands.view", "holoview.experiment.rig_bench"): SLOW,
     ("holoview.app.run", "glfw"): CHOICE,
@@ -165,7 +164,7 @@ def _under(name: str, package: str) -> bool:
 
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
-    assert {"torch", "holoview.model.plan", "holoview.model.transfer"} <= _imported("holoview.optics.bench")
+    assert {"torch", "holoview.model.plan", "holoview.model.passband"} <= _imported("holoview.optics.bench")
     assert "holoview.optics.propagate" in _reached("holoview.engine.torch_executor")
     assert "torch" in _reached("holoview.engine.torch_executor")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)

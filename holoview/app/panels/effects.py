@@ -10,10 +10,8 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import parameter_field, tooltip
-from holoview.model.effects.active_effects import unmet_requirement
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter
-from holoview.model.effects.registry import listed_effects
+from holoview.model.effects.effect import Effect, Parameter
+from holoview.model.effects.registry import listed_effects, unmet_requirement
 
 _PLACES = {
     "source": "Source",

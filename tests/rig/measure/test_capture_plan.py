@@ -13,8 +13,8 @@ from holoview.captures import read_captures, write_captures
 from holoview.captures.dataset import join_captures
 from holoview.cli import main
 from holoview.rig import RigDescription
-from holoview.rig.measure.capture_plan import CapturePlan, default_plan, read_plan
-from holoview.rig.measure.measurement import Measurement
+from holoview.rig.capture_plan import CapturePlan, default_plan, read_plan
+from holoview.rig.measurement import Measurement
 from holoview.util.errors import UserError
 from tests.rig.conftest import LASERS_M, MakeRig, direct_devices
 
