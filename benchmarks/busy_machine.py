@@ -26,8 +26,7 @@ from statistics import median
 import holoview as hv
 from benchmarks.optimiser_work import full_work, ours
 from holoview.benchmark.frame_jobs import full_frame, open_renderer
-from holoview.calibrate.train import train
-from holoview.calibrate.training_plan import CalibrationSettings, map_layout_for, split_captures
+from holoview.calibrate.train import CalibrationSettings, map_layout_for, split_captures, train
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.gpu.device import open_device
 from holoview.util.processes import process_cpu_count, share_the_machine

@@ -14,18 +14,22 @@ from holoview.calibrate.calibration_result import (
     CalibrationResult,
     format_score,
     maps_path,
+    plot_calibration,
     score_predictions,
     starting_bench,
 )
 from holoview.calibrate.lut_fit import fit_lut, format_lut, lut_table, plot_lut, read_sweep, save_lut, with_lut
-from holoview.calibrate.map_plots import plot_calibration
-from holoview.calibrate.train import CalibrationModel, TrainingData, TrainingState, load_checkpoint, train
-from holoview.calibrate.training_plan import (
+from holoview.calibrate.train import (
+    CalibrationModel,
     CalibrationSettings,
     DataSplit,
+    TrainingData,
+    TrainingState,
     default_epochs,
+    load_checkpoint,
     map_layout_for,
     split_captures,
+    train,
 )
 from holoview.captures import read_captures
 from holoview.captures.dataset import Captures
@@ -36,7 +40,7 @@ from holoview.model import preset
 from holoview.model.effects.learned_maps import MapLayout
 from holoview.model.system import System
 from holoview.optimise.parallel import limit_torch_threads
-from holoview.report.images import require_matplotlib
+from holoview.report import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder

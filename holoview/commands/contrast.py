@@ -34,7 +34,7 @@ from holoview.metrics.speckle import (
 from holoview.model.focus import parse_plane, plane_label
 from holoview.numerics.sampling import Region
 from holoview.page.page import export_html
-from holoview.report.images import figure_bytes, require_matplotlib
+from holoview.report import figure_bytes, require_matplotlib
 from holoview.study.plots import line_plot, make_figure, speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import file_format, read_raster

@@ -34,7 +34,7 @@ from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.hologram_job import RunOptions
 from holoview.optimise.settings import Settings
-from holoview.report.images import CaptionedTile, contact_sheet
+from holoview.report import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -37,7 +37,7 @@ from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.system import System
-from holoview.report.images import require_matplotlib
+from holoview.report import require_matplotlib
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.capture_folder import CaptureFolder, loop_captures
 from holoview.rig.registration import read_registration

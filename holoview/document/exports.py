@@ -27,7 +27,7 @@ from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
 from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
-from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
+from holoview.report import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

@@ -19,8 +19,8 @@ from holoview.engine.frame import spectrum_behind_modulators
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.render.field_picture import field_picture
 from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.tone_mapping import field_picture
 from holoview.render.view_settings import ViewSettings
 from holoview.util.processes import LatestTask
 
