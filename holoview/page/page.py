@@ -1,6 +1,6 @@
 """A hologram as one HTML file that any browser with WebGPU shows live: `export_html` writes it, `read_page` reads it.
 
-The file holds the frame recording of each hologram (`recording`), the numbers from which its tables are computed
+The file holds the frame recording of each hologram (`contents`), the numbers from which its tables are computed
 (`document`), the scripts beside this file, pictures of each plane for browsers without WebGPU, and the hologram itself.
 It loads nothing: a content security policy in the file allows its own script and style and nothing else.
 """

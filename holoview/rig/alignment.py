@@ -76,7 +76,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FoundGeometry:
-    """The geometry as found. Turns are those of `captures.orientations`, against the picture on modulator 1.
+    """The geometry as found. Turns are those of `captures.dataset: ORIENTATIONS`, against the picture on modulator 1.
 
     slm2_turn: of the picture on modulator 2; None with one modulator. camera_turn: of the recorded picture. geometry:
     in the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.

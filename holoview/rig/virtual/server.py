@@ -29,7 +29,7 @@ or in rig.toml:
     repeated = 0.01               # the picture before, again: a trigger was dropped
     disconnect = 0.001            # of all messages: the connection is cut
     power_off = 0.001             # of all messages: everything goes dark at once
-    [placement]                   # how modulators and camera are turned: one of `captures.orientations`
+    [placement]                   # how modulators and camera are turned: one of `captures.dataset: ORIENTATIONS`
     slm1 = "rotate_180"           # the picture on modulator 1 arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
