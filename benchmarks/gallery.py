@@ -1,4 +1,4 @@
-"""Makes docs/gallery.md: every study at the quick scale, with a figure, pictures and the claims of each.
+"""Makes docs/gallery.md: every study at the quick scale, with a figure and pictures of each.
 
 python -m benchmarks.gallery [-o out/gallery]     results of earlier runs in this folder are used again
 """
@@ -17,7 +17,7 @@ from holoview.commands.console import progress_bar
 from holoview.study.plots import render_figure, version_summary, write_report
 from holoview.study.runner import ResultStore, run_jobs
 from holoview.study.studies import studies_by_name
-from holoview.study.study import QUICK, Claim, Findings, Study, StudyFigure, StudyPicture
+from holoview.study.study import QUICK, Findings, Study, StudyFigure, StudyPicture
 from holoview.util.file_writer import write_file
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -31,11 +31,11 @@ _COLOURS = 256
 
 HEAD = """# Gallery
 
-Every study at its quick scale, made by `python -m benchmarks.gallery`. At this size the pictures are small,
-gains scatter, and nothing here is a figure to quote: run a study at `--scale middle` or `--full` for that, and see
-[studies](studies.md) for what each scale means. How to read the contrasts: [speckle contrast](speckle-contrast.md).
-The manual (`make docs`) shows here three live holograms: HoloChrome against simultaneous colour, one against two
-modulators, and the colour error of an eye.
+Every study at its quick scale (128 × 96 samples, 40 iterations, one seed and three focal planes, if not said
+otherwise), made by `python -m benchmarks.gallery`. Gains scatter at this size: [studies](studies.md#results) has the
+figures to quote, and the report of each study its claims beside the paper's. How to read the contrasts: [speckle
+contrast](speckle-contrast.md). The manual (`make docs`) shows here three live holograms: HoloChrome against
+simultaneous colour, one against two modulators, and the colour error of an eye.
 
 {versions}"""
 
@@ -54,12 +54,17 @@ def section(study: Study, findings: Findings, images: Path) -> str:
     chosen = _chosen(study, findings.pictures)
     parts = [
         f"## {study.title}",
-        _wrapped(f"`holoview study {study.name}` · {study.summary} ({study.describe_size(QUICK)}.)"),
+        _wrapped(f"`holoview study {study.name}` · {study.summary}{_size(study)}"),
         *(_figure(study, plot, images) for plot in findings.plots[:1]),
         *([_table([p.caption for p in chosen], [[_picture(study, p, images) for p in chosen]])] if chosen else []),
-        _table(("claim", "paper", "here", "verdict"), [_cells(claim) for claim in findings.claims]),
     ]
     return "\n\n".join(parts)
+
+
+def _size(study: Study) -> str:
+    """The size of a study's jobs, where it isn't that of most studies, which the head of the page states."""
+    size = study.describe_size(QUICK)
+    return "" if size == QUICK.description else f" ({size}.)"
 
 
 def _chosen(study: Study, pictures: Sequence[StudyPicture]) -> Sequence[StudyPicture]:
@@ -94,10 +99,6 @@ def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
     large.save(buffer, format="JPEG", quality=_QUALITY)
     write_file(images / name, buffer.getbuffer())
     return f"![{picture.caption}](images/gallery/{name})"
-
-
-def _cells(claim: Claim) -> list[str]:
-    return [claim.claim, claim.published, claim.measured, f"{claim.verdict}{claim.reason and f': {claim.reason}'}"]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
