@@ -15,6 +15,7 @@ captures      make, check, show, import and plan captures
 diagnose      name the causes of the difference between captures and simulation
 calibrate     learn maps of a bench from captures, or fit a modulator's look-up table
 bench         time frames and edits
+bench_report  `bench --report`: one file with all measurements; needs fewer libraries than `bench`
 study         reproduce a figure of the paper
 contrast      measure speckle contrast
 demo          optimise, render and compare two displays

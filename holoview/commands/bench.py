@@ -1,7 +1,4 @@
-"""Measure how fast a hologram's frame and its edits are on this machine, beside torch.
-
-`holoview bench --report DIR`: everything that is measured of an adapter, in one file that an issue can carry.
-"""
+"""Measure how fast a hologram's frame and its edits are on this machine, beside torch."""
 
 from __future__ import annotations
 
@@ -9,8 +6,6 @@ import argparse
 import json
 import os
 import platform
-import re
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -26,10 +21,10 @@ from holoview.benchmark.frame_benchmark import (
 )
 from holoview.benchmark.frame_jobs import tune
 from holoview.benchmark.machine import versions
-from holoview.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
-from holoview.benchmark.report_text import report_markdown
+from holoview.benchmark.report_run import ReportOptions
 from holoview.commands.arguments import add_system, system_from_args
-from holoview.commands.console import EXIT_FAILED, deferred_interrupt, print_json, print_stderr, progress_bar
+from holoview.commands.bench_report import write_report
+from holoview.commands.console import print_json
 from holoview.commands.output_files import add_output_folder
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.line_fft import STRATEGIES, supported_strategies
@@ -38,7 +33,6 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
-from holoview.util.file_writer import make_folder, write_file
 
 _DEFAULT, _SIZE = "holochrome-8", "1024x768"
 _MOST_STARTS = 3  # of each command whose first image is timed
@@ -232,79 +226,3 @@ def _positive(flag: str, text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise UserError(flag, f'"{text}"', expected="a whole number from 1")
     return int(text)
-
-
-# --- the report -------------------------------------------------------------------------------------------------------
-
-
-_WINDOW = (1280, 800)
-_VIEWER_ROUNDS = 60
-
-
-def write_report(device: Device, options: ReportOptions, folder: Path) -> int:
-    """Measure a device, write the report into `folder`, print its path, and return the exit code.
-
-    The file is written anew after each measurement, so that it has all results even if a driver ends the program.
-    After Ctrl-C it has what was measured until then. Raises UserError if the folder can't be written to.
-    """
-    make_folder(folder)
-    run = ReportRun(device, options)
-    path = folder / report_name(run.data)
-    measurements = measurements_of(run)
-    _write(run, path)
-    with deferred_interrupt("measurement") as interruption, progress_bar("bench") as show:
-        for number, measurement in enumerate(measurements):
-            show(number, len(measurements), f"{measurement.section}: {measurement.title}")
-            run.make(measurement)
-            _write(run, path)
-            if interruption():
-                break
-        else:
-            run.finish()
-            _write(run, path)
-            show(len(measurements), len(measurements), "")
-    print(path)
-    if not run.data["is_complete"]:
-        return interruption.exit_code
-    if failed := _failed_titles(run.data):
-        print_stderr(f"failed, as the report says: {'; '.join(failed)}")
-        return EXIT_FAILED
-    return 0
-
-
-def measurements_of(run: ReportRun) -> list[Measurement]:
-    """All measurements of a report, in order."""
-    return [*run.measurements(), _viewer(run.device, run.options)]
-
-
-def report_name(data: dict[str, Any]) -> str:
-    """The report's file name: the adapter and the time, in letters that any file system and any site takes."""
-    adapter = re.sub(r"[^a-z0-9]+", "-", data["machine"]["adapter"]["name"].lower()).strip("-")
-    begun = re.sub(r"[^0-9T]", "", data["begun"].partition("+")[0])
-    return f"holoview-bench-{adapter or 'adapter'}-{begun}.md"
-
-
-def _viewer(device: Device, options: ReportOptions) -> Measurement:
-    """The measurement of the viewer, which needs the libraries of its window."""
-
-    def measure() -> dict[str, Any]:
-        from holoview.app.script import measure_frame_rate
-
-        columns, rows = (n // options.system.sampling.upsample for n in options.middle_size)
-        system = options.system.edit({"shape": [rows, columns]})
-        return measure_frame_rate(system, device, _WINDOW, _VIEWER_ROUNDS, options.limit_s)
-
-    return Measurement(VIEWER, "a scrub", measure)
-
-
-def _write(run: ReportRun, path: Path) -> None:
-    write_file(path, report_markdown(run.data))
-
-
-def _failed_titles(data: dict[str, Any]) -> list[str]:
-    return [
-        f"{section}, {entry['title']}"
-        for section, entries in data["results"].items()
-        for entry in entries
-        if "failed" in entry
-    ]

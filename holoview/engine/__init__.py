@@ -8,7 +8,5 @@ fused              records the fused kernels of a frame: the hooks with row and 
 kernels            generates the WGSL of the fused kernels and lists the variants that a plan needs
 shader_structs     the structs that Python and WGSL share, filled from the numbers of a plan
 compositor         weighted sum of intensities in CIE XYZ, and 8-bit sRGB of it, on the device
-incremental        IncrementalRenderer: recomputes only what an edit has made stale
-result_cache       fields, intensities, XYZ and sRGB on the device with the fingerprints of their inputs
-strategy_selector  chooses the FFT strategy of a renderer
+incremental        IncrementalRenderer: recomputes only what an edit has made stale; the FFT strategy it computes with
 """

@@ -58,8 +58,8 @@ def slices(renderer: IncrementalRenderer) -> Iterator[UpdateProgress]:
 class ProgressiveRenderer:
     """One image that follows a scene: call `request` after each change, and `compute_slice` while `is_busy`.
 
-    picture: the newest image on the device, quick or full; None before the first. progress: of the full frame, 0…1.
-    full_scene: the scene of the last full frame. quick_gain: the factor by which quick frames are darker.
+    picture: the newest image on the device, quick or full; None before the first. full_scene: the scene of the last
+    full frame. quick_gain: the factor by which quick frames are darker.
     """
 
     def __init__(self, device: Device) -> None:
@@ -73,7 +73,6 @@ class ProgressiveRenderer:
         self._first: Future[None] | None = None  # while a thread computes the first picture
         self._next: Scene | None = None  # what was requested meanwhile, or during a quick frame
         self.picture: DeviceImage | None = None
-        self.progress = 1.0
         self.full_scene: Scene | None = None
         self.quick_gain = 1.0
         self._quick_scene: Scene | None = None
@@ -84,6 +83,13 @@ class ProgressiveRenderer:
     def is_busy(self) -> bool:
         """Whether the full frame of the requested scene isn't there yet."""
         return self._stage != "done"
+
+    @property
+    def progress(self) -> float:
+        """Share of the full frame that is computed: its renderer's progress."""
+        if self._stage != "full":
+            return float(self._stage == "done")
+        return 0.0 if self._steps is None or self._full is None else self._full.progress
 
     @property
     def is_fresh(self) -> bool:
@@ -138,7 +144,7 @@ class ProgressiveRenderer:
             return
         is_in_drag = self.is_busy and (self._stage == "quick" or self._follows_quick_frame)
         self._requested, self._requested_at = scene, time.perf_counter()
-        self._steps, self.progress = None, 0.0
+        self._steps = None
         self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
 
     def start(self, scene: Scene | None, executor: Executor) -> None:
@@ -189,10 +195,8 @@ class ProgressiveRenderer:
         except Exception:  # reported once and not tried again before the next edit
             self._stage, self._steps = "done", None
             raise
-        if step is not None:
-            self.progress = step.done / step.total if self._stage == "full" else 0.0
-            if step.done < step.total:
-                return False
+        if step is not None and step.done < step.total:
+            return False
         self._finish()
         return True
 
@@ -271,7 +275,7 @@ class ProgressiveRenderer:
         if is_quick:
             self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
             return
-        self._stage, self.progress, self.full_scene = "done", 1.0, self._requested
+        self._stage, self.full_scene = "done", self._requested
         self._compare_brightness()
 
     def _compare_brightness(self) -> None:

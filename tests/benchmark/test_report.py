@@ -20,7 +20,7 @@ from holoview.benchmark.machine import probe_device
 from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, VIEWER, Measurement, ReportRun
 from holoview.benchmark.report_text import Values, report_markdown, results
 from holoview.cli import main
-from holoview.commands import bench as bench_report
+from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
 from holoview.util.processes import Interruption
@@ -152,7 +152,7 @@ import json
 from pathlib import Path
 from holoview.benchmark import report_run
 from holoview.benchmark.machine import probe_device
-from holoview.commands.bench import measurements_of
+from holoview.commands.bench_report import measurements_of
 from holoview.gpu.device import open_device
 from holoview.model import preset
 report_run.STRATEGIES = ("workgroup",)
