@@ -30,8 +30,7 @@ from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.render.page_images import PageImages
 from holoview.render.planes import PlanePreviews
-from holoview.render.progressive_renderer import ProgressiveRenderer
-from holoview.render.side_renderers import SideRenderers
+from holoview.render.progressive_renderer import ProgressiveRenderer, SideRenderers
 from holoview.util.errors import UserError, suggest_matches
 
 if TYPE_CHECKING:

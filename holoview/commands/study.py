@@ -14,7 +14,7 @@ from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.model.fields import Shape
 from holoview.report import require_matplotlib
 from holoview.study.hologram_study import HologramStudy, write_live_page
-from holoview.study.plots import format_claims, write_report
+from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.studies import find_study, studies_by_name
 from holoview.study.study import QUICK, SCALES, TARGETS, Study, StudyScale

@@ -2,6 +2,7 @@
 
 ClosedLoop   takes captures, judges them, and ends when the cause is certain or a budget is spent
 Planner      chooses the next capture: by the information that it promises (`InformedPlanner`)
+diagnose_rig opens a rig and runs a loop with it
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from holoview.captures.dataset import Captures, join_captures
+from holoview.captures.predictor import check_known_effects, check_user_effects
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
@@ -31,13 +34,16 @@ from holoview.experiment.capture_choice import (
     starting_proposals,
 )
 from holoview.experiment.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.experiment.rig_bench import diagnosis_options
+from holoview.experiment.rig_bench import KnownEffects, diagnosis_options
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import get_effect
-from holoview.rig.description import RigDescription
+from holoview.model.effects.registry import get_effect, listed_effects
+from holoview.rig.capture_folder import loop_captures
+from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Devices
 from holoview.rig.measurement import Measurement
+from holoview.rig.open_rig import open_rig
 from holoview.util.errors import UserError
+from holoview.util.files import read_text
 
 _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
 # After a diagnosis that named other causes than the leading hypothesis, the next one waits for so many more captures,
@@ -103,6 +109,17 @@ class LoopResult:
     diagnosis: Diagnosis
     ended: str
     is_certain: bool
+
+    @property
+    def sentence(self) -> str:
+        """How the loop ended."""
+        seconds = math.fsum(step.seconds for step in self.steps)
+        return f"{len(self.parts)} captures, {seconds:.3g} s on the bench: {self.ended}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs; SI units."""
+        steps = [step.as_json() for step in self.steps]
+        return {"ended": self.ended, "certain": self.is_certain, "captures": steps}
 
 
 class ClosedLoop:
@@ -293,3 +310,50 @@ class InformedPlanner:
             return of_wavelength, int((taken.distance_m == proposal.distance_m).sum())
 
         return min(bright or proposals, key=times)
+
+
+# --- the whole experiment ---------------------------------------------------------------------------------------------
+
+
+def diagnose_rig(
+    file: Path,
+    known: KnownEffects,
+    settings: LoopSettings,
+    user_effects: Sequence[Effect],
+    save: Path | None,
+    *,
+    tell: Callable[[str], None],
+    is_asked_to_end: Callable[[], bool],
+    **options: Any,
+) -> tuple[Captures, LoopResult]:
+    """Takes captures with the rig of rig.toml until the cause is certain; returns them, and what the loop found.
+
+    known: effects of the bench, beside the placement of an aligned rig. user_effects: are evaluated once with the first
+    capture. save: the file of the captures; those of an interrupted loop, in the folder beside it, are gone on with.
+    options: of the diagnosis. Raises UserError for a wrong description, device or capture.
+    """
+    rig = read_rig(file)
+    known = known.with_placement(rig.registration)
+    stated = known.added_to({})
+    folder = None if save is None else loop_captures(save, read_text(file, "a rig"))
+    before = [] if folder is None else folder.resume()
+    effects, planner = list(listed_effects().values()), InformedPlanner(rig)
+    options |= {"known": stated, "uncertain": known.uncertain, "tell": tell, "is_asked_to_end": is_asked_to_end}
+
+    def keep(number: int, capture: Captures) -> None:
+        if folder is not None:
+            folder.write(number, capture)
+        if number == 0:
+            check_user_effects(capture, user_effects)
+            check_known_effects(capture, stated)
+
+    try:
+        with open_rig(rig) as devices:
+            result = ClosedLoop(rig, devices, effects, planner, settings, keep=keep, **options).run(before)
+    except (UserError, KeyboardInterrupt):
+        if folder is not None:
+            tell(f"the captures are in {folder.folder}; the same command goes on")
+        raise
+    if folder is None or save is None:
+        return join_captures(result.parts), result
+    return folder.join_into(save, result.parts), result

@@ -156,6 +156,10 @@ class KnownEffects:
                 result[name] = result.get(name, {}) | dict(values)
         return result
 
+    def with_placement(self, placement: Registration | None) -> KnownEffects:
+        """The same beside the placement of an aligned rig (else None); stated effects count where both have a value."""
+        return self if placement is None else replace(self, registrations=[placement, *self.registrations])
+
     @property
     def uncertain(self) -> dict[str, dict[str, float]]:
         """Standard deviations of what registrations know."""

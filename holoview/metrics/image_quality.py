@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,16 +30,19 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.io.hologram import Hologram
 from holoview.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
-from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
-from holoview.model.focus import focused_planes, with_pupil_at
+from holoview.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
+from holoview.model.focus import focused_planes, plane_label, with_pupil_at
 from holoview.model.plan import make_plan
 from holoview.numerics.sampling import Region, region_slices
 from holoview.numerics.structural_similarity import scale_count
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.slm import EYEBOX_BLOCKS, first_order
 from holoview.optimise.eyes import PupilPlaces
+from holoview.targets.image_reader import read_raster
+from holoview.targets.picture import read_picture
 from holoview.targets.target_source import TargetSource
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 from holoview.view import View, simulate
 
 CENTRE_DIVISOR = 8
@@ -310,3 +314,51 @@ def _psnr_db(
     if region is not None:
         view, target = view.cropped(region), target[:, *region_slices(region)]
     return psnr_linear_srgb(view.rgb, target).planes_db
+
+
+# --- images whose speckle is measured ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LuminanceImage:
+    """An image to measure.
+
+    luminance: (y, x), linear.
+    description: what it is, for people.
+    clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
+    """
+
+    luminance: NDArray[np.floating]
+    description: str
+    clipped_share: float = 0.0
+
+
+def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
+    """The luminance of a picture file. is_linear: its integers hold intensity, not an sRGB signal.
+
+    Raises UserError as `read_raster` and `read_picture` do.
+    """
+    raster = read_raster(path)
+    clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
+    if is_linear:
+        values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
+        return LuminanceImage(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
+    luminance = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1]
+    return LuminanceImage(luminance, f"luminance of {path.name}", clipped)
+
+
+def hologram_luminance(hologram: Hologram, plane_m: float, name: str) -> LuminanceImage:
+    """The luminance of a hologram at a plane, with an eye on its retina. name: what it is, for people."""
+    system = hologram.system
+    view = simulate(system, hologram.drive, [plane_m], backend="torch")
+    place = plane_label(system, plane_m) + ("" if system.eye is None else ", on the retina")
+    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {place}")
+
+
+def contrast_by_pupil(
+    hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region, progress: ProgressCallback
+) -> RetinalCurve:
+    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
+    systems = pupils_of(hologram.system, pupils_m)
+    images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
+    return retinal_curve(systems, images, region, progress)

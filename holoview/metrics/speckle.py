@@ -235,6 +235,11 @@ class RetinalContrast:
     cone_contrast: float
     grain_arcmin: float
 
+    def as_json(self) -> dict[str, float]:
+        """For programs; the diameter in mm."""
+        own = {"contrast": self.contrast, "cone_contrast": self.cone_contrast, "grain_arcmin": self.grain_arcmin}
+        return {"pupil_mm": round(self.pupil_m * 1e3, 6), **own}
+
 
 def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[System]:
     """The system with its eye's pupil of each diameter.

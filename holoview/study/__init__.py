@@ -4,5 +4,6 @@ study           the interface of a study: its jobs at a problem size, what each 
 hologram_study  the job that most studies share (optimise a hologram and measure it), and gains beside the paper's
 plots           charts that studies share
 runner          runs jobs in this process, in several, or on a Dask cluster, and keeps their results
+report          the report as HTML, CSV and figures
 studies         the studies, by question
 """

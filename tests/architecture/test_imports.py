@@ -60,7 +60,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
-    ("holoview.study.plots", "pyarrow"): OPTIONAL,
+    ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.report.html_report"): SLOW,
     ("holoview.benchmark.report_run", "holoview.benchmark.optimiser_iteration"): OPTIONAL,

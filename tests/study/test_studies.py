@@ -16,7 +16,7 @@ from holoview.model.effects import registry as effects
 from holoview.study import hologram_study as work
 from holoview.study import study
 from holoview.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
-from holoview.study.plots import format_claims, write_report
+from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ResultStore, run_jobs
 from holoview.study.studies import eye, model_vs_capture, pupil, studies_by_name
 from holoview.study.study import Findings
