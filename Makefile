@@ -8,11 +8,12 @@
 # make wheel  build the wheel, install it alone elsewhere and use it
 # make docs   build the manual as a site, out/site/index.html
 # make tutorials  run the tutorials and write what they print and draw into their pages
+# make pictures  draw the pictures of the viewer in the manual anew; on an idle machine, whose times they show
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make fuzz   feed hostile files and options for an hour (MINUTES=60 SEED=1) and count how they end
 # make bench  time the frame's stages on this machine
-.PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
+.PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials pictures gallery still-life lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -69,6 +70,10 @@ docs: .venv/holoview.stamp
 tutorials: .venv/holoview.stamp
 	@bash .ci/adapter
 	@$(BIN)/python -m docs._hooks.tutorials
+
+pictures: .venv/holoview.stamp
+	@bash .ci/adapter
+	@$(BIN)/python -m docs._hooks.pictures
 
 gallery: .venv/holoview.stamp
 	@$(BIN)/python -m benchmarks.gallery

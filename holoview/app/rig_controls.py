@@ -428,6 +428,7 @@ class CameraPanes:
         em = imgui.get_font_size()
         imgui.set_next_item_width(8 * em)
         _, index = imgui.combo("##show", MODES.index(picture.mode), list(MODES))
+        context.record_item_rect("camera view")
         tooltip(_TIPS["show"])
         picture.mode = MODES[index]
         imgui.same_line()

@@ -1,4 +1,4 @@
-"""`holoview conformance`: checks holoview on 100 cases of propagating light with known answers, or writes the cases."""
+"""`holoview conformance`: checks holoview on 102 cases of propagating light with known answers, or writes the cases."""
 
 from __future__ import annotations
 

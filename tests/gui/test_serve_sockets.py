@@ -260,20 +260,30 @@ def test_with_a_certificate_connections_are_encrypted(certificate: tuple[Path, P
     assert options.scheme == "https" and Address().url(8443, "t", options.scheme) == "https://127.0.0.1:8443/?token=t"
     trust = ssl.create_default_context(cafile=certificate[0])
     with running(options) as server:
-        with trust.wrap_socket(
-            socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS), server_hostname="127.0.0.1"
-        ) as connection:
-            connection.sendall(_get("/?token=right", more="").replace("\n", "\r\n").encode())
-            answer = connection.recv(4096).decode()
-            assert _status(answer) == 303 and "SameSite=Strict; Secure" in answer
-            assert connection.version() in ("TLSv1.2", "TLSv1.3")
+
+        def encrypted_answer(head: str) -> str:
+            plain = socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS)
+            with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
+                assert connection.version() in ("TLSv1.2", "TLSv1.3")
+                connection.sendall(head.replace("\n", "\r\n").encode())
+                return connection.recv(4096).decode()
+
+        answer = encrypted_answer(_get("/?token=right", more=""))
+        assert _status(answer) == 303 and "SameSite=Strict; Secure" in answer
         secure = {"ssl": trust, "additional_headers": _COOKIE, "open_timeout": SECONDS}
         own = f"https://127.0.0.1:{server.port}"
         with connect(f"wss://127.0.0.1:{server.port}/", origin=own, **secure) as page:  # type: ignore[arg-type]
             page.send("hello")
             assert page.recv(SECONDS) == "hello"
-        with pytest.raises(InvalidStatus, match="403"):
-            connect(f"wss://127.0.0.1:{server.port}/", origin=own.replace("https", "http"), **secure)  # type: ignore[arg-type]
+        # By hand: websockets' client loses an answer behind which the server closes about once in a hundred times, when
+        # its two threads meet (EOFError in its recv_events).
+        upgrade = "upgrade: websocket\nsec-websocket-key: AAAAAAAAAAAAAAAAAAAAAA==\nsec-websocket-version: 13\n"
+        origin = f"origin: {own.replace('https', 'http')}\ncookie: holoview=right\n"
+        request = _get(host=f"127.0.0.1:{server.port}", more=upgrade + origin).replace(
+            "connection: close", "connection: Upgrade"
+        )
+        assert _status(encrypted_answer(request)) == 403
+        assert _status(encrypted_answer(request.replace("origin: http:", "origin: https:"))) == 101
         with socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS) as plain:
             plain.sendall(_get().replace("\n", "\r\n").encode())
             assert b"<title>" not in plain.recv(4096)
