@@ -4,6 +4,7 @@ fit_laser_response   each laser's scale and power-law exponent, from the gains o
 score_predictions    χ² per pixel and PSNR before and after, by group of captures and wavelength
 CalibrationResult    the preset, the file of its maps, and the scores as JSON
 format_score         the scores as a table
+CalibrationTask      the whole calibration, from captures to the result
 
 The predicted signal s of a capture is proportional to power · exposure. The gain, by which it is multiplied to fit the
 image best, shows how the light departs from that proportionality:
@@ -22,7 +23,7 @@ follows the laser's power law. With light y and weights w, each capture of n use
 
 Both models are scored with the same weights, from the camera's noise at the signal of the calibrated model.
 
-Plots the learned maps (source, look-up tables, warp, pupils), and residuals before and after calibration.
+plot_calibration draws the learned maps, and residuals before and after calibration.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,12 +40,26 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.train import DataSplit, Indices, TrainingData, WeightedImage, captures_digest
+from holoview.calibrate.train import (
+    CalibrationCheckpoint,
+    CalibrationModel,
+    CalibrationSettings,
+    DataSplit,
+    Indices,
+    TrainingData,
+    TrainingState,
+    WeightedImage,
+    captures_digest,
+    default_epochs,
+    map_layout_for,
+    split_captures,
+    train,
+)
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
 from holoview.model import preset
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
-from holoview.model.effects.learned_maps import LearnedMaps, write_calibration
+from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
 from holoview.report import png_figure
 from holoview.util import units
@@ -438,6 +453,74 @@ def _nm(wavelength_m: float) -> float:
 def _rounded(value: float) -> float | None:
     """The value with six significant digits; None, which JSON can hold, for one that isn't finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+# --- the whole calibration --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CalibrationTask:
+    """The data of a calibration: captures, nominal bench, split, maps and settings.
+
+    normalises: whether the amplitudes of the preset are scaled, as it states none itself.
+    """
+
+    captures: Captures
+    bench: System
+    split: DataSplit
+    layout: MapLayout
+    settings: CalibrationSettings
+    normalises: bool
+
+    @property
+    def padded_samples(self) -> int:
+        """Samples of a simulated field."""
+        return 4 * self.captures.upsample**2 * self.captures.levels[0, 0].size
+
+    @property
+    def notes(self) -> list[str]:
+        """What the captures can't show."""
+        notes = []
+        if len(self.captures.wavelengths_m) == 1:
+            notes.append("one wavelength only: what changes with the wavelength can't be known")
+        if len(set(self.captures.distance_m.tolist())) == 1 and not self.captures.is_fourier:
+            notes.append("one plane only: relay 2 and the camera can't be told apart")
+        return notes
+
+    def train(self, resume: CalibrationCheckpoint | None) -> Iterator[TrainingState]:
+        """A state after each epoch, from the beginning or from a checkpoint; see `train`."""
+        return train(self.captures, self.bench.effect_values, self.split, self.layout, self.settings, resume)
+
+    def result(
+        self, maps: LearnedMaps, progress: ProgressCallback, pictures: Path | None
+    ) -> tuple[CalibrationResult, list[Path]]:
+        """Scores maps, and draws them into a folder if one is given; returns the drawn files too."""
+        data = TrainingData(self.captures, self.bench.effect_values)
+        model = CalibrationModel(self.captures, self.layout, self.bench.effect_values)
+        model.set_maps(maps.tensors)
+        score = score_predictions(data, self.split, model.predict_nominal, model.predict, progress)
+        drawn: list[Path] = []
+        if pictures is not None:
+            drawn += plot_calibration(pictures, data, maps, self.split, model.predict_nominal, model.predict)
+        return CalibrationResult(self.captures, self.bench, maps, score, normalise_amplitudes=self.normalises), drawn
+
+
+def plan_calibration(
+    captures: Captures, start: System | None, name: str, settings: Mapping[str, Any], pixels_a_node: int | None
+) -> CalibrationTask:
+    """The task of learning from captures. start: the bench that a preset states. name: of the calibrated bench.
+
+    settings: those of `CalibrationSettings` that differ from the default, where "epochs" depend on the captures.
+    pixels_a_node: how coarse the source's maps are. Raises UserError as `starting_bench` and `split_captures` do.
+    """
+    bench = starting_bench(captures, start, name)
+    full = CalibrationSettings(**settings)
+    split = split_captures(captures, full.share, full.seed)
+    if "epochs" not in settings:
+        full = dataclasses.replace(full, epochs=default_epochs(len(split.train), full.batch))
+    coarseness = {} if pixels_a_node is None else {"pixels_per_node": pixels_a_node}
+    layout = map_layout_for(captures, split.train, **coarseness)
+    return CalibrationTask(captures, bench, split, layout, full, normalises=start is None)
 
 
 # --- plots ------------------------------------------------------------------------------------------------------------
