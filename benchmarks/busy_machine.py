@@ -26,11 +26,10 @@ from statistics import median
 import holoview as hv
 from benchmarks.optimiser_work import full_work, ours
 from holoview.benchmark.frame_jobs import full_frame, open_renderer
-from holoview.calibrate.train import train
-from holoview.calibrate.training_plan import CalibrationSettings, map_layout_for, split_captures
+from holoview.calibrate.train import CalibrationSettings, map_layout_for, split_captures, train
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.gpu.device import open_device
-from holoview.util.processors import process_cpu_count, share_the_machine
+from holoview.util.processes import process_cpu_count, share_the_machine
 
 _BLOCK = bytes(1 << 18)  # hashing it takes a fraction of a millisecond, without Python's lock
 _LOOP = "while True: pass"

@@ -38,7 +38,7 @@ from holoview.captures import read_captures
 from holoview.cli import main as holoview
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import SessionStore
-from holoview.experiment.camera_loop.loop import load_loop_checkpoint
+from holoview.experiment.camera_loop import load_loop_checkpoint
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.effects.learned_maps import read_calibration

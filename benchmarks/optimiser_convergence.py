@@ -26,7 +26,7 @@ import holoview as hv
 from benchmarks.baselines import Autograd, Cached, Work
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_work import FftCount, colour_work, interleaved, iteration_ffts, ours
-from holoview.benchmark.torch_baseline import torch_threads
+from holoview.benchmark.frame_benchmark import torch_threads
 
 SIZE = (192, 256)
 TARGETS = ("still-life", "resolution")

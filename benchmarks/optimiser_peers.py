@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.baselines import Work
 from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed
 from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
-from holoview.benchmark.torch_baseline import torch_threads
+from holoview.benchmark.frame_benchmark import torch_threads
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}

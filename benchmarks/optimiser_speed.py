@@ -20,7 +20,7 @@ from benchmarks.optimiser_work import (
     summary,
     times_table,
 )
-from holoview.benchmark.torch_baseline import torch_threads
+from holoview.benchmark.frame_benchmark import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
 TEXTBOOK, CACHED, FLOOR = "autograd, textbook", "autograd, cached H", "its FFTs alone"

@@ -13,7 +13,7 @@ import torch
 
 from benchmarks.baselines import Autograd, Cached, Tensor, Work
 from benchmarks.optimiser_work import Run, colour_work, interleaved, ours, summary, times_table
-from holoview.benchmark.torch_baseline import torch_threads
+from holoview.benchmark.frame_benchmark import torch_threads
 from holoview.model.plan import make_plan
 from holoview.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.optics.propagate import support_mask

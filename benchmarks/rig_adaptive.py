@@ -28,8 +28,8 @@ import torch
 
 from benchmarks.diagnosis import bench
 from holoview.diagnose.config import SearchConfig
-from holoview.experiment.next_capture.capture_choice import Choice, Proposal, draw_proposals
-from holoview.experiment.next_capture.closed_loop import (
+from holoview.experiment.capture_choice import Choice, Proposal, draw_proposals
+from holoview.experiment.closed_loop import (
     ClosedLoop,
     InformedPlanner,
     LoopSettings,
@@ -37,8 +37,8 @@ from holoview.experiment.next_capture.closed_loop import (
     PlannerState,
 )
 from holoview.model.effects.registry import get_effect
+from holoview.rig.capture_plan import default_plan
 from holoview.rig.description import RigDescription, read_rig
-from holoview.rig.measure.capture_plan import default_plan
 from tests.diagnose.effect_sampling import sample_effect
 from tests.experiment.next_capture.benches import BenchInProcess
 

@@ -34,8 +34,8 @@ from holoview import cli
 from holoview.captures import write_captures
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.extended_model import extended_system
-from holoview.experiment.camera_loop.bench_camera import BenchCamera
-from holoview.experiment.camera_loop.loop import CameraLoop, ModelUpdates
+from holoview.experiment.bench_camera import BenchCamera
+from holoview.experiment.camera_loop import CameraLoop, ModelUpdates
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram
 from holoview.model import preset
@@ -43,8 +43,8 @@ from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.measure.capture_plan import default_plan
-from holoview.rig.measure.measurement import Measurement
+from holoview.rig.capture_plan import default_plan
+from holoview.rig.measurement import Measurement
 from holoview.targets.picture import read_picture
 from holoview.targets.target import Placement, target_for
 

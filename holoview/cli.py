@@ -14,11 +14,10 @@ from holoview.commands.console import EXIT_USER_ERROR, console_streams
 from holoview.commands.output_files import LOCKS, check_files
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
+from holoview.util.file_writer import OutputLocks
 from holoview.util.memory_limit import memory_setting
-from holoview.util.output_locks import OutputLocks
 from holoview.util.packages import __version__
-from holoview.util.processes import exit_code_of, handled_signals, raise_interrupted
-from holoview.util.processors import share_the_machine
+from holoview.util.processes import exit_code_of, handled_signals, raise_interrupted, share_the_machine
 
 COMMANDS = {
     "presets": "list the presets, a line each",

@@ -26,7 +26,7 @@ from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 if TYPE_CHECKING:
-    from holoview.engine.stage_fields import StageField
+    from holoview.engine.torch_executor import StageField
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32
 
@@ -185,7 +185,7 @@ def field_at(
     """
     system, drive = _with_drive(system, drive)
     planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
-    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+    from holoview.engine.torch_executor import stage_field  # slow start: importing torch takes a second
 
     plane_m = float(planes_m[len(planes_m) // 2])
     return stage_field(system, drive, stage, plane_m, laser=laser, frame=frame, source=source)
@@ -220,7 +220,7 @@ def as_field(hologram: Hologram) -> Hologram:
     if len(system.source.directions_rad) > 1 or system.effects:
         found = "effects" if system.effects else f"{len(system.source.directions_rad)} directions of the source"
         raise UserError("field", found, expected="one direction and no effects", remedy="take them away with --set")
-    from holoview.engine.stage_fields import stage_field  # slow start: importing torch takes a second
+    from holoview.engine.torch_executor import stage_field  # slow start: importing torch takes a second
 
     upsample, modulator, relay = system.sampling.upsample, system.modulators[-1], system.relay2
     shape = (modulator.shape[0] * upsample, modulator.shape[1] * upsample)

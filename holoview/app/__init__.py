@@ -8,7 +8,6 @@ context             what panels, overlays and menus share
 window              Dear ImGui on rendercanvas and wgpu
 viewport            draws images of the device into a texture: zoom, exposure, comparison
 user_input          what events mean, key by key, and how Dear ImGui gets them frame by frame
-command_palette     the commands of the viewer with their keys; the sheet of keys and the palette
 theme               fonts and colours
 tour                the tour of the example
 file_dialog         dialogs that choose a file, and offer sessions that a crash left
@@ -16,14 +15,11 @@ desktop             file drops, and text and pictures of the clipboard
 panel               the base class of panels; drawing that may fail
 panels              the panels, one module each
 parameter_widgets   sliders and fields made from a parameter's metadata
-eye_widgets         a map of the eyebox, the pupil's path, the eye's focus
 plots               small plots
-plane_tiles         clickable pictures of planes
 readout             texts of the image panel: values under the pointer, scores, labels
 rig_controls        what the panels of a rig show
 script              drives a viewer off screen: text scripts, synthetic events, frame rate
 serve               the server: connections, deadlines, how many clients
-serve_guard         who is served, and which requests pass: by name, token and origin
 served_canvas       the canvas that several pages show
 notebook            the viewer in a notebook's cell
 no_adapter          the page shown without a usable adapter

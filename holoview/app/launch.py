@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from holoview.app.serve import require_serving_libraries
-from holoview.app.serve_guard import Address, ServeOptions
+from holoview.app.serve import Address, ServeOptions, require_serving_libraries
 from holoview.app.startup import Startup
 from holoview.document.editing_session import EditingSession
-from holoview.document.example import new_session
-from holoview.document.files import FilesToOpen
+from holoview.document.files import FilesToOpen, new_session
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device

@@ -10,7 +10,7 @@ from typing import Any
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.model.effects.effect import ListParameter, Parameter
 from holoview.model.fields import Array, Choice, Coefficients, Integer, Nested, Number, Truth, fields_by_key
 from holoview.model.stops import APERTURE, CentreField, SquareField, SquareStop
 from holoview.util import units

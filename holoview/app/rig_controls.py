@@ -24,9 +24,9 @@ from holoview.app.theme import laser_colour
 from holoview.app.viewport import Viewport, VisibleArea, visible_area_of
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.document.document import middle_plane
-from holoview.experiment.live.live_diagnosis import FIRST, MOST, cause_text
-from holoview.experiment.live.live_view import LivePicture, LiveView
-from holoview.experiment.live.rig_session import (
+from holoview.experiment.live_view import FIRST, MOST, LivePicture, LiveView, cause_text
+from holoview.experiment.rig_bench import system_of_rig
+from holoview.experiment.rig_session import (
     MODELS,
     RigSession,
     drive_pattern,
@@ -34,7 +34,6 @@ from holoview.experiment.live.rig_session import (
     flat_pattern,
     random_pattern,
 )
-from holoview.experiment.rig_bench import system_of_rig
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import ViewSettings
 from holoview.rig.description import RigDescription

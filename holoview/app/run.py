@@ -18,11 +18,9 @@ from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
 from holoview.app.panels.rig import open_rig
 from holoview.app.script import InputDriver, run_script, screenshot, wait_until_idle
-from holoview.app.serve import serve
-from holoview.app.serve_guard import Address, ServeOptions
+from holoview.app.serve import Address, ServeOptions, serve
 from holoview.document.editing_session import EditingSession
-from holoview.document.example import shows_example
-from holoview.document.files import NO_FILES, FilesToOpen
+from holoview.document.files import NO_FILES, FilesToOpen, shows_example
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost

@@ -2,8 +2,6 @@
 
 frame_jobs           jobs that are timed, interleaved: a frame, a scrub, edits of the gap and of the lasers
 frame_benchmark      a frame and its edits beside torch, by the device's own clock, and from the start of a process
-torch_baseline       the same frame as the fastest loops in PyTorch
-stage_parity         the error of each stage beside torch in complex128, on small benches
 optimiser_iteration  an iteration of the optimiser on the processor and on a card
 machine              adapter, processor, versions; bandwidth of a copy; the power that a card draws
 report_run           the measurements of a report, one after the other

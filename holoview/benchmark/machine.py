@@ -25,7 +25,7 @@ from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.gpu.shader import link
 from holoview.numerics.sampling import ceil_div
 from holoview.util.packages import __version__
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import process_cpu_count
 
 _PACKAGES = ("numpy", "torch", "wgpu")
 

@@ -4,6 +4,7 @@ fit_laser_response   each laser's scale and power-law exponent, from the gains o
 score_predictions    χ² per pixel and PSNR before and after, by group of captures and wavelength
 CalibrationResult    the preset, the file of its maps, and the scores as JSON
 format_score         the scores as a table
+CalibrationTask      the whole calibration, from captures to the result
 
 The predicted signal s of a capture is proportional to power · exposure. The gain, by which it is multiplied to fit the
 image best, shows how the light departs from that proportionality:
@@ -21,6 +22,8 @@ follows the laser's power law. With light y and weights w, each capture of n use
     χ²/n = Σ w·(y − g·s)² / n        PSNR = 10·log₁₀(peak²·n / Σ (y − g·s)²),   peak = 99.9th percentile of y
 
 Both models are scored with the same weights, from the camera's noise at the signal of the calibrated model.
+
+plot_calibration draws the learned maps, and residuals before and after calibration.
 """
 
 from __future__ import annotations
@@ -28,25 +31,46 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.train import TrainingData, WeightedImage, captures_digest
-from holoview.calibrate.training_plan import DataSplit, Indices
+from holoview.calibrate.train import (
+    CalibrationCheckpoint,
+    CalibrationModel,
+    CalibrationSettings,
+    DataSplit,
+    Indices,
+    TrainingData,
+    TrainingState,
+    WeightedImage,
+    captures_digest,
+    default_epochs,
+    map_layout_for,
+    split_captures,
+    train,
+)
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
 from holoview.model import preset
-from holoview.model.effects.learned_maps import LearnedMaps, write_calibration
+from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
+from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
+from holoview.report import png_figure
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
+from holoview.util.units import format_rounded
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -429,3 +453,228 @@ def _nm(wavelength_m: float) -> float:
 def _rounded(value: float) -> float | None:
     """The value with six significant digits; None, which JSON can hold, for one that isn't finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+# --- the whole calibration --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CalibrationTask:
+    """The data of a calibration: captures, nominal bench, split, maps and settings.
+
+    normalises: whether the amplitudes of the preset are scaled, as it states none itself.
+    """
+
+    captures: Captures
+    bench: System
+    split: DataSplit
+    layout: MapLayout
+    settings: CalibrationSettings
+    normalises: bool
+
+    @property
+    def padded_samples(self) -> int:
+        """Samples of a simulated field."""
+        return 4 * self.captures.upsample**2 * self.captures.levels[0, 0].size
+
+    @property
+    def notes(self) -> list[str]:
+        """What the captures can't show."""
+        notes = []
+        if len(self.captures.wavelengths_m) == 1:
+            notes.append("one wavelength only: what changes with the wavelength can't be known")
+        if len(set(self.captures.distance_m.tolist())) == 1 and not self.captures.is_fourier:
+            notes.append("one plane only: relay 2 and the camera can't be told apart")
+        return notes
+
+    def train(self, resume: CalibrationCheckpoint | None) -> Iterator[TrainingState]:
+        """A state after each epoch, from the beginning or from a checkpoint; see `train`."""
+        return train(self.captures, self.bench.effect_values, self.split, self.layout, self.settings, resume)
+
+    def result(
+        self, maps: LearnedMaps, progress: ProgressCallback, pictures: Path | None
+    ) -> tuple[CalibrationResult, list[Path]]:
+        """Scores maps, and draws them into a folder if one is given; returns the drawn files too."""
+        data = TrainingData(self.captures, self.bench.effect_values)
+        model = CalibrationModel(self.captures, self.layout, self.bench.effect_values)
+        model.set_maps(maps.tensors)
+        score = score_predictions(data, self.split, model.predict_nominal, model.predict, progress)
+        drawn: list[Path] = []
+        if pictures is not None:
+            drawn += plot_calibration(pictures, data, maps, self.split, model.predict_nominal, model.predict)
+        return CalibrationResult(self.captures, self.bench, maps, score, normalise_amplitudes=self.normalises), drawn
+
+
+def plan_calibration(
+    captures: Captures, start: System | None, name: str, settings: Mapping[str, Any], pixels_a_node: int | None
+) -> CalibrationTask:
+    """The task of learning from captures. start: the bench that a preset states. name: of the calibrated bench.
+
+    settings: those of `CalibrationSettings` that differ from the default, where "epochs" depend on the captures.
+    pixels_a_node: how coarse the source's maps are. Raises UserError as `starting_bench` and `split_captures` do.
+    """
+    bench = starting_bench(captures, start, name)
+    full = CalibrationSettings(**settings)
+    split = split_captures(captures, full.share, full.seed)
+    if "epochs" not in settings:
+        full = dataclasses.replace(full, epochs=default_epochs(len(split.train), full.batch))
+    coarseness = {} if pixels_a_node is None else {"pixels_per_node": pixels_a_node}
+    layout = map_layout_for(captures, split.train, **coarseness)
+    return CalibrationTask(captures, bench, split, layout, full, normalises=start is None)
+
+
+# --- plots ------------------------------------------------------------------------------------------------------------
+
+
+Reals = NDArray[np.floating]
+
+_MAX_RESIDUAL_ROWS = 4
+_PUPIL_SAMPLES = 129
+
+
+def plot_calibration(
+    folder: Path,
+    data: TrainingData,
+    learned: LearnedMaps,
+    split: DataSplit,
+    predict_nominal: PredictSignals,
+    predict_calibrated: PredictSignals,
+) -> list[Path]:
+    """Writes source.png, lut.png, residual.png and, where there are such maps, warp.png and pupils.png.
+
+    folder: must exist. Returns the paths of the files.
+    """
+    captures = data.captures
+    with torch.no_grad():
+        plots: dict[str, Callable[[Path], None]] = {
+            "source": lambda path: _plot_source(path, learned, captures),
+            "lut": lambda path: _plot_tables(path, learned),
+            "residual": lambda path: _plot_residuals(path, data, split, predict_nominal, predict_calibrated),
+        }
+        if learned.has("warp_m"):
+            plots["warp"] = lambda path: _plot_warp(path, learned, captures)
+        if learned.has("zernike2_m"):
+            plots["pupils"] = lambda path: _plot_pupils(path, learned)
+        paths = [folder / f"{name}.png" for name in plots]
+        for path, plot in zip(paths, plots.values(), strict=True):
+            plot(path)
+    return paths
+
+
+def _plot_source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
+    """Amplitude and optical path of the light on modulator 1 at every anchor wavelength."""
+    shape = (captures.levels.shape[2], captures.levels.shape[3])
+    slm = captures.slms[0]
+    anchors = learned.layout.anchors_m
+    with png_figure(path, (4.0 * len(anchors), 6.4)) as figure:
+        for axes, anchor in zip(_columns(figure, 2, len(anchors)), anchors, strict=True):
+            at = ModulatorContext(0, anchor, slm.opd_range_m, slm.pitch_m, shape, captures.upsample)
+            amplitude = learned.source_map("source_log_amplitude", at).exp()
+            opd_m = learned.source_map("source_opd_m", at)
+            title = format_rounded(anchor, "nm")
+            _show_map(figure, axes[0], amplitude.numpy(), f"amplitude, {title}", "viridis")
+            _show_map(
+                figure, axes[1], ((opd_m - opd_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0
+            )
+
+
+def _plot_tables(path: Path, learned: LearnedMaps) -> None:
+    """The look-up table of each modulator beside the nominal straight line."""
+    drive = np.linspace(0, 1, learned.layout.knots)
+    with png_figure(path, (5.0, 4.2)) as figure:
+        axes = figure.subplots()
+        for modulator in range(learned.layout.modulators):
+            axes.plot(
+                drive, learned.response_table(modulator).numpy(), "o-", markersize=3, label=f"modulator {modulator + 1}"
+            )
+        axes.plot([0, 1], [0, 1], "--", color="grey", label="nominal")
+        axes.set(xlabel="drive", ylabel="optical path / nominal stroke", title="look-up tables")
+        axes.legend()
+
+
+def _plot_warp(path: Path, learned: LearnedMaps, captures: Captures) -> None:
+    """Displacement of modulator 2 in pixels: its magnitude as a map, and arrows."""
+    rows, columns = captures.levels.shape[2:]
+    pitch_m = captures.slms[0].pitch_m
+    shift = (learned.displacement((rows, columns)) / pitch_m).numpy()
+    step = max(1, columns // 16)
+    y, x = np.mgrid[step // 2 : rows : step, step // 2 : columns : step]
+    with png_figure(path, (7.0, 5.0)) as figure:
+        axes = figure.subplots()
+        _show_map(figure, axes, np.hypot(*shift), "displacement of modulator 2 / pixels", "viridis")
+        if shift.any():
+            axes.quiver(x, y, shift[1][y, x], shift[0][y, x], angles="xy", color="white")
+
+
+def _plot_pupils(path: Path, learned: LearnedMaps) -> None:
+    """Optical path and amplitude of each relay at the reference wavelength."""
+    layout = learned.layout
+    relays = [relay for relay in range(2) if learned.has(f"zernike{relay + 1}_m")]
+    with png_figure(path, (4.4 * len(relays), 7.2)) as figure:
+        for axes, relay in zip(_columns(figure, 2, len(relays)), relays, strict=True):
+            sine = layout.sine2 if relay else layout.sine1
+            side = torch.linspace(-sine, sine, _PUPIL_SAMPLES, dtype=torch.float64)
+            at = RelayContext(relay, layout.reference_m, side[:, None], side[None, :], sine)
+            inside = (torch.hypot(side[:, None], side[None, :]) <= sine).numpy()
+            opd_nm = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
+            amplitude = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
+            title = f"relay {relay + 1}, {format_rounded(layout.reference_m, 'nm')}"
+            _show_map(figure, axes[0], opd_nm, f"optical path / nm, {title}", "RdBu", 0.0)
+            _show_map(figure, axes[1], amplitude, f"amplitude, {title}", "viridis")
+
+
+def _plot_residuals(
+    path: Path,
+    data: TrainingData,
+    split: DataSplit,
+    predict_nominal: PredictSignals,
+    predict_calibrated: PredictSignals,
+) -> None:
+    """For a held-out capture of each wavelength: the image, and residuals of both models over the noise's σ."""
+    shown = _examples(data.captures, split)
+    heads = ("seen / counts", "left before / σ", "left after / σ")
+    with png_figure(path, (12.0, 3.2 * len(shown))) as figure:
+        for axes, capture in zip(figure.subplots(len(shown), 3, squeeze=False), shown, strict=True):
+            image = data.weighted_image(capture)
+            title = f"{format_rounded(float(data.captures.wavelength_m[capture]), 'nm')}, capture {capture}"
+            _show_map(figure, axes[0], image.light.numpy(), f"{heads[0]}, {title}", "magma")
+            residuals = []
+            for predict in (predict_nominal, predict_calibrated):
+                signal = predict([capture])[0]
+                residuals.append((image.weight.sqrt() * (image.light - image.best_gain(signal) * signal)).numpy())
+            limit = max(3.0, float(np.quantile(np.abs(residuals[0]), 0.99)))
+            for map_axes, residual, head in zip(axes[1:], residuals, heads[1:], strict=True):
+                rms = np.sqrt(np.mean(residual[residual != 0] ** 2))
+                _show_map(figure, map_axes, residual, f"{head}, r.m.s. {rms:.3g}", "RdBu", 0.0, limit)
+
+
+def _examples(captures: Captures, split: DataSplit) -> list[int]:
+    """The first held-out capture of each wavelength, at most four; training captures if none is held out."""
+    indices = np.concatenate([split.validation, split.unseen_planes, split.unseen_wavelengths]).astype(np.intp)
+    indices = indices if len(indices) else split.train
+    wavelengths = captures.wavelength_m[indices]
+    first = [int(indices[wavelengths == wavelength][0]) for wavelength in np.unique(wavelengths)]
+    return first[:_MAX_RESIDUAL_ROWS]
+
+
+def _columns(figure: Figure, rows: int, columns: int) -> Iterator[Sequence[Axes]]:
+    return iter(figure.subplots(rows, columns, squeeze=False).T)
+
+
+def _show_map(
+    figure: Figure, axes: Any, values: Reals, title: str, colours: str, centre: float | None = None, limit: float = 0.0
+) -> None:
+    """Shows a map (y, x) with a colour bar.
+
+    centre: value about which the colours are symmetric; None for a range from the lowest to the highest value.
+    limit: largest difference from the centre that the colours show; 0 for that of the map.
+    """
+    limits = {}
+    if centre is not None:
+        limit = limit or float(np.nanmax(np.abs(values - centre))) or 1.0
+        limits = {"vmin": centre - limit, "vmax": centre + limit}
+    mappable = axes.imshow(values, cmap=colours, **limits)
+    axes.set_title(title, fontsize=9)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    figure.colorbar(mappable, ax=axes, shrink=0.8)

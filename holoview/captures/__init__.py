@@ -4,8 +4,6 @@ dataset               Captures: patterns, images and settings, with the nominal 
 validation            refuses impossible captures and hints at wrong units
 nominal_bench         the nominal bench as attributes of the file and as tables of TOML
 capture_file          reads and writes the HDF5 capture file, version 1
-folder_import         imports a folder of images with captures.csv and bench.toml
-orientations          mirroring and turning pictures without resampling
 summary               captures as numbers and as a contact sheet
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates captures of a bench with effects
@@ -13,7 +11,6 @@ records               whether patterns, pictures and settings are recorded right
 prepared_captures     images, masks and variances for a comparison with a model; sensitivity of pixels (PRNU)
 predictor             expected camera signals for any effects: the fast forward model; checks of users' effects
 camera_model          camera intensity in the near field, and in the back focal plane of a lens
-camera_sampling       intensity on the camera's pixels of a field that is known by its spectrum
 """
 
 from holoview.captures.capture_file import read_captures, write_captures

@@ -24,14 +24,13 @@ from holoview.captures.camera_model import (
     IncoherentComponent,
     InvariantCache,
     NearFieldModel,
+    PixelGrid,
     TensorCache,
 )
-from holoview.captures.camera_sampling import PixelGrid
 from holoview.captures.dataset import Captures
-from holoview.model.effects.active_effects import EffectValues, unmet_by_bench
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import EffectTable, get_effect
+from holoview.model.effects.registry import EffectTable, EffectValues, get_effect, unmet_by_bench
 from holoview.model.plan import Plan, make_plan
 from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects

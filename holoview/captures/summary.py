@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import describe_stops
 from holoview.model.effects.registry import listed_effects
-from holoview.report.images import CaptionedTile, contact_sheet, greyscale_pixels
+from holoview.report import CaptionedTile, contact_sheet, greyscale_pixels
 
 _DARK_SIGMAS = 3.0  # an image is dark if its mean signal is less than this many standard deviations of a dark mean
 _WHITE_QUANTILE = 0.999  # of the pixels, shown white

@@ -22,8 +22,8 @@ from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.captures.predictor import Predictor
 from holoview.captures.validation import check_captures
 from holoview.model.bench_parts import Relay, Source
-from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.registry import EffectValues
 from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory

@@ -14,11 +14,10 @@ from holoview.commands.output_files import add_input
 from holoview.io.hologram import system_name_of
 from holoview.io.pictures import png_texts
 from holoview.model import preset
-from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.effects.registry import EffectTable, load_user_effects
+from holoview.model.effects.registry import ActiveEffects, EffectTable, load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.numerics.tensors import Region
+from holoview.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value

@@ -5,38 +5,19 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-from holoview.calibrate.calibration_result import (
-    CalibrationResult,
-    format_score,
-    maps_path,
-    score_predictions,
-    starting_bench,
-)
+from holoview.calibrate.calibration_result import CalibrationTask, format_score, maps_path, plan_calibration
 from holoview.calibrate.lut_fit import fit_lut, format_lut, lut_table, plot_lut, read_sweep, save_lut, with_lut
-from holoview.calibrate.map_plots import plot_calibration
-from holoview.calibrate.train import CalibrationModel, TrainingData, TrainingState, load_checkpoint, train
-from holoview.calibrate.training_plan import (
-    CalibrationSettings,
-    DataSplit,
-    default_epochs,
-    map_layout_for,
-    split_captures,
-)
+from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
-from holoview.captures.dataset import Captures
 from holoview.commands.arguments import number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.model import preset
-from holoview.model.effects.learned_maps import MapLayout
-from holoview.model.system import System
 from holoview.optimise.parallel import limit_torch_threads
-from holoview.report.images import require_matplotlib
+from holoview.report import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
@@ -99,17 +80,6 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
 
 
-@dataclass(frozen=True)
-class _CalibrationTask:
-    """The data of a calibration: captures, nominal bench, split, maps and settings."""
-
-    captures: Captures
-    bench: System
-    split: DataSplit
-    layout: MapLayout
-    settings: CalibrationSettings
-
-
 def run_captures(args: argparse.Namespace, file: Path) -> int:
     """Trains, scores, plots if asked, writes the preset and its maps, and prints the scores.
 
@@ -122,10 +92,12 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
         require_matplotlib("--pictures")
         make_folder(args.pictures)
     task = _prepare_task(args, file)
-    padded_samples = 4 * task.captures.upsample**2 * task.captures.levels[0, 0].size
-    with limit_torch_threads(padded_samples):
+    with limit_torch_threads(task.padded_samples):
         state, interruption = _train(args, task)
-        result = _evaluate(args, task, state)
+        with progress_bar("scoring") as progress:
+            result, drawn = task.result(state.best_maps, progress, args.pictures)
+    for path in drawn:
+        print_stderr(f"drawn: {path}")
     saver = ResultSaver()
     output = saver.save(args.output, result.save)
     maps = maps_path(output)
@@ -138,34 +110,24 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
     return interruption.exit_code or saver.exit_code
 
 
-def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
+def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
-    captures = read_captures(file)
-    preset_system = None if args.preset is None else preset.load(args.preset)
-    bench = starting_bench(captures, preset_system, args.output.stem)
     options = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
-    values = {name: getattr(args, option) for name, option in options.items()}
-    settings = CalibrationSettings(**{name: value for name, value in values.items() if value is not None})
-    split = split_captures(captures, settings.share, settings.seed)
-    if args.epochs is None:
-        settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
-    nodes = args.pixels_a_node
-    layout = map_layout_for(captures, split.train) if nodes is None else map_layout_for(captures, split.train, nodes)
-    if len(captures.wavelengths_m) == 1:
-        print_stderr("note: one wavelength only: what changes with the wavelength can't be known")
-    if len(set(captures.distance_m.tolist())) == 1 and not captures.is_fourier:
-        print_stderr("note: one plane only: relay 2 and the camera can't be told apart")
-    return _CalibrationTask(captures, bench, split, layout, settings)
+    settings = {name: value for name, option in options.items() if (value := getattr(args, option)) is not None}
+    start = None if args.preset is None else preset.load(args.preset)
+    task = plan_calibration(read_captures(file), start, args.output.stem, settings, args.pixels_a_node)
+    for note in task.notes:
+        print_stderr(f"note: {note}")
+    return task
 
 
-def _train(args: argparse.Namespace, task: _CalibrationTask) -> tuple[TrainingState, Interruption]:
+def _train(args: argparse.Namespace, task: CalibrationTask) -> tuple[TrainingState, Interruption]:
     """The last state of the training, and what Ctrl-C did to it. Raises UserError if no epoch is left to train."""
-    resume = None if args.resume is None else load_checkpoint(args.resume)
     state: TrainingState | None = None
-    known = task.bench.effect_values
+    resume = None if args.resume is None else load_checkpoint(args.resume)
     with deferred_interrupt() as interruption, progress_bar("calibrating") as progress:
         start: tuple[float, int] | None = None
-        for state in train(task.captures, known, task.split, task.layout, task.settings, resume):
+        for state in task.train(resume):
             start = start or (time.monotonic(), state.epoch)
             progress(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, *start)}")
             _save_checkpoint(args.checkpoint, state)
@@ -192,21 +154,6 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
         return ""
     seconds_per_epoch = (time.monotonic() - start_time) / (state.epoch - first_epoch)
     return f", {seconds_per_epoch * (state.epochs - state.epoch):.0f} s left"
-
-
-def _evaluate(args: argparse.Namespace, task: _CalibrationTask, state: TrainingState) -> CalibrationResult:
-    """Scores the best maps and, with --pictures, plots them."""
-    data = TrainingData(task.captures, task.bench.effect_values)
-    model = CalibrationModel(task.captures, task.layout, task.bench.effect_values)
-    model.set_maps(state.best_maps.tensors)
-    with progress_bar("scoring") as progress:
-        score = score_predictions(data, task.split, model.predict_nominal, model.predict, progress)
-    if args.pictures is not None:
-        maps = state.best_maps
-        for path in plot_calibration(args.pictures, data, maps, task.split, model.predict_nominal, model.predict):
-            print_stderr(f"drawn: {path}")
-    normalise = args.preset is None  # a preset states the amplitudes itself
-    return CalibrationResult(task.captures, task.bench, state.best_maps, score, normalise_amplitudes=normalise)
 
 
 # --- lut: a modulator's look-up table from a diffraction-efficiency sweep ---

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from holoview.colour import SRGB_TO_XYZ
 from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import (
@@ -23,30 +21,22 @@ from holoview.commands.hologram_files import (
 )
 from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import central_region
+from holoview.metrics.image_quality import central_region, contrast_by_pupil, hologram_luminance, picture_luminance
 from holoview.metrics.speckle import (
-    RetinalCurve,
     independent_patterns,
     pupils_of,
-    retinal_curve,
     speckle_contrast,
 )
-from holoview.model.focus import parse_plane, plane_label
-from holoview.numerics.tensors import Region
+from holoview.model.focus import parse_plane
 from holoview.page.page import export_html
-from holoview.report.images import figure_bytes, require_matplotlib
-from holoview.study.plots import line_plot, make_figure, speckle_figure
+from holoview.report import figure_bytes, require_matplotlib
+from holoview.study.plots import make_figure, retinal_figure, speckle_figure
 from holoview.study.study import StudyFigure
-from holoview.targets.image_reader import file_format, read_raster
-from holoview.targets.picture import read_picture
+from holoview.targets.image_reader import file_format
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
-from holoview.view import random_drive, simulate
+from holoview.view import random_drive
 from holoview.wavefield.readers.registry import is_readable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 _HOLOGRAM_SUFFIX = ".safetensors"
 
@@ -92,20 +82,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class LuminanceImage:
-    """An image to measure.
-
-    luminance: (y, x), linear.
-    description: what it is, for people.
-    clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
-    """
-
-    luminance: NDArray[np.floating]
-    description: str
-    clipped_share: float = 0.0
-
-
-@dataclass(frozen=True)
 class _ShownHologram:
     """Patterns on a bench, seen at a plane. name: what they are, for people."""
 
@@ -124,7 +100,11 @@ def run(args: argparse.Namespace) -> int:
             "--live", f"with the picture {args.names[0]}", expected="a hologram or a preset, to compute again"
         )
     pupils_m = _parse_pupils(args.pupils, shown)
-    image = _of_picture(Path(args.names[0]), args) if shown is None else _of_hologram(shown)
+    if shown is None:
+        _check_picture_options(args)
+        image = picture_luminance(Path(args.names[0]), is_linear=args.linear)
+    else:
+        image = hologram_luminance(shown.hologram, shown.plane_m, shown.name)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
     speckle = speckle_contrast(image.luminance, region)
     patterns = independent_patterns(speckle.contrast)
@@ -140,9 +120,10 @@ def run(args: argparse.Namespace) -> int:
     }
     draw = speckle_figure(image.luminance, region, speckle.contrast)
     if shown is not None and pupils_m:
-        curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
-        result |= {"pupils": _rows(curve), "independent_contrast": curve.independent}
-        draw = _plot(curve)
+        with progress_bar("pupils") as progress:
+            curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region, progress)
+        result |= {"pupils": [found.as_json() for found in curve.contrasts], "independent_contrast": curve.independent}
+        draw = retinal_figure(curve)
     if args.plot is not None:
         write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
@@ -170,7 +151,7 @@ def _format_result(result: dict[str, Any]) -> str:
     if result["clipped"] > 0:
         lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
     if "pupils" in result:
-        lines += format_rows(result["pupils"], result["independent_contrast"])
+        lines += _format_rows(result["pupils"], result["independent_contrast"])
     return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "live") if name in result)])
 
 
@@ -207,6 +188,11 @@ def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
     return _ShownHologram(hologram, plane_m, name)
 
 
+def _check_picture_options(args: argparse.Namespace) -> None:
+    if args.scheme or args.changes or args.plane:
+        raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
+
+
 def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]:
     """The diameters (m) of --pupils.
 
@@ -221,62 +207,7 @@ def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]
     return sorted(set(pupils_m))
 
 
-def _of_picture(path: Path, args: argparse.Namespace) -> LuminanceImage:
-    if args.scheme or args.changes or args.plane:
-        raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
-    raster = read_raster(path)
-    clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
-    if args.linear:
-        values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
-        return LuminanceImage(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
-    return LuminanceImage(
-        read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}", clipped
-    )
-
-
-def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
-    system = shown.hologram.system
-    view = simulate(system, shown.hologram.drive, [shown.plane_m], backend="torch")
-    place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
-    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {shown.name} at {place}")
-
-
-# --- `--pupils`: speckle contrast on the retina against the pupil ---
-
-
-def contrast_by_pupil(hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region) -> RetinalCurve:
-    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
-    systems = pupils_of(hologram.system, pupils_m)
-    images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
-    with progress_bar("pupils") as progress:
-        return retinal_curve(systems, images, region, progress)
-
-
-def _rows(curve: RetinalCurve) -> list[dict[str, Any]]:
-    """The contrasts as JSON values."""
-    return [
-        {
-            "pupil_mm": round(found.pupil_m * 1e3, 6),
-            "contrast": found.contrast,
-            "cone_contrast": found.cone_contrast,
-            "grain_arcmin": found.grain_arcmin,
-        }
-        for found in curve.contrasts
-    ]
-
-
-def _plot(curve: RetinalCurve) -> Callable[[Figure], None]:
-    """A function that draws the contrasts against the pupil."""
-    x = [row["pupil_mm"] for row in _rows(curve)]
-    curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
-        "every sample": (x, [found.contrast for found in curve.contrasts]),
-        "as cones see it": (x, [found.cone_contrast for found in curve.contrasts]),
-        "independent patterns": (x, [curve.independent] * len(x)),
-    }
-    return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))
-
-
-def format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:
+def _format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:
     """The rows of a table as lines of text."""
     lines = ["", "pupil      contrast  as cones see it  grains"]
     lines += [

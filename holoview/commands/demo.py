@@ -26,16 +26,15 @@ from holoview.document.target import example_target
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_png
-from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.metrics.fidelity import PlaneScores
-from holoview.metrics.image_quality import ImageQuality, eyebox_uniformity_of, measure_image_quality
+from holoview.metrics.image_quality import EyeboxUniformity, ImageQuality, eyebox_uniformity_of, measure_image_quality
 from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.hologram_job import RunOptions
 from holoview.optimise.settings import Settings
-from holoview.report.images import CaptionedTile, contact_sheet
+from holoview.report import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError

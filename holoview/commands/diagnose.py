@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.dataset import join_captures
-from holoview.captures.predictor import check_known_effects, check_user_effects
+from holoview.captures.predictor import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.corrections import apply_corrections
 from holoview.commands.arguments import number, parse_duration, parse_effects, whole
@@ -31,20 +30,17 @@ from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.experiment.known_alignment import KnownEffects
-from holoview.experiment.next_capture.closed_loop import ClosedLoop, InformedPlanner, LoopResult, LoopSettings
+from holoview.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
+from holoview.experiment.rig_bench import KnownEffects
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import listed_effects, load_user_effects
+from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
-from holoview.report.images import require_matplotlib
-from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.measure.capture_folder import CaptureFolder, loop_captures
+from holoview.report import require_matplotlib
 from holoview.rig.registration import read_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.files import read_text
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import process_cpu_count
 from holoview.util.progress import ProgressCallback
 
 _SHORT_S = 10.0  # of a search that says nothing before its end
@@ -170,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     found = done.found
     corrected = found.records.corrected(done.recorded)
     bench = done.bench or corrected.nominal_system()
-    told = found.as_json() if done.loop is None else found.as_json() | {"loop": loop_as_json(done.loop)}
+    told = found.as_json() if done.loop is None else found.as_json() | {"loop": done.loop.as_json()}
     text = json.dumps(told, indent=2, ensure_ascii=False) + "\n"
     extended = extended_system(bench.edit({"effects": found.known}), found.values)
     saver, written = ResultSaver(), [] if args.save is None else [args.save]
@@ -183,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
         if path is not None:
             written.append(saver.save(path, save))
     if done.loop is not None:
-        print_loop(done.loop)
+        print(done.loop.sentence)
     _print_diagnosis(found, _source(args), written)
     return done.exit_code or saver.exit_code
 
@@ -223,15 +219,19 @@ def _known(texts: Sequence[str]) -> KnownEffects:
 
 def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
     """The diagnosis of captures that are taken one by one."""
-    time_s = math.inf if args.thorough else args.time
-    captures, result, exit_code = diagnose_rig(args, user_effects, time_s=time_s, **_search_options(args))
-    return _Diagnosed(result.diagnosis, captures, None, exit_code, result)
-
-
-def known_of_rig(stated: KnownEffects, rig: RigDescription) -> KnownEffects:
-    """What is stated, beside the placement of a rig that was aligned; stated effects count where both have one."""
-    placed = [] if rig.registration is None else [rig.registration]
-    return KnownEffects(stated.effects, [*placed, *stated.registrations])
+    with deferred_interrupt("capture") as interruption:
+        captures, result = diagnose_rig(
+            args.rig,
+            _known(args.known),
+            _settings(args),
+            user_effects,
+            args.save,
+            tell=print_stderr,
+            is_asked_to_end=interruption,
+            time_s=math.inf if args.thorough else args.time,
+            **_search_options(args),
+        )
+    return _Diagnosed(result.diagnosis, captures, None, interruption.exit_code, result)
 
 
 def _search_options(args: argparse.Namespace) -> dict[str, Any]:
@@ -376,60 +376,6 @@ def check_rig_options(args: argparse.Namespace) -> None:
         raise UserError("--captures", f"{args.most_captures}", expected="1 or more")
 
 
-def diagnose_rig(
-    args: argparse.Namespace, user_effects: Sequence[Effect], **options: Any
-) -> tuple[Captures, LoopResult, int]:
-    """The captures, what the loop found, and the exit code.
-
-    user_effects: are evaluated once with the first capture. options: of the diagnosis.
-    """
-    rig = read_rig(args.rig)
-    known = known_of_rig(_known(args.known), rig)
-    options |= {"known": known.added_to({}), "uncertain": known.uncertain}
-    kept = None if args.save is None else loop_captures(args.save, read_text(args.rig, "a rig"))
-    before = [] if kept is None else kept.resume()
-
-    def keep(number: int, capture: Captures) -> None:
-        if kept is not None:
-            kept.write(number, capture)
-        if number == 0:
-            check_user_effects(capture, user_effects)
-            check_known_effects(capture, options["known"])
-
-    with deferred_interrupt("capture") as interruption:
-        try:
-            with open_rig(rig) as devices:
-                loop = ClosedLoop(
-                    rig,
-                    devices,
-                    list(listed_effects().values()),
-                    InformedPlanner(rig),
-                    _settings(args),
-                    keep=keep,
-                    tell=print_stderr,
-                    is_asked_to_end=interruption,
-                    **options,
-                )
-                result = loop.run(before)
-        except (UserError, KeyboardInterrupt):
-            _tell_where(kept)
-            raise
-    captures = join_captures(result.parts) if kept is None else kept.join_into(args.save, result.parts)
-    return captures, result, interruption.exit_code
-
-
-def loop_as_json(result: LoopResult) -> dict[str, Any]:
-    """What the loop did, for programs."""
-    steps = [step.as_json() for step in result.steps]
-    return {"ended": result.ended, "certain": result.is_certain, "captures": steps}
-
-
-def print_loop(result: LoopResult) -> None:
-    """How the loop ended, in a line."""
-    seconds = math.fsum(step.seconds for step in result.steps)
-    print(f"{len(result.parts)} captures, {seconds:.3g} s on the bench: {result.ended}")
-
-
 def _settings(args: argparse.Namespace) -> LoopSettings:
     given = {
         "certainty": args.certainty,
@@ -437,8 +383,3 @@ def _settings(args: argparse.Namespace) -> LoopSettings:
         "bench_time_s": args.bench_time,
     }
     return dataclasses.replace(_SETTINGS, **{name: value for name, value in given.items() if value is not None})
-
-
-def _tell_where(kept: CaptureFolder | None) -> None:
-    if kept is not None:
-        print_stderr(f"the captures are in {kept.folder}; the same command goes on")

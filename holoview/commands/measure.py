@@ -9,9 +9,8 @@ from pathlib import Path
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output
 from holoview.rig import open_rig, read_rig
-from holoview.rig.description import RigDescription
-from holoview.rig.measure.capture_folder import CaptureStore
-from holoview.rig.measure.capture_plan import (
+from holoview.rig.capture_folder import CaptureStore
+from holoview.rig.capture_plan import (
     CapturePlan,
     Forecast,
     default_plan,
@@ -19,7 +18,8 @@ from holoview.rig.measure.capture_plan import (
     make_forecast,
     read_plan,
 )
-from holoview.rig.measure.measurement import Measurement, is_complete
+from holoview.rig.description import RigDescription
+from holoview.rig.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.memory_limit import format_size

@@ -40,8 +40,7 @@ from holoview.commands.output_files import (
     check_suffix,
     hold_outputs,
 )
-from holoview.experiment.camera_loop.camera_problem import require_camera_settings
-from holoview.experiment.camera_loop.loop import (
+from holoview.experiment.camera_loop import (
     STEP_RAD,
     LoopState,
     ModelUpdates,
@@ -51,6 +50,7 @@ from holoview.experiment.camera_loop.loop import (
     run_on_rig,
     started_in_model,
 )
+from holoview.experiment.camera_problem import require_camera_settings
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
@@ -59,8 +59,8 @@ from holoview.model.focus import parse_plane, plane_label, required_eye
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
+from holoview.numerics.sampling import Region
 from holoview.numerics.structural_similarity import WEIGHTS
-from holoview.numerics.tensors import Region
 from holoview.optimise.checkpoint import IterationState, load_checkpoint
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
 from holoview.optimise.film import FilmJob, optimise_film
@@ -76,7 +76,7 @@ from holoview.optimise.parallel import (
 )
 from holoview.optimise.settings import INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
 from holoview.rig import read_rig
-from holoview.targets.film import Film, is_video
+from holoview.targets.focal_stack import Film, is_video
 from holoview.targets.light_field import ViewGrid
 from holoview.targets.picture import COLOUR_SPACES
 from holoview.targets.target import Placement, target_for

@@ -20,8 +20,7 @@ from typing import Any
 
 from holoview.commands.console import EXIT_FAILED, print_stderr
 from holoview.util.errors import UserError
-from holoview.util.file_writer import WriteError, check_writable, save_elsewhere
-from holoview.util.output_locks import OutputLocks
+from holoview.util.file_writer import OutputLocks, WriteError, check_writable, save_elsewhere
 
 LOCKS = "output_locks"  # the destination of the command's `OutputLocks`
 _FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s

@@ -55,12 +55,10 @@ from holoview.io.pupil_path_file import load_pupil_path
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset
-from holoview.model.focus import focused_planes, parse_plane, plane_label
-from holoview.model.pupil_path import views_along
+from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.model.system import System
-from holoview.render.field_picture import field_picture
 from holoview.render.planes import render_each
-from holoview.render.tone_mapping import fitting_stops
+from holoview.render.tone_mapping import field_picture, fitting_stops
 from holoview.render.view_settings import QUANTITIES
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -12,11 +12,16 @@ from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
 from holoview.model.effects.registry import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.align.alignment import find_geometry, laser_for_alignment
-from holoview.rig.align.result import check_rig_records, doubt, registration_of, sentences
-from holoview.rig.devices import Counts, Devices
-from holoview.rig.limits import limit_devices
-from holoview.rig.measure.camera_pictures import take_exposed
+from holoview.rig.alignment import (
+    check_rig_records,
+    doubt,
+    find_geometry,
+    laser_for_alignment,
+    registration_of,
+    sentences,
+)
+from holoview.rig.camera_pictures import take_exposed
+from holoview.rig.devices import Counts, Devices, limit_devices
 from holoview.rig.registration import register_devices, registration_path, write_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import check_writable, make_folder, write_file

@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview.app.serve_guard import CLIENTS, ServeOptions
+from holoview.app.serve import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.hologram_files import (

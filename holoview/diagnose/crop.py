@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_region, central_slices, speckle_px
+from holoview.captures.records.trials import central_region, central_slices, speckle_px
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SamplingConfig
 from holoview.diagnose.search_context import NeighbourVariances, Pace, PerThreadPredictor, SearchContext, field_samples

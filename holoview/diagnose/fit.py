@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.likelihood import Comparison
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.model.effects.effect import Effect, ListParameter, Parameter
 from holoview.numerics.minimise import (
     Minimum,
     ResidualFunction,

@@ -23,8 +23,7 @@ from scipy.stats import t as student
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
 from holoview.diagnose.likelihood import Comparison
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.effect import Effect, Parameter
 from holoview.model.effects.registry import get_effect
 from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
 from holoview.util import units

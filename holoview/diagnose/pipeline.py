@@ -42,9 +42,8 @@ from holoview.diagnose.search_context import (
 )
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
+from holoview.model.effects.registry import ActiveEffects, is_user_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 

@@ -24,7 +24,7 @@ from scipy.ndimage import maximum_filter
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures
-from holoview.captures.records.central_region import speckle_px
+from holoview.captures.records.trials import speckle_px
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.likelihood import PredictorProtocol, Values

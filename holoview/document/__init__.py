@@ -6,9 +6,7 @@ jobs                  background jobs with progress, pause and cancellation
 focus                 edits of the focal plane, of the eye, and of the pupil's recorded path
 target                what a hologram should show, built on a worker thread
 measure               measurements of an image; those of the displayed one, kept up to date
-speckle_jobs          speckle contrast against the diameter of the pupil, and in two colour schemes
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash
-example               the shipped hologram, which a new session shows
 files                 opens files: recognises, reads, and reloads them when they are rewritten
 received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms

@@ -27,18 +27,17 @@ from holoview.document.editing_session import OptimisationChoices
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.document.target import TargetSpec, example_target
 from holoview.model import preset
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.model.system import System
 from holoview.render.scene import Drive
 from holoview.render.view_settings import ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
-from holoview.util.tables import parse_json_table, record_from_table, typed_value
+from holoview.util.tables import ArraySchema, parse_json_table, record_from_table, typed_value
 
 
 def view_settings_table(view: ViewSettings) -> dict[str, Any]:

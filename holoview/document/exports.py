@@ -22,13 +22,12 @@ from holoview.io.hologram import Hologram
 from holoview.io.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, png_texts, write_png
 from holoview.io.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.model import preset
-from holoview.model.focus import with_pupil_at
-from holoview.model.pupil_path import PupilPath, views_along
+from holoview.model.focus import PupilPath, views_along, with_pupil_at
 from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
 from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
-from holoview.report.images import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
+from holoview.report import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

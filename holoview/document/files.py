@@ -1,4 +1,9 @@
-"""Opens files in a session: recognises each by its content, reads it, and reads it again when it is rewritten."""
+"""Opens files in a session: recognises each by its content, reads it, and reads it again when it is rewritten.
+
+The shipped example: a hologram of the still life with its target, which a new session shows.
+
+The hologram is for the preset `EXAMPLE_PRESET` as it is. Every other bench gets random patterns with the same target.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +22,95 @@ from PIL import Image, UnidentifiedImageError
 from holoview.colour import srgb_decode
 from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
-from holoview.document.example import has_example_target, is_example_bench, random_patterns_hint, show_example
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
-from holoview.document.target import TargetSpec
+from holoview.document.target import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
 from holoview.io.load_field import open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.model.system import System
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
 from holoview.render.tone_mapping import fitting_stops
-from holoview.render.view_settings import ViewSettings
+from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.util.errors import UserError
-from holoview.util.files import expand_home, read_text
+from holoview.util.files import data_dir, expand_home, read_text
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
 from holoview.view import random_drive, simulate
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest
+
+EXAMPLE_PRESET = "holochrome-8"
+_ORIGIN = "shipped hologram of the still life"
+
+
+def new_session(system: System, *, is_random: bool = False) -> EditingSession:
+    """A new session of a bench, which shows the example.
+
+    is_random: shows random patterns instead, without a target. Raises UserError when a shipped file can't be read.
+    """
+    view = ViewSettings(plane_m=middle_plane(system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
+    if is_random:
+        return EditingSession(system, view_settings=view)
+    if not is_example_bench(system):
+        target_spec = example_target()
+        session = EditingSession(system, target_spec=target_spec, view_settings=view)
+        session.messages.post(random_patterns_hint(target_spec))
+        return session
+    fields = _example_fields()
+    view = ViewSettings(plane_m=middle_plane(fields["system"]))
+    return EditingSession(**fields, view_settings=view)
+
+
+def show_example(session: EditingSession) -> None:
+    """Shows the example in a session, as one step of undo. Raises UserError when a shipped file can't be read."""
+    fields = _example_fields()
+    view = session.view_settings.with_(plane_m=middle_plane(fields["system"]), exposure_stops=0.0)
+    session.edit("Open the still life", **fields, view_settings=view, path=None)
+
+
+def shows_example(session: EditingSession) -> bool:
+    """Whether a session shows the example as it was shipped, apart from view settings."""
+    return has_example_target(session) and session.document.origin == _ORIGIN
+
+
+def has_example_target(session: EditingSession) -> bool:
+    """Whether the target of a session is that of the example."""
+    return session.target_spec is not None and session.target_spec.is_example
+
+
+def is_example_bench(system: System | None) -> bool:
+    """Whether the shipped hologram is for this bench."""
+    return system == preset.load(EXAMPLE_PRESET)
+
+
+def random_patterns_hint(target_spec: TargetSpec) -> str:
+    """A hint for a user who sees the speckle of random patterns."""
+    return f"Random patterns show speckle. Ctrl+Enter finds patterns that show the target, {target_spec.title}."
+
+
+def _example_fields() -> dict[str, Any]:
+    """The fields of a document that shows the example."""
+    hologram = load_hologram(data_dir("assets") / "still-life.safetensors")
+    return {
+        "system": hologram.system,
+        "drive": hologram.drive,
+        "target_spec": example_target(),
+        "origin": _ORIGIN,
+    }
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
 
 _MOST_FITTED = 1 << 24  # values of a field whose picture is computed before it is shown, to fit its exposure
 _RETRY_FOR_S = 10.0

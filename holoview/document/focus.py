@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from holoview.document.editing_session import EditingSession
 from holoview.model.eye import Eye
-from holoview.model.pupil_path import COLUMNS, MAX_POINTS, PupilPath, PupilState, plane_at, system_at
+from holoview.model.focus import COLUMNS, MAX_POINTS, PupilPath, PupilState, plane_at, system_at
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

@@ -31,7 +31,7 @@ from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
 from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError
-from holoview.util.latest_task import LatestTask
+from holoview.util.processes import LatestTask
 
 Floats = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from holoview.targets.target import Placement, scene_depth
 from holoview.targets.target_source import TargetContent
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
-from holoview.util.latest_task import LatestTask
+from holoview.util.processes import LatestTask
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from holoview.model.effects.effect import Effect, Needs
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Needs, Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 

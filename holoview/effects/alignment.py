@@ -6,9 +6,7 @@ import dataclasses
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.effects.starting_grids import square_grid
-from holoview.model.effects.effect import Effect, Needs
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Needs, Parameter, Values, square_grid
 from holoview.model.system import System
 
 if TYPE_CHECKING:

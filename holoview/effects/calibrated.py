@@ -6,8 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import FileParameter, Values
+from holoview.model.effects.effect import Effect, FileParameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

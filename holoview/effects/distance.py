@@ -1,4 +1,4 @@
-"""The focal planes aren't at their nominal distances from the last modulator."""
+"""Distances that differ from their nominal values: the gap between the modulators, and those of the focal planes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from holoview.model.effects.effect import DataProperties, Effect
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import DataProperties, Effect, Needs, Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
@@ -44,3 +43,28 @@ class Distance(Effect):
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         error = v["distance_error"]
         return {"amount": format_rounded(abs(error), "mm"), "side": "further from" if error >= 0 else "closer to"}
+
+
+class Gap(Effect):
+    """gap → gap + gap_error. Equivalent to defocus of relay 1."""
+
+    id = "gap"
+    cause = "The gap between the modulators is longer or shorter than its nominal value (or relay 1 is defocused)."
+    finding = "The gap is {actual}, not {nominal}."
+    parameters = (
+        Parameter(
+            "gap_error", "Added to the gap.", "mm", low=-5e-3, high=5e-3, prior=0.2e-3, scan=(-0.5e-3, 0.5e-3, 0.1e-3)
+        ),
+    )
+    acts_on = ("relay 1",)
+    degenerate_with: ClassVar = ("aberration1",)
+    needs = Needs(modulators=2, fourier=False)
+
+    def actual_system(self, system: System, v: Values) -> System:
+        assert system.gap_m is not None
+        return system.with_(gap=system.gap_m + v["gap_error"])
+
+    def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
+        assert system.gap_m is not None
+        actual = system.gap_m + v["gap_error"]
+        return {"actual": format_rounded(actual, "mm"), "nominal": format_rounded(system.gap_m, "mm")}

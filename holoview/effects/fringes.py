@@ -14,9 +14,7 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, ClassVar
 
-from holoview.effects.starting_grids import half_circle
-from holoview.model.effects.effect import Effect, Needs, StartKind
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Needs, Parameter, StartKind, Values, half_circle
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.system import System
-from holoview.numerics.tensors import knot_interval, power_law
+from holoview.numerics.sampling import knot_interval, power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor

@@ -1,18 +1,19 @@
-"""A modulator is seen before its liquid crystal has settled: a part of the pattern before remains."""
+"""Modulators in time: a part of the pattern before that remains, and a phase that ripples within an exposure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, ExposureSample, Parameter, Values
 from holoview.model.system import System
 
-if TYPE_CHECKING:  # torch takes seconds to import
+if TYPE_CHECKING:
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
+
 
 _SHARES = (-0.1, 0.05, 0.1, 0.2, 0.3, 0.5)
 
@@ -48,3 +49,30 @@ class Settling(Effect):
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         shares = [f"{v[f'share{number}']:.3g}" for number in range(1, len(system.modulators) + 1)]
         return {"remaining": " and ".join(dict.fromkeys(shares))}
+
+
+_SAMPLES_PER_CYCLE = 6
+
+
+class Flicker(Effect):
+    """phase → phase · (1 + √2·depth·cos φ), averaged in intensity over a cycle of φ."""
+
+    id = "flicker"
+    cause = "The modulators' phase ripples within an exposure (flicker of digital drive)."
+    finding = "The modulators' phase ripples by {depth} of itself (r.m.s.) within an exposure."
+    parameters = (
+        Parameter(
+            "depth",
+            "Relative r.m.s. ripple of the phase.",
+            low=0.0,
+            high=0.5,
+            prior=0.05,
+            scan=(0.03, 0.3, 0.03),
+            even_symmetric=True,
+        ),
+    )
+    acts_on = ("modulator 1", "modulator 2")
+
+    def exposure_samples(self, v: Values) -> Sequence[ExposureSample]:
+        angles = [math.pi * (k + 0.5) / _SAMPLES_PER_CYCLE for k in range(_SAMPLES_PER_CYCLE)]
+        return [(1 / _SAMPLES_PER_CYCLE, 1 + math.sqrt(2) * v["depth"] * math.cos(angle)) for angle in angles]

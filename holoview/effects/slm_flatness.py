@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 

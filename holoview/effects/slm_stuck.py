@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from holoview.model.effects.effect import Effect, Needs, StartKind
-from holoview.model.effects.parameter import ListParameter, Parameter, Values
+from holoview.model.effects.effect import Effect, ListParameter, Needs, Parameter, StartKind, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
 

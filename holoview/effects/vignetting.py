@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.system import System
 
 if TYPE_CHECKING:  # torch takes seconds to import

@@ -3,16 +3,10 @@
 backend            opens an executor by name; estimates the memory that a simulation takes
 frame              the sequence of stages from the laser to the intensity, independent of the executor
 torch_executor     the reference executor: PyTorch in complex64 or complex128, differentiable
-stage_fields       the complex field at each stage of a frame, by the reference executor
 wgpu_executor      the WebGPU executor: fused kernels, and each stage by itself for comparison with PyTorch
 fused              records the fused kernels of a frame: the hooks with row and column FFTs
-frame_layout       what the kernels store between them: the rows and columns that stops pass
 kernels            generates the WGSL of the fused kernels and lists the variants that a plan needs
-shader_inputs      what shaders read from the inputs of a frame, as a protocol without PyTorch
 shader_structs     the structs that Python and WGSL share, filled from the numbers of a plan
-device_tables      device buffers with the inputs of the kernels, and fingerprints of their contents
 compositor         weighted sum of intensities in CIE XYZ, and 8-bit sRGB of it, on the device
-incremental        IncrementalRenderer: recomputes only what an edit has made stale
-result_cache       fields, intensities, XYZ and sRGB on the device with the fingerprints of their inputs
-strategy_selector  chooses the FFT strategy of a renderer
+incremental        IncrementalRenderer: recomputes only what an edit has made stale; the FFT strategy it computes with
 """

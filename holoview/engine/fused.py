@@ -13,33 +13,214 @@ is smaller than the second rows, `propagate` to the plane is split, so that othe
     image      × H to the plane → column IFFT              → rows at the plane
 
 Only rows that hold the field are stored between kernels, transformed along x, and of their frequencies only those that
-a relay passes (`frame_layout`). H is the transfer function.
+a relay passes (`kernels: FrameLayout`). H is the transfer function.
+
+Device buffers with the inputs of the fused kernels, and fingerprints that tell when a result is stale.
+
+The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
+if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes, and
+nothing else decides what an edit makes stale.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
+from typing import Literal
 
-from holoview.engine.device_tables import DeviceTables
-from holoview.engine.frame_layout import FrameLayout, StoredRows, frame_shape
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.engine.compositor import Compositor, WeightedIntensity
 from holoview.engine.kernels import (
+    FrameLayout,
     FusedKernels,
     KernelVariant,
+    StoredRows,
     Switches,
+    frame_shape,
     lines_of,
     required_variants,
     rows_of,
     works_in_place,
 )
-from holoview.engine.shader_inputs import ShaderInputs
-from holoview.engine.shader_structs import DISPATCH_PARAMS
+from holoview.engine.shader_structs import (
+    DISPATCH_PARAMS,
+    MODULATOR,
+    PLANE_WAVE,
+    PROPAGATION,
+    ShaderInputs,
+    dense_transmission,
+    modulator_uniform,
+    pixel_spectra,
+    plane_wave_uniform,
+    propagation_uniform,
+    support_table,
+)
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.model.plan import Plan
+from holoview.numerics.sampling import ceil_div
+
+_SUPPORT_BYTES = 16  # of a vec4i: the frequencies that pass in a column
+
+Key = tuple[str | int, ...]
+Fingerprint = Hashable
+"""Equal for equal inputs."""
+
+
+class DeviceTables:
+    """The inputs of a plan's kernels in device memory. A key is a name followed by indices:
+
+    ("plane waves",)                          PlaneWave of each source and wavelength
+    ("pixel spectra",)                        spectrum of one pixel in each of these waves, along y, then along x
+    ("modulators", modulator)                 Modulator of each wavelength
+    ("opd", frame, modulator)                 optical path of each pixel, in strokes
+    ("dense", frame, modulator, wavelength)   transmission of each sample, if it is given sample by sample
+    ("propagations", relay)                   Propagation of each wavelength
+    ("support", relay)                        column support of each wavelength
+    ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
+    """
+
+    def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs) -> None:
+        self.plan, self.inputs = plan, inputs
+        self._device = device
+        self._tables: dict[Key, Buffer] = {}
+        self._digests: dict[Key, tuple[bytes, ...]] = {}
+        self._items: dict[Key, list[bytes]] = {}
+        self._support_rows: dict[tuple[int, int], bytes] = {}  # of which the support by columns is among the items
+        self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
+        self._fill_inputs()
+        self.set_plan(plan, inputs)
+
+    def set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
+        """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
+
+        The distance of relay 1 stays that of the last `set_distance`.
+        """
+        has_changed = inputs is not self.inputs
+        self.plan, self.inputs = plan, inputs
+        wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
+        waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._fill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
+        spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._fill(("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
+        for modulator in range(len(plan.system.modulators)):
+            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
+            self._fill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
+        if has_changed:
+            self._fill_inputs()
+        if plan.system.gap_m is not None:
+            self.set_distance(0, plan.system.gap_m)
+
+    def set_distance(self, relay: int, distance_m: float, wavelengths: Iterable[int] | None = None) -> None:
+        """Set the propagation distance of relay 0 (the gap) or 1 (to a plane), at all wavelengths or some.
+
+        It holds for all work that hasn't been submitted yet, including recorded work.
+        """
+        grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
+        propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
+        columns = grid.padded[1]
+        supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
+        for wavelength in range(count) if wavelengths is None else wavelengths:
+            step = self.plan.transfer(relay, wavelength, distance_m)
+            propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
+            rows = step.support.tobytes()
+            if self._support_rows.get((relay, wavelength)) != rows:  # most edits leave the stops as they are
+                self._support_rows[relay, wavelength] = rows
+                supports[wavelength] = support_table(step, grid).tobytes()
+        for name, items in (("propagations", propagations), ("support", supports)):
+            self._items[name, relay] = items
+            self._fill((name, relay), items)
+
+    def table(self, *key: str | int) -> Buffer:
+        """The buffer of a key."""
+        return self._tables[key]
+
+    def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether the relay has a pupil at that wavelength, and its buffer; a dummy buffer if it has none."""
+        return self._optional("pupil", relay, wavelength)
+
+    def dense(self, frame: int, modulator: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether a modulator's transmission is given sample by sample, and its buffer; a dummy buffer if it isn't."""
+        return self._optional("dense", frame, modulator, wavelength)
+
+    def _optional(self, *key: str | int) -> tuple[bool, Buffer]:
+        table = self._tables.get(key)
+        return table is not None, table or self._no_table
+
+    def is_tilted(self, source: int, wavelengths: range) -> bool:
+        """Whether the plane wave of a source is tilted at any of some wavelengths."""
+        return bool(np.any(self.plan.slopes[source, wavelengths.start : wavelengths.stop]))
+
+    # --- fingerprints -----------------------------------------------------------------------------------------------
+
+    def field_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, Fingerprint]:
+        """Fingerprints of the fields behind the first and behind the last modulator."""
+        wave = source * len(self.plan.system.wavelengths_m) + wavelength
+        first = (self._digests[("plane waves",)][wave], *self._modulator_fingerprint(0, frame, wavelength))
+        if self.plan.system.gap_m is None:
+            return first, first
+        gap = self.relay_fingerprint(wavelength, relay=0)
+        return first, (first, gap, *self._modulator_fingerprint(1, frame, wavelength))
+
+    def relay_fingerprint(self, wavelength: int, relay: int = 1) -> Fingerprint:
+        """Fingerprint of the propagation through a relay: over the gap (0) or to the plane (1)."""
+        tables = tuple(self._digests[name, relay][wavelength] for name in ("propagations", "support"))
+        return (*tables, self._digests.get(("pupil", relay, wavelength)))
+
+    def _modulator_fingerprint(self, modulator: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
+        dense = self._digests.get(("dense", frame, modulator, wavelength))
+        return dense or (self._digests["modulators", modulator][wavelength], self._digests["opd", frame, modulator])
+
+    # --- filling ----------------------------------------------------------------------------------------------------
+
+    def _fill_inputs(self) -> None:
+        """Fill the tables of the inputs: optical paths, transmissions and pupils."""
+        for frame in range(self.plan.system.frames):
+            for index, modulator in enumerate(self.plan.system.modulators):
+                strokes = self.inputs.stroke_fractions(frame, index, modulator.stroke_m)
+                self._fill(("opd", frame, index), [strokes.tobytes()])
+                self._fill_dense(frame, index)
+        for relay, pupils in enumerate(self.inputs.pupils):
+            for wavelength, pupil in enumerate(pupils):
+                key = ("pupil", relay, wavelength)
+                if pupil is not None:
+                    self._fill(key, [pupil.cpu().numpy().astype(np.complex64).tobytes()])
+                else:
+                    self._drop(key)
+
+    def _fill_dense(self, frame: int, modulator: int) -> None:
+        """Fill the transmissions of a modulator's samples, if it has any, at the wavelengths with light."""
+        for wavelength in range(len(self.plan.system.wavelengths_m)):
+            key = ("dense", frame, modulator, wavelength)
+            if self.inputs.is_sampled(modulator) and self.plan.weights[frame, wavelength] > 0:
+                self._fill(key, [dense_transmission(self.inputs, frame, modulator, wavelength).tobytes()])
+            else:
+                self._drop(key)
+
+    def _drop(self, key: Key) -> None:
+        if key in self._tables:
+            del self._tables[key], self._digests[key]
+
+    def _fill(self, key: Key, items: list[bytes]) -> None:
+        """Write the concatenated `items` to the buffer of a key, unless they are there already."""
+        digests = tuple(blake2b(item, digest_size=16).digest() for item in items)
+        if self._digests.get(key) == digests:
+            return
+        data = b"".join(items)
+        if key not in self._tables or self._tables[key].nbytes != len(data):
+            self._tables[key] = self._device.buffer(len(data), " ".join(map(str, key)))
+        self._device.write(self._tables[key], data)
+        self._digests[key] = digests
+
+
+# --- the fused kernels of a frame -------------------------------------------------------------------------------------
+
 
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 
@@ -288,3 +469,108 @@ def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> li
         else:
             spans.append(WavelengthSpan(frame, 0, wavelength))
     return spans
+
+
+# --- memory for results -----------------------------------------------------------------------------------------------
+
+
+FieldName = Literal["first", "second"]
+"""The field behind the first modulator, or what is kept behind the last one."""
+FIELD_NAMES: tuple[FieldName, ...] = ("first", "second")
+FrameWavelength = tuple[int, int]
+"""Index of a frame and index of a wavelength."""
+XyzWeight = NDArray[np.float64]
+"""XYZ (3,) of unit intensity."""
+
+
+class FieldMemory:
+    """Fields between kernels by name and span, as many as fit `budget_bytes`.
+
+    A buffer holds the `frame.max_wavelengths` successive wavelengths that a dispatch may compute.
+    """
+
+    def __init__(self, frame: FusedFrame, budget_bytes: int) -> None:
+        self._frame, self._budget_bytes = frame, budget_bytes
+        self._buffers: dict[Hashable, Buffer] = {}
+
+    def region(self, name: FieldName, span: WavelengthSpan) -> BufferRegion | None:
+        """Where the fields of a span are stored, allocated if necessary; None if the budget has no room for them."""
+        chunk, first = divmod(span.wavelength, self._frame.max_wavelengths)
+        key = (name, span.frame, span.source, chunk)
+        if key not in self._buffers:
+            if self.memory_bytes + self._buffer_bytes(name) > self._budget_bytes:
+                return None
+            label = f"{name} rows, frame {span.frame}"
+            self._buffers[key] = self._frame.allocate_rows(label, self._rows(name)).buffer
+        return BufferRegion(self._buffers[key], first)
+
+    def has_room_for(self, fields: int) -> bool:
+        """Whether this many first fields and as many second ones would fit an empty cache."""
+        buffers = ceil_div(fields, self._frame.max_wavelengths)
+        return buffers * sum(self._buffer_bytes(name) for name in FIELD_NAMES) <= self._budget_bytes
+
+    def clear(self) -> None:
+        """Release all memory, because fields of another size are going to be stored."""
+        self._buffers.clear()
+
+    def _rows(self, name: FieldName) -> StoredRows:
+        return self._frame.layout.first if name == "first" else self._frame.kept
+
+    def _buffer_bytes(self, name: FieldName) -> int:
+        return self._frame.rows_bytes(self._rows(name)) * self._frame.max_wavelengths
+
+    @property
+    def memory_bytes(self) -> int:
+        """Device memory of the stored fields."""
+        return sum(buffer.nbytes for buffer in self._buffers.values())
+
+
+def field_keys(name: FieldName, span: WavelengthSpan) -> list[Hashable]:
+    """The keys of the fields of a span: (name, frame, source, wavelength)."""
+    return [(name, span.frame, span.source, span.wavelength + i) for i in range(span.count)]
+
+
+class IntensityMemory:
+    """Intensities by frame and wavelength at unit amplitude, in few large buffers that compositing reads as a whole.
+
+    Resident intensities, as many as fit `budget_bytes` in the given order, have a region of their own. The others are
+    transient: they share one region and have to be added to XYZ before the next one overwrites it. The
+    `max_wavelengths` successive wavelengths that a dispatch may compute are adjacent.
+    """
+
+    def __init__(
+        self, compositor: Compositor, order: Iterable[FrameWavelength], max_wavelengths: int, budget_bytes: int
+    ) -> None:
+        self._max_wavelengths = max_wavelengths
+        groups = list(dict.fromkeys((frame, wavelength // max_wavelengths) for frame, wavelength in order))
+        group_bytes = compositor.intensity_bytes * max_wavelengths
+        resident = groups[: max(budget_bytes // group_bytes, 0)]
+        groups_per_buffer = max(compositor.largest_bytes // group_bytes, 1)
+        self.buffers: list[Buffer] = []
+        self._regions: dict[FrameWavelength, BufferRegion] = {}
+        for start in range(0, len(resident), groups_per_buffer):
+            some = resident[start : start + groups_per_buffer]
+            buffer = compositor.intensity_buffer(len(some) * max_wavelengths)
+            self.buffers.append(buffer)
+            self._regions |= {group: BufferRegion(buffer, i * max_wavelengths) for i, group in enumerate(some)}
+        has_transient = len(resident) < len(groups)
+        self._shared = BufferRegion(compositor.intensity_buffer(max_wavelengths)) if has_transient else None
+        self.memory_bytes = group_bytes * len(resident)
+
+    def is_resident(self, key: FrameWavelength) -> bool:
+        """Whether an intensity has a region of its own."""
+        return self._group(key) in self._regions
+
+    def region(self, key: FrameWavelength) -> BufferRegion:
+        """Where an intensity is stored."""
+        region = self._regions.get(self._group(key), self._shared)
+        assert region is not None, "a transient intensity needs the shared region"
+        return BufferRegion(region.buffer, region.first + key[1] % self._max_wavelengths)
+
+    def blend_terms(self, weights: Mapping[FrameWavelength, XyzWeight], buffer: Buffer) -> list[WeightedIntensity]:
+        """Those of the weighted intensities that are stored in `buffer`."""
+        regions = ((self.region(key), weight) for key, weight in weights.items())
+        return [(region.first, weight) for region, weight in regions if region.buffer is buffer]
+
+    def _group(self, key: FrameWavelength) -> FrameWavelength:
+        return key[0], key[1] // self._max_wavelengths

@@ -4,8 +4,8 @@
     (frame, source, wavelength)  (frame, wavelength)
 
 The first and second rows are the fields behind the first and the last modulator, transformed along x (see `fused`).
-Each result is stored on the device with a fingerprint of its inputs (`result_cache`). It is stale if the fingerprint
-differs from that of the present bench; there are no other rules. It follows that these edits recompute:
+Each result is stored on the device with a fingerprint of its inputs. It is stale if the fingerprint differs from that
+of the present bench; there are no other rules. It follows that these edits recompute:
 
     exposure                    the sRGB image
     observer, amplitudes        XYZ and the sRGB image, since intensities are stored at unit amplitude
@@ -13,14 +13,16 @@ differs from that of the present bench; there are no other rules. It follows tha
     gap, relay 1, modulator 2   everything behind the first modulator
     one wavelength              that wavelength
 
-Results for which the memory budget has no room are recomputed when they are needed.
+While a result is being written it has no fingerprint, until all of its work has been submitted, since an update may be
+abandoned half way. Results for which the memory budget has no room are recomputed when they are needed; so are first
+rows, until an edit shows that storing them pays.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -28,18 +30,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.compositor import Compositor
-from holoview.engine.device_tables import Fingerprint
-from holoview.engine.frame_layout import frame_shape
-from holoview.engine.fused import WavelengthSpan, group_into_spans
-from holoview.engine.kernels import FusedKernels
-from holoview.engine.result_cache import RenderSettings, ResultCache, has_no_dense_maps
-from holoview.engine.shader_inputs import ShaderInputs
-from holoview.engine.strategy_selector import StrategySelector
+from holoview.engine.compositor import Compositor, WeightedIntensity
+from holoview.engine.fused import (
+    FIELD_NAMES,
+    BufferRegion,
+    FieldMemory,
+    Fingerprint,
+    FrameWavelength,
+    FusedFrame,
+    IntensityMemory,
+    WavelengthSpan,
+    XyzWeight,
+    field_keys,
+    group_into_spans,
+)
+from holoview.engine.kernels import FusedKernels, KernelVariant, frame_shape
+from holoview.engine.shader_structs import ShaderInputs
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.recorder import CommandRecorder, GpuTimer, SlicedRecorder
-from holoview.gpu.tune import StrategyOption
+from holoview.gpu.recorder import CommandRecorder, GpuTimer, Submission, Submitter
+from holoview.gpu.tune import FftTuner, StrategyOption, remembered_strategy
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.model.validity import check_plan
@@ -61,8 +71,8 @@ class IncrementalRenderer:
     """Renders the drive of a system at one focal plane, and re-renders it after edits.
 
     After `edit`, either call `update`, or iterate over `steps`, which submit little work each, and stop as soon as the
-    next edit arrives. Results are on the device as `xyz_buffer` and `srgb_buffer`, and on the host from `xyz`, `srgb8`
-    and `intensity`.
+    next edit arrives. Results are on the device as `xyz_buffer`, f32 (y, x, 4), and `srgb_buffer`, 8-bit RGBA with
+    `compositor.pitch` pixels in each row; on the host from `xyz`, `srgb8` and `intensity`.
 
     drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1. plane_m: None for the system's first plane.
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
@@ -70,8 +80,9 @@ class IncrementalRenderer:
     is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
     called regularly.
 
-    step_s: running mean of the time for one of the `steps`, which is known where these wait; None before the first.
-    update_s: duration of the last update, from its first step to its last.
+    progress: share of the present or last update that is done. step_s: running mean of the time for one of the
+    `steps`, which is known where these wait; None before the first. update_s: duration of the last update, from its
+    first step to its last.
 
     Raises UserError as `make_plan`, `check_plan` and `FrameInputs` do, and if the grid exceeds the device's limits.
     """
@@ -90,10 +101,10 @@ class IncrementalRenderer:
         strategy: StrategyOption = "auto",
     ) -> None:
         self.device = device
-        self._settings, self._half = RenderSettings(budget_bytes, max_wavelengths), half
+        self._budget_bytes, self._max_wavelengths, self._half = budget_bytes, max_wavelengths, half
         self._drive, self._generation = drive, 0
         self.step_s: float | None = None
-        self.update_s = 0.0
+        self.update_s, self.progress = 0.0, 0.0
         self._submitter = Submitter(device)
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
@@ -101,8 +112,8 @@ class IncrementalRenderer:
         self._selector = StrategySelector(device, strategy)
         kernels = self._precompile(self._plan)  # before the inputs, since these may have to import torch
         self._inputs = FrameInputs(self._plan, drive)
-        self._results = self._open_cache(self._plan, self._inputs, kernels)
-        self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
+        self._allocate(self._plan, self._inputs, kernels)
+        self._apply_strategy(self._selector.strategy_for(self._frame.required_variants()))
 
     @property
     def drive(self) -> Any:
@@ -117,32 +128,17 @@ class IncrementalRenderer:
     @property
     def dispatch_counts(self) -> Counter[str]:
         """Number of dispatched kernels by name: the fused kernels, `composite` and `show`."""
-        return self._results.frame.dispatch_counts
-
-    @property
-    def compositor(self) -> Compositor:
-        """Computes XYZ and sRGB images; tells their memory layout."""
-        return self._results.compositor
-
-    @property
-    def xyz_buffer(self) -> Buffer:
-        """XYZ on the device, f32 (y, x, 4)."""
-        return self._results.xyz_buffer
-
-    @property
-    def srgb_buffer(self) -> Buffer:
-        """The sRGB image on the device, 8-bit RGBA, `compositor.pitch` pixels in each row."""
-        return self._results.srgb_buffer
+        return self._frame.dispatch_counts
 
     @property
     def memory_bytes(self) -> int:
         """Device memory of fields and intensities."""
-        return self._results.memory_bytes
+        return self._frame.memory_bytes + self._fields.memory_bytes + self._intensities.memory_bytes
 
     @property
     def traffic_bytes(self) -> int:
         """Bytes that the kernels read and write for one wavelength of one frame and source, up to the intensity."""
-        return self._results.frame.traffic_bytes
+        return self._frame.traffic_bytes
 
     @property
     def timer(self) -> GpuTimer | None:
@@ -156,7 +152,7 @@ class IncrementalRenderer:
     @property
     def strategy(self) -> Strategy:
         """The present strategy of the FFTs."""
-        return self._results.frame.strategy
+        return self._frame.strategy
 
     def edit(
         self,
@@ -178,14 +174,14 @@ class IncrementalRenderer:
         if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
             inputs = FrameInputs(plan, self._drive if drive is None else drive)
         if _structure(plan, inputs) == _structure(self._plan, self._inputs) and self._kernels_fit(plan, inputs):
-            self._results.set_plan(plan, inputs, float(plan.planes_m[-1]))
+            self._set_plan(plan, inputs)
         else:
-            self._results = self._open_cache(plan, inputs, self._precompile(plan))
+            self._allocate(plan, inputs, self._precompile(plan))
         self._generation += 1
         self._plan, self._inputs, self.plane_m = plan, inputs, plane
         self._drive = self._drive if drive is None else drive
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
+        self._apply_strategy(self._selector.strategy_for(self._frame.required_variants()))
 
     def poll_strategy(self) -> bool:
         """Change to a faster FFT strategy if one has become ready, and return whether this happened; never waits.
@@ -193,7 +189,7 @@ class IncrementalRenderer:
         Call it regularly, for example for each drawn frame. If the strategy is "auto", the first call starts the search
         for a faster one in another process. Results stay valid, and iterators from `steps` continue.
         """
-        return self._apply_strategy(self._selector.poll(self._plan.grid.padded, self._results.frame))
+        return self._apply_strategy(self._selector.poll(self._plan.grid.padded, self._frame))
 
     def close(self) -> None:
         """Stop the search for a faster strategy. The renderer stays usable."""
@@ -207,7 +203,7 @@ class IncrementalRenderer:
     def invalidate(self) -> None:
         """Mark all results as stale, so that the next update begins at the light source."""
         self._generation += 1
-        self._results.invalidate()
+        self._fingerprints.clear()
 
     def steps(
         self, *, with_srgb: bool = True, wait: bool = False, slice_s: float | None = None
@@ -219,18 +215,19 @@ class IncrementalRenderer:
         `intensity` computes something: finished work stays valid, and the next iterator continues from there.
         """
         before = started = time.perf_counter()
-        spent, done = 0.0, 0
+        spent, done, self.progress = 0.0, 0, 0.0
         for step in self._steps(with_srgb=with_srgb, wait=wait, slice_s=slice_s):
             spent += time.perf_counter() - before
             if step.done > done:
                 self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
                 done, spent = step.done, 0.0
+            self.progress = step.done / step.total
             if step.done == step.total:
                 self.update_s = time.perf_counter() - started
             yield step
             before = time.perf_counter()
         if done == 0:  # nothing was stale
-            self.update_s = time.perf_counter() - started
+            self.update_s, self.progress = time.perf_counter() - started, 1.0
 
     def _steps(self, *, with_srgb: bool, wait: bool, slice_s: float | None) -> Iterator[UpdateProgress]:
         self._generation += 1
@@ -268,18 +265,189 @@ class IncrementalRenderer:
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
             key = (frame, wavelength)
-            if not self._results.is_current(key):
+            if not self._is_current(key):
                 self._generation += 1
-                span = WavelengthSpan(frame, 0, wavelength)
-                for submission in intensity_submissions(self._results, self._plan, span):
+                for submission in self._intensity_submissions(WavelengthSpan(frame, 0, wavelength)):
                     self._submitter.submit(submission)
-            total += np.float32(self._plan.weights[key]) * self._results.intensity(key)
+            region = self._intensities.region(key)
+            stored = self.compositor.download_intensity(region.buffer, region.first)
+            total += np.float32(self._plan.weights[key]) * stored
         return total
 
-    # --- internals --------------------------------------------------------------------------------------------------
+    # --- what is stale ----------------------------------------------------------------------------------------------
 
     def _pending(self, with_srgb: bool) -> list[Submission]:
-        return pending_submissions(self._results, self._plan, self.exposure_stops, with_srgb=with_srgb)
+        """The submissions that are still needed, in order.
+
+        First the stale resident intensities, then XYZ from all resident ones; then each transient intensity, which is
+        added to XYZ before the next one overwrites it; finally the sRGB image.
+        """
+        plan, is_resident = self._plan, self._intensities.is_resident
+        keys = [(int(frame), int(wavelength)) for frame, wavelength in np.argwhere(plan.weights > 0)]
+        weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in keys}
+        xyz_fingerprint = tuple((self._intensity_fingerprint(key), weights[key].tobytes()) for key in keys)
+        submissions: list[Submission] = []
+        most = self._frame.max_wavelengths
+        for span in group_into_spans([key for key in keys if is_resident(key) and not self._is_current(key)], most):
+            submissions += self._intensity_submissions(span)
+        if not self._holds({"XYZ": xyz_fingerprint}):
+            transient = group_into_spans([key for key in keys if not is_resident(key)], most)
+            last = None if transient else xyz_fingerprint
+            submissions.append(partial(self._composite_resident, weights, last))
+            for span in transient:
+                submissions += self._intensity_submissions(span)
+                last = xyz_fingerprint if span is transient[-1] else None
+                submissions.append(partial(self._composite_transient, span, weights, last))
+        srgb_fingerprint = (xyz_fingerprint, self.exposure_stops)
+        if with_srgb and not self._holds({"sRGB": srgb_fingerprint}):
+            submissions.append(partial(self._encode_srgb, self.exposure_stops, srgb_fingerprint))
+        return submissions
+
+    def _intensity_submissions(self, span: WavelengthSpan) -> list[Submission]:
+        """The submissions that compute the intensities of a span: one for each source."""
+        sources = range(len(self._plan.slopes))
+        return [partial(self._accumulate_intensity, replace(span, source=source)) for source in sources]
+
+    def _is_current(self, key: FrameWavelength) -> bool:
+        """Whether an intensity is stored in a region of its own and not stale."""
+        is_resident = self._intensities.is_resident(key)
+        return is_resident and self._holds({("intensity", *key): self._intensity_fingerprint(key)})
+
+    def _holds(self, fingerprints: Mapping[Hashable, Fingerprint]) -> bool:
+        """Whether results are stored with these fingerprints. Keys: "XYZ", "sRGB", or as `field_keys` makes them."""
+        return all(self._fingerprints.get(key) == fingerprint for key, fingerprint in fingerprints.items())
+
+    def _forget(self, keys: Iterable[Hashable]) -> None:
+        """Mark results as stale, as they are going to be written."""
+        for key in keys:
+            self._fingerprints.pop(key, None)
+
+    def _remember(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
+        """Set the fingerprints of results once the recorded work is submitted; until then they have none."""
+        self._forget(fingerprints)
+        recorder.on_submit(partial(self._fingerprints.update, fingerprints))
+
+    def _intensity_fingerprint(self, key: FrameWavelength) -> Fingerprint:
+        """Fingerprint of the intensity that the present bench has."""
+        frame, wavelength = key
+        tables, sources = self._frame.tables, range(len(self._frame.tables.plan.slopes))
+        fields = tuple(tables.field_fingerprints(frame, source, wavelength)[1] for source in sources)
+        return fields, tables.relay_fingerprint(wavelength)
+
+    def _example_fingerprints(self) -> tuple[Fingerprint, Fingerprint]:
+        """Fingerprints of the first and second rows of the first frame and wavelength with light."""
+        frame, wavelength = np.argwhere(self._frame.tables.plan.weights > 0)[0].tolist()
+        return self._frame.tables.field_fingerprints(frame, 0, wavelength)
+
+    def _is_gap_edit(self, before: tuple[Fingerprint, Fingerprint]) -> bool:
+        """Whether an edit changed the second rows but not the first ones, and all of these fit the budget.
+
+        After such an edit the first rows are stored. They aren't from the start, because the kernels that follow then
+        can't work in place, which is slower.
+        """
+        first, second = self._example_fingerprints()
+        fields = len(self._frame.tables.plan.slopes) * int(np.count_nonzero(self._frame.tables.plan.weights))
+        return first == before[0] and second != before[1] and self._fields.has_room_for(fields)
+
+    # --- recording --------------------------------------------------------------------------------------------------
+
+    def _accumulate_intensity(self, span: WavelengthSpan, recorder: CommandRecorder) -> None:
+        """Record the intensities of a span for one source: stored for source 0, added for the others."""
+        second = self._record_second_rows(span, recorder)
+        keys = [(span.frame, span.wavelength + i) for i in range(span.count)]
+        self._forget([("intensity", *key) for key in keys])
+        region = self._intensities.region(keys[0])
+        self._frame.record_intensity(recorder, span, second, region, accumulates=span.source > 0)
+        if span.source == len(self._frame.tables.plan.slopes) - 1:
+            self._remember({("intensity", *key): self._intensity_fingerprint(key) for key in keys}, recorder)
+
+    def _composite_resident(
+        self, weights: dict[FrameWavelength, XyzWeight], fingerprint: Fingerprint, recorder: CommandRecorder
+    ) -> None:
+        """Record XYZ as the weighted sum of all resident intensities; `fingerprint` is that of XYZ afterwards."""
+        self._remember({"XYZ": fingerprint}, recorder)
+        if not self._intensities.buffers:
+            recorder.clear(self.xyz_buffer)
+        resident = {key: weight for key, weight in weights.items() if self._intensities.is_resident(key)}
+        for number, buffer in enumerate(self._intensities.buffers):
+            terms = self._intensities.blend_terms(resident, buffer)
+            self._record_composite(recorder, buffer, terms, accumulates=number > 0)
+
+    def _composite_transient(
+        self,
+        span: WavelengthSpan,
+        weights: dict[FrameWavelength, XyzWeight],
+        fingerprint: Fingerprint,
+        recorder: CommandRecorder,
+    ) -> None:
+        """Record adding the transient intensities of a span to XYZ; `fingerprint` is that of XYZ afterwards."""
+        some = {key: weights[key] for key in ((span.frame, span.wavelength + i) for i in range(span.count))}
+        buffer = self._intensities.region((span.frame, span.wavelength)).buffer
+        self._record_composite(recorder, buffer, self._intensities.blend_terms(some, buffer), accumulates=True)
+        self._remember({"XYZ": fingerprint}, recorder)
+
+    def _encode_srgb(self, exposure_stops: float, fingerprint: Fingerprint, recorder: CommandRecorder) -> None:
+        """Record the sRGB image of XYZ; `fingerprint` is that of the image afterwards."""
+        self.compositor.encode_srgb(recorder, self.xyz_buffer, self.srgb_buffer, exposure_stops)
+        self._frame.dispatch_counts["show"] += 1
+        self._remember({"sRGB": fingerprint}, recorder)
+
+    def _record_second_rows(self, span: WavelengthSpan, recorder: CommandRecorder) -> BufferRegion:
+        """The field behind the last modulator: the stored one, else recomputed from the latest stored field."""
+        wavelengths = range(span.wavelength, span.wavelength + span.count)
+        pairs = [self._frame.tables.field_fingerprints(span.frame, span.source, w) for w in wavelengths]
+        firsts = dict(zip(field_keys("first", span), (first for first, _ in pairs), strict=True))
+        seconds = dict(zip(field_keys("second", span), (second for _, second in pairs), strict=True))
+        cached = self._fields.region("second", span)
+        if cached is not None and self._holds(seconds):
+            return cached
+        if self._frame.tables.plan.system.gap_m is None:
+            second = self._frame.record_first_modulator(recorder, span, cached)
+        else:
+            target = cached if self._frame.works_in_place else None
+            first = self._record_first_rows(span, recorder, firsts, target)
+            second = self._frame.record_second_modulator(recorder, span, first, cached)
+        if cached is not None:
+            self._remember_fields(seconds, recorder)
+        return second
+
+    def _record_first_rows(
+        self,
+        span: WavelengthSpan,
+        recorder: CommandRecorder,
+        fingerprints: Mapping[Hashable, Fingerprint],
+        uncached_target: BufferRegion | None,
+    ) -> BufferRegion:
+        """The field behind the first of two modulators: the stored one, else recomputed.
+
+        It is written to the cache, or to `uncached_target` if the cache has no room or isn't used.
+        """
+        cached = self._fields.region("first", span) if self._stores_first_rows else None
+        if cached is not None and self._holds(fingerprints):
+            return cached
+        if cached is None:
+            return self._frame.record_first_modulator(recorder, span, uncached_target)
+        self._remember_fields(fingerprints, recorder)
+        return self._frame.record_first_modulator(recorder, span, cached)
+
+    def _remember_fields(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
+        """As `_remember`, unless the strategy changes in between: the spectra are in the order of the old one."""
+        self._forget(fingerprints)
+        strategy = self._frame.strategy
+
+        def set_if_same_strategy() -> None:
+            if self._frame.strategy == strategy:
+                self._fingerprints.update(fingerprints)
+
+        recorder.on_submit(set_if_same_strategy)
+
+    def _record_composite(
+        self, recorder: CommandRecorder, intensity: Buffer, terms: Sequence[WeightedIntensity], *, accumulates: bool
+    ) -> None:
+        self.compositor.composite(recorder, intensity, terms, self.xyz_buffer, accumulates=accumulates)
+        self._frame.dispatch_counts["composite"] += 1
+
+    # --- memory and kernels -----------------------------------------------------------------------------------------
 
     def _precompile(self, plan: Plan) -> FusedKernels:
         """The kernels for the frames of a plan, whose compilation has been started."""
@@ -290,29 +458,53 @@ class IncrementalRenderer:
     def _kernels_fit(self, plan: Plan, inputs: ShaderInputs) -> bool:
         """Whether the present kernels compute all that the stops of a plan pass, as they do when stops are narrowed."""
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
-        return self._results.frame.fused_kernels.shape.contains(shape)
+        return self._frame.fused_kernels.shape.contains(shape)
 
-    def _open_cache(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> ResultCache:
-        """Empty device memory for the results of a plan; other kernels take the place of those that don't fit."""
+    def _allocate(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> None:
+        """Empty device memory for the results of a plan; other kernels take the place of those that don't fit.
+
+        Raises UserError if the grid exceeds the device's limits; then the former results stay.
+        """
         strategy = self._selector.initial_strategy(plan.grid.padded)
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
         if kernels.shape != shape:
             kernels = FusedKernels(self.device, shape, half=self._half)
-        results = ResultCache(plan, inputs, kernels, self._settings, strategy)
-        results.frame.tables.set_distance(1, float(plan.planes_m[-1]))
-        return results
+        most = self._max_wavelengths if _has_no_dense_maps(inputs) else 1
+        frame = FusedFrame(plan, inputs, self.device, max_wavelengths=most, strategy=strategy, fused_kernels=kernels)
+        compositor = Compositor(self.device, plan.grid.shape)
+        xyz_buffer, srgb_buffer = compositor.xyz_buffer("XYZ"), compositor.srgb_buffer("sRGB image")
+        lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda key: plan.weights[key] == 0)
+        intensities = IntensityMemory(compositor, lit_first, most, self._budget_bytes)
+        self._fields = FieldMemory(frame, self._budget_bytes - intensities.memory_bytes)
+        self._frame, self.compositor, self._intensities = frame, compositor, intensities
+        self.xyz_buffer, self.srgb_buffer = xyz_buffer, srgb_buffer
+        self._fingerprints: dict[Hashable, Fingerprint] = {}  # of complete results; see `field_keys`
+        self._stores_first_rows = False
+        frame.tables.set_distance(1, float(plan.planes_m[-1]))
+
+    def _set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
+        """Replace the plan by one of the same structure."""
+        before = self._example_fingerprints()
+        self._frame.tables.set_plan(plan, inputs)
+        self._frame.tables.set_distance(1, float(plan.planes_m[-1]))
+        self._stores_first_rows |= self._is_gap_edit(before)
 
     def _apply_strategy(self, strategy: Strategy) -> bool:
-        """Use a strategy from now on; return whether it differs from the previous one."""
+        """Use a strategy from now on; return whether it differs from the previous one.
+
+        Fields become stale, since their spectra are in the order of the previous one.
+        """
         if strategy == self.strategy:
             return False
-        self._results.use_strategy(strategy)
+        self._fields.clear()
+        self._forget([key for key in self._fingerprints if isinstance(key, tuple) and key[0] in FIELD_NAMES])
+        self._frame.use_strategy(strategy)
         return True
 
 
 def _structure(plan: Plan, inputs: ShaderInputs) -> Fingerprint:
     """Everything that device memory is allocated and kernels are generated for."""
-    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), has_no_dense_maps(inputs)
+    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), _has_no_dense_maps(inputs)
 
 
 def _inputs_fingerprint(plan: Plan) -> Fingerprint:
@@ -331,77 +523,72 @@ def _inputs_fingerprint(plan: Plan) -> Fingerprint:
     return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2, seen
 
 
-# Lists the GPU submissions that an update still needs, and submits them at once or in slices of about equal time.
+def _has_no_dense_maps(inputs: ShaderInputs) -> bool:
+    """Whether no relay has a pupil and no modulator's transmission is given sample by sample."""
+    return inputs.sampled_transmissions is None and all(pupil is None for pupils in inputs.pupils for pupil in pupils)
 
 
-Submission = Callable[[CommandRecorder], None]
-"""Records the work of one submission."""
-
-_MAX_DISPATCHES = 256.0  # of a slice
+# --- the strategy of the FFTs -----------------------------------------------------------------------------------------
 
 
-def pending_submissions(
-    results: ResultCache, plan: Plan, exposure_stops: float, *, with_srgb: bool
-) -> list[Submission]:
-    """The submissions that are still needed, in order.
+class StrategySelector:
+    """Chooses the strategy for a padded grid, and again for each further grid.
 
-    First the stale resident intensities, then XYZ from all resident ones; then each transient intensity, which is added
-    to XYZ before the next one overwrites it; finally the sRGB image.
+    With "auto", `poll` searches for the fastest strategy in the background. An edit may need kernel variants that
+    aren't compiled yet, such as those with a pupil; then "passes" is used until they are.
     """
-    keys = [(int(frame), int(wavelength)) for frame, wavelength in np.argwhere(plan.weights > 0)]
-    weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in keys}
-    xyz_fingerprint = tuple((results.intensity_fingerprint(key), weights[key].tobytes()) for key in keys)
-    submissions: list[Submission] = []
-    max_wavelengths = results.frame.max_wavelengths
-    stale = [key for key in keys if results.is_resident(key) and not results.is_current(key)]
-    for span in group_into_spans(stale, max_wavelengths):
-        submissions += intensity_submissions(results, plan, span)
-    if not results.holds({"XYZ": xyz_fingerprint}):
-        transient = group_into_spans([key for key in keys if not results.is_resident(key)], max_wavelengths)
-        submissions.append(partial(results.composite_resident, weights, None if transient else xyz_fingerprint))
-        for span in transient:
-            submissions += intensity_submissions(results, plan, span)
-            fingerprint = xyz_fingerprint if span is transient[-1] else None
-            submissions.append(partial(results.composite_transient, span, weights, fingerprint))
-    srgb_fingerprint = (xyz_fingerprint, exposure_stops)
-    if with_srgb and not results.holds({"sRGB": srgb_fingerprint}):
-        submissions.append(partial(results.encode_srgb, exposure_stops, srgb_fingerprint))
-    return submissions
 
+    def __init__(self, device: Device, requested: StrategyOption) -> None:
+        self._device, self._requested = device, requested
+        self._best: Strategy = "passes"
+        self._ready: frozenset[KernelVariant] = frozenset()
+        self._compiles_instantly = False
+        self._tuner: FftTuner | None = None
+        self._tuning_variants: frozenset[KernelVariant] = frozenset()
+        self._shape: tuple[int, int] | None = None
 
-def intensity_submissions(results: ResultCache, plan: Plan, span: WavelengthSpan) -> list[Submission]:
-    """The submissions that compute the intensities of a span: one for each source."""
-    return [partial(results.accumulate_intensity, replace(span, source=source)) for source in range(len(plan.slopes))]
+    def initial_strategy(self, shape: tuple[int, int]) -> Strategy:
+        """The strategy to start with on a grid of `shape` (y, x), without waiting or searching."""
+        if self._requested != "auto":
+            return self._requested
+        if shape != self._shape:
+            self.close()
+            self._shape, self._ready = shape, frozenset()
+            self._best = remembered_strategy(self._device, shape)
+            self._compiles_instantly = self._best != "passes"
+        return self._best
 
+    def strategy_for(self, variants: frozenset[KernelVariant]) -> Strategy:
+        """The fastest strategy whose shaders for these variants are compiled or compile instantly."""
+        if self._requested != "auto":
+            return self._requested
+        return self._best if self._compiles_instantly or variants <= self._ready else "passes"
 
-class Submitter:
-    """Submits work to a device. A `timer`, if set, measures the device time of all dispatches."""
+    def poll(self, shape: tuple[int, int], frame: FusedFrame) -> Strategy:
+        """`strategy_for` the kernels of a frame, after starting a search if one is needed and checking its progress."""
+        if self._requested != "auto":
+            return self._requested
+        variants = frame.required_variants()
+        if self._tuner is None and not variants <= self._ready:
+            self._tuning_variants = variants
+            self._tuner = FftTuner(
+                self._device, shape, lambda strategy: frame.fused_kernels.shaders(strategy, self._tuning_variants)
+            )
+        if self._tuner is not None:
+            self._tuner.poll()
+            if self._tuner.is_settled:
+                self._adopt(self._tuner, shape)
+        return self.strategy_for(variants)
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self._slice_dispatches = 1.0
-        self.timer: GpuTimer | None = None
+    def close(self) -> None:
+        """Stop the search, if one is running."""
+        if self._tuner is not None:
+            self._tuner.close()
+            self._tuner = None
 
-    def submit(self, submission: Submission, *, wait: bool = False) -> None:
-        """Submit all of it at once; with `wait`, return after it has run."""
-        recorder = CommandRecorder(self._device, "frame", self.timer)
-        submission(recorder)
-        recorder.submit(wait=wait)
-
-    def submit_sliced(self, submission: Submission, slice_s: float) -> Iterator[None]:
-        """Submit it in slices, wait for each, and yield between them.
-
-        The number of dispatches in a slice follows the measured time, so that a slice takes about `slice_s` seconds; it
-        changes by a factor of 2 at most from one slice to the next.
-        """
-        recorder = SlicedRecorder(self._device, "frame", self.timer)
-        submission(recorder)
-        while True:
-            count, start = max(min(round(self._slice_dispatches), recorder.remaining), 1), time.perf_counter()
-            recorder.submit_next(count, wait=True)
-            elapsed_s = max(time.perf_counter() - start, 1e-6)
-            least, most = self._slice_dispatches / 2, 2 * self._slice_dispatches
-            self._slice_dispatches = min(max(count * slice_s / elapsed_s, least), most, _MAX_DISPATCHES)
-            if recorder.remaining == 0:
-                return
-            yield
+    def _adopt(self, tuner: FftTuner, shape: tuple[int, int]) -> None:
+        """Use the result of a finished search."""
+        still_ready = self._ready if tuner.current == self._best else frozenset()
+        self._best, self._ready = tuner.current, still_ready | self._tuning_variants
+        self._compiles_instantly = self._best != "passes" and remembered_strategy(self._device, shape) == self._best
+        self.close()

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from holoview.engine.compositor import Compositor
 from holoview.engine.frame import relay_behind
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
-from holoview.engine.shader_inputs import DeviceArray, ShaderInputs
 from holoview.engine.shader_structs import (
     GRID,
     MODULATOR,
     PLANE_WAVE,
     PROPAGATION,
     WEIGHT,
+    DeviceArray,
+    ShaderInputs,
     UniformValues,
     dense_transmission,
     modulator_uniform,

@@ -1,8 +1,17 @@
 """Experiments on a rig, real or virtual: they predict, diagnose or optimise between captures.
 
-next_capture     takes the captures that tell most about a cause, until it is certain
-camera_loop      holograms optimised at what the camera sees
-live             a rig beside a document: live pictures with their prediction, captures, a diagnosis that follows
-rig_bench        the nominal bench of a rig as a system
-known_alignment  what a diagnosis is told of an aligned rig; causes within the alignment's uncertainty
+rig_bench       the nominal bench of a rig as a system; what a diagnosis is told of an aligned rig
+
+closed_loop     the next capture: takes captures until the cause is certain, or a budget is spent; planners
+hypotheses      the possible causes: fits, evidence, probabilities
+capture_choice  captures that could be taken; the proposal of most information in a second, its pattern improved by
+                gradient, and the reason
+
+camera_loop     camera in the loop: measured pictures take the place of predicted intensities where the gradient is
+                formed (Peng et al., ACM Trans. Graph. 39, 6 (2020), sec. 4); checkpoints, the whole job on a rig
+camera_problem  loss and gradients at measured intensities; how the camera sees the model's samples
+bench_camera    shows patterns and takes pictures: exposures, dark level, saturated pixels
+
+rig_session     a rig beside the document of a viewer: patterns and settings, devices, captures, plans, diagnosis
+live_view       the newest picture and its prediction; a diagnosis that follows the captures
 """

@@ -5,7 +5,6 @@ device            an open device: checked allocation, upload and download, compi
 recorder          records dispatches, copies and clears, submits them at once or in slices, and measures their time
 shader            links WGSL files by #include, maps compiler errors back to file and line; structs shared with Python
 line_fft          FFTs along one axis, with caller-defined WGSL for load, store and between two transforms
-line_fft_codegen  WGSL of such an FFT in workgroup memory, or in registers with subgroup shuffles
 fft_codegen       WGSL of one pass of an FFT, of a small DFT in registers, and the factors of a length
 spectrum_order    which frequencies of a line are stored, in which order, and which a transform needs
 fft               complex 2-D FFTs, in place in a buffer

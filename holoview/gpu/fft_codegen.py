@@ -2,7 +2,7 @@
 
 A pass needs neither barriers nor workgroup memory, so that it runs on every driver. It accesses memory only through the
 hooks `load(position: vec3u) -> vec2f` and `store(position: vec3u, value: vec2f)` with the position (x, y, field).
-`line_fft` describes all hooks; `line_fft_codegen` combines several passes in one shader. Below the pass stand the small
+`line_fft` describes all hooks and combines several passes in one shader. Below the pass stand the small
 DFTs in registers of which it consists, and the radices into which a length is factorised.
 """
 

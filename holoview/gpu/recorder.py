@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,6 +152,48 @@ class SlicedRecorder(CommandRecorder):
     def submit(self, wait: bool = False) -> None:
         """Submit all remaining steps."""
         self.submit_next(self.remaining, wait)
+
+
+Submission = Callable[[CommandRecorder], None]
+"""Records the work of one submission."""
+
+_MAX_DISPATCHES = 256.0  # of a slice
+
+
+class Submitter:
+    """Submits work to a device, at once or in slices of about equal time.
+
+    A `timer`, if set, measures the device time of all dispatches.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._slice_dispatches = 1.0
+        self.timer: GpuTimer | None = None
+
+    def submit(self, submission: Submission, *, wait: bool = False) -> None:
+        """Submit all of it at once; with `wait`, return after it has run."""
+        recorder = CommandRecorder(self._device, "frame", self.timer)
+        submission(recorder)
+        recorder.submit(wait=wait)
+
+    def submit_sliced(self, submission: Submission, slice_s: float) -> Iterator[None]:
+        """Submit it in slices, wait for each, and yield between them.
+
+        The number of dispatches in a slice follows the measured time, so that a slice takes about `slice_s` seconds; it
+        changes by a factor of 2 at most from one slice to the next.
+        """
+        recorder = SlicedRecorder(self._device, "frame", self.timer)
+        submission(recorder)
+        while True:
+            count, start = max(min(round(self._slice_dispatches), recorder.remaining), 1), time.perf_counter()
+            recorder.submit_next(count, wait=True)
+            elapsed_s = max(time.perf_counter() - start, 1e-6)
+            least, most = self._slice_dispatches / 2, 2 * self._slice_dispatches
+            self._slice_dispatches = min(max(count * slice_s / elapsed_s, least), most, _MAX_DISPATCHES)
+            if recorder.remaining == 0:
+                return
+            yield
 
 
 def workgroup_grid(workgroups: int, device: Device) -> tuple[int, int]:

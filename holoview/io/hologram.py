@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat, format_of, metadata_of
+from holoview.util.tables import ArraySchema
 from holoview.wavefield.field_bench import bench_of_field, lit_field
 from holoview.wavefield.field_file import FIELD_FORMAT, read_field, save_field
 from holoview.wavefield.wavefield import Wavefield

@@ -16,7 +16,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from holoview.model.pupil_path import COLUMNS, MAX_POINTS, PupilPath
+from holoview.model.focus import COLUMNS, MAX_POINTS, PupilPath
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file

@@ -3,12 +3,9 @@
 No metric fits the brightness of the image to that of the target.
 
 fidelity           peak signal-to-noise ratio, mean CIEDE2000 colour difference
-field_scores       SNR and SSIM of complex fields, PSNR and SSIM of 8-bit views
 perceptual_scores  names of the perceptual scores, and which of them are installed
 perceptual         MS-SSIM, FLIP and ColorVideoVDP
 speckle            contrast σ/μ of a region, its histogram, independent patterns, contrast on the retina
-eyebox             uniformity of the light in the eyebox, to be read beside every PSNR
-band_contrast      contrast in a band of visual spatial frequencies
 gamut              chromaticities and the area that the lasers span
 image_quality      fidelity, speckle and eyebox of a hologram: at its planes, between them, from places of the pupil
 """

@@ -3,34 +3,120 @@
 measure_image_quality   of a view beside its target
 eyebox_uniformity_of    of a hologram's light in the eyebox
 score_hologram          all scores at the planes and between them; score_places: from places of the eye's pupil
+
+Uniformity of the light in the eyebox, the area in the pupil plane from which the image can be seen.
+
+PSNR alone is misleading: a smooth phase sends the light through a small spot in the middle of the eyebox, which avoids
+speckle and gains several decibels, but the image disappears when the eye moves, and it hardly blurs out of focus. A
+hologram is better only if its PSNR is higher at equal uniformity.
+
+The eyebox of a diffuse hologram is itself speckled, so that the intensity at a point says nothing. The measures are of
+means over blocks; a mean of n independent samples of fully developed speckle still has a relative deviation of 1/√n.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.engine.frame import spectrum_behind_modulators
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.io.hologram import Hologram
-from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
 from holoview.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
-from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
-from holoview.model.focus import focused_planes, with_pupil_at
+from holoview.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
+from holoview.model.focus import focused_planes, plane_label, with_pupil_at
 from holoview.model.plan import make_plan
+from holoview.numerics.sampling import Region, region_slices
 from holoview.numerics.structural_similarity import scale_count
-from holoview.numerics.tensors import Region, region_slices
-from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
 from holoview.optics.frame_inputs import FrameInputs
+from holoview.optics.slm import EYEBOX_BLOCKS, first_order
 from holoview.optimise.eyes import PupilPlaces
+from holoview.targets.image_reader import read_raster
+from holoview.targets.picture import read_picture
 from holoview.targets.target_source import TargetSource
+from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 from holoview.view import View, simulate
+
+CENTRE_DIVISOR = 8
+"""The centre, whose relative intensity is reported, is 1/CENTRE_DIVISOR of the eyebox wide and high."""
+
+
+@dataclass(frozen=True)
+class EyeboxUniformity:
+    """Measures of the block means, and of the centre.
+
+    coefficient_of_variation: standard deviation of the block means over their mean; 0 for uniform light.
+    uniformity: the darkest block mean over their mean; 1 for uniform light, 0 when a block is dark.
+    centre_share: mean intensity of the central 1/8 × 1/8 over that of the whole; 1 for uniform light, at most 64.
+    """
+
+    coefficient_of_variation: float
+    uniformity: float
+    centre_share: float
+
+
+def eyebox_uniformity(eyebox: ArrayLike, blocks: int = 8, envelope: ArrayLike | None = None) -> EyeboxUniformity:
+    """Uniformity of the intensity (y, x) over the eyebox, zero frequency at index N//2 as with `fftshift`.
+
+    envelope: (y, x), positive; divided out first. It is the sinc² of the modulator's pixel, which no hologram can
+    change. Crop both to the band of the modulator, |f| ≤ 1/(2·pitch), beyond which the envelope falls to zero.
+    blocks: number of blocks along each axis; their sizes differ by a sample where it doesn't divide the shape.
+    Raises UserError for fewer samples than blocks, an envelope that doesn't fit or isn't positive, and no light.
+    """
+    light = np.asarray(eyebox, dtype=np.float64)
+    if light.ndim != 2 or blocks < 1 or min(light.shape) < blocks:
+        raise UserError("eyebox", f"shape {light.shape}", expected=f"(y, x) of at least {blocks} samples, a block each")
+    if envelope is not None:
+        light = light / _checked_envelope(envelope, light.shape)
+    if not light.mean() > 0.0:
+        raise UserError("eyebox", f"mean intensity {light.mean():g}", expected="some light")
+    means = _block_means(light, blocks)
+    return EyeboxUniformity(
+        coefficient_of_variation=float(means.std() / means.mean()),
+        uniformity=float(means.min() / means.mean()),
+        centre_share=float(light[_central_slice(light.shape[0]), _central_slice(light.shape[1])].mean() / light.mean()),
+    )
+
+
+def _checked_envelope(envelope: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    values = np.asarray(envelope, dtype=np.float64)
+    if values.shape != shape:
+        raise UserError("envelope", f"shape {values.shape}", expected=f"the eyebox's shape, {shape}")
+    if not values.min() > 0.0:
+        raise UserError(
+            "envelope",
+            f"least value {values.min():g}",
+            expected="positive everywhere",
+            remedy="crop to |f| ≤ 1/(2·pitch)",
+        )
+    return values
+
+
+def _block_means(light: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
+    """Means (blocks, blocks) over blocks whose sides differ by one sample at most."""
+    rows, columns = (np.arange(blocks) * n // blocks for n in light.shape)
+    sums = np.add.reduceat(np.add.reduceat(light, rows, axis=0), columns, axis=1)
+    heights, widths = np.diff(rows, append=light.shape[0]), np.diff(columns, append=light.shape[1])
+    means: NDArray[np.float64] = sums / np.outer(heights, widths)
+    return means
+
+
+def _central_slice(n: int) -> slice:
+    """The central 1/CENTRE_DIVISOR of n samples, at least one, around zero frequency at n//2."""
+    width = max(1, round(n / CENTRE_DIVISOR))
+    start = n // 2 - width // 2
+    return slice(start, start + width)
+
+
+# --- quality of a hologram --------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -228,3 +314,51 @@ def _psnr_db(
     if region is not None:
         view, target = view.cropped(region), target[:, *region_slices(region)]
     return psnr_linear_srgb(view.rgb, target).planes_db
+
+
+# --- images whose speckle is measured ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LuminanceImage:
+    """An image to measure.
+
+    luminance: (y, x), linear.
+    description: what it is, for people.
+    clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
+    """
+
+    luminance: NDArray[np.floating]
+    description: str
+    clipped_share: float = 0.0
+
+
+def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
+    """The luminance of a picture file. is_linear: its integers hold intensity, not an sRGB signal.
+
+    Raises UserError as `read_raster` and `read_picture` do.
+    """
+    raster = read_raster(path)
+    clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
+    if is_linear:
+        values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
+        return LuminanceImage(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
+    luminance = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1]
+    return LuminanceImage(luminance, f"luminance of {path.name}", clipped)
+
+
+def hologram_luminance(hologram: Hologram, plane_m: float, name: str) -> LuminanceImage:
+    """The luminance of a hologram at a plane, with an eye on its retina. name: what it is, for people."""
+    system = hologram.system
+    view = simulate(system, hologram.drive, [plane_m], backend="torch")
+    place = plane_label(system, plane_m) + ("" if system.eye is None else ", on the retina")
+    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {place}")
+
+
+def contrast_by_pupil(
+    hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region, progress: ProgressCallback
+) -> RetinalCurve:
+    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
+    systems = pupils_of(hologram.system, pupils_m)
+    images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
+    return retinal_curve(systems, images, region, progress)

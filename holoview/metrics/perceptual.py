@@ -1,10 +1,18 @@
 """How an image looks to a person beside its target: MS-SSIM, FLIP and ColorVideoVDP.
 
 `measure_score` computes them by their names in `holoview.metrics.perceptual_scores`.
+
+Contrast of an image in a band of visual spatial frequencies.
+
+How near a complex field, such as a compressed hologram, is to another, and a view of it to that of the other.
+
+In the plane of the hologram JPEG Pleno's test conditions take SNR and SSIM, in views PSNR and SSIM; none of them agrees
+well with what people see (Ahar et al., arXiv 2010.11306).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +22,9 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, srgb_encode
-from holoview.metrics.fidelity import PlaneScores, Stack, as_stacks
+from holoview.metrics.fidelity import PlaneScores, Stack, as_stacks, psnr
 from holoview.metrics.perceptual_scores import samples_per_degree
-from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
+from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count, similarity
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 from holoview.view import View
@@ -202,3 +210,110 @@ _MEASURES: dict[str, Callable[[Image, Image, float], PlaneScores]] = {
     "flip": flip,
     "jod": color_video_vdp,
 }
+
+
+# --- contrast in a band of frequencies --------------------------------------------------------------------------------
+
+
+Band = tuple[float, float]
+
+
+def band_contrast(image: NDArray[np.floating], degrees_per_sample: float, band: Band) -> float:
+    """Root mean square of an image's part in a band of frequencies, over its mean.
+
+    image: (y, x) luminance. degrees_per_sample: visual angle of a sample. band: lowest and highest frequency, cycles a
+    degree. The image is multiplied by a Hann window, so that its borders don't count; a grating of modulation m has the
+    contrast m/√2 (Michelson's is m).
+
+    Raises UserError for an image that is dark, or too small or too coarse for the band.
+    """
+    spectrum = _band_spectrum(image, degrees_per_sample, band)
+    return float(np.sqrt((np.abs(spectrum) ** 2).sum()))
+
+
+def contrast_like(
+    image: NDArray[np.floating], reference: NDArray[np.floating], degrees_per_sample: float, band: Band
+) -> float:
+    """The contrast in a band of the part of an image that is like a reference of the same shape (y, x).
+
+    The part is the reference's structure times the factor that fits best, so that speckle and other structure don't
+    count; where contrast is reversed, it is negative. The other arguments are those of `band_contrast`, and of the
+    reference with itself it is that.
+
+    Raises UserError as `band_contrast` does.
+    """
+    seen, wanted = (_band_spectrum(each, degrees_per_sample, band) for each in (image, reference))
+    size = float(np.sqrt((np.abs(wanted) ** 2).sum()))
+    return float((wanted.conj() * seen).sum().real) / size if size > 0 else 0.0
+
+
+def _band_spectrum(image: NDArray[np.floating], degrees_per_sample: float, band: Band) -> NDArray[np.complex128]:
+    """Fourier coefficients in the band of an image over its mean, whose squares add to the squared contrast."""
+    rows, columns = image.shape
+    window = np.outer(np.hanning(rows), np.hanning(columns))
+    total = float((image * window).sum())
+    y, x = (np.fft.fftfreq(n, degrees_per_sample) for n in image.shape)
+    frequency = np.hypot(y[:, None], x[None, :])
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    if total <= 0 or not inside.any() or band[1] > 0.5 / degrees_per_sample:
+        raise UserError(
+            "contrast",
+            f"an image of {columns} x {rows} samples, {1 / degrees_per_sample:.3g} a degree",
+            expected=f"light, and a size and a sampling for {band[0]:g} to {band[1]:g} cycles a degree",
+        )
+    mean = total / float(window.sum())
+    spectrum = np.fft.fft2((image / mean - 1) * window)[inside]
+    return np.asarray(spectrum / np.sqrt(image.size * float((window**2).sum())))
+
+
+# --- complex fields ---------------------------------------------------------------------------------------------------
+
+
+def field_snr(field: NDArray[Any], reference: NDArray[Any]) -> float:
+    """10·log10(Σ|r|²/Σ|u − r|²), dB, of complex fields of equal shape; infinite for equal ones.
+
+    Raises UserError for other shapes and for a dark reference.
+    """
+    _check(field, reference)
+    signal = float(np.sum(np.abs(reference, dtype=np.float64) ** 2))
+    if signal == 0:
+        raise UserError("reference", "a dark field", expected="light")
+    noise = float(np.sum(np.abs(np.asarray(field, np.complex128) - reference) ** 2))
+    return 10 * math.log10(signal / noise) if noise > 0 else math.inf
+
+
+def field_ssim(field: NDArray[Any], reference: NDArray[Any]) -> float:
+    """The mean of the SSIM of real and of imaginary parts of complex fields (…, y, x).
+
+    The range of values is that of the reference's real and imaginary parts together. Raises UserError for other shapes,
+    for fields smaller than 11 × 11 samples, and for a reference that is the same everywhere.
+    """
+    _check(field, reference)
+    parts = [np.stack([values.real, values.imag]) for values in (np.asarray(field), np.asarray(reference))]
+    return _ssim(parts[0], parts[1], float(np.ptp(parts[1])))
+
+
+def view_scores(view: NDArray[np.uint8], reference: NDArray[np.uint8]) -> dict[str, float]:
+    """PSNR (dB) and SSIM of 8-bit views (y, x) or (y, x, colour), of all colours together.
+
+    Raises UserError for other shapes and for views smaller than 11 × 11 samples.
+    """
+    _check(view, reference)
+    seen, expected = (np.moveaxis(np.atleast_3d(values), -1, 0) / 255.0 for values in (view, reference))
+    return {"psnr_db": psnr(seen, expected), "ssim": _ssim(seen, expected, 1.0)}
+
+
+def _ssim(values: NDArray[Any], expected: NDArray[Any], data_range: float) -> float:
+    """SSIM of images (…, y, x)."""
+    if min(values.shape[-2:]) < WINDOW or not data_range > 0:
+        found = f"{values.shape[-1]} × {values.shape[-2]} samples with a range of {data_range:g}"
+        raise UserError("image", found, expected=f"at least {WINDOW} × {WINDOW} samples that differ")
+    image, target = (
+        torch.from_numpy(np.array(part, dtype=np.float64)).reshape(-1, *part.shape[-2:]) for part in (values, expected)
+    )
+    return float(similarity(image, target, data_range).mean())
+
+
+def _check(field: NDArray[Any], reference: NDArray[Any]) -> None:
+    if np.shape(field) != np.shape(reference) or np.size(field) == 0:
+        raise UserError("field", f"shape {np.shape(field)}", expected=f"that of the reference, {np.shape(reference)}")

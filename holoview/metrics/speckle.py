@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from holoview.colour import observer_weights
 from holoview.model.eye import PUPIL, sample_degrees
 from holoview.model.system import System
-from holoview.numerics.tensors import Region, region_slices
+from holoview.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
@@ -234,6 +234,11 @@ class RetinalContrast:
     contrast: float
     cone_contrast: float
     grain_arcmin: float
+
+    def as_json(self) -> dict[str, float]:
+        """For programs; the diameter in mm."""
+        own = {"contrast": self.contrast, "cone_contrast": self.cone_contrast, "grain_arcmin": self.grain_arcmin}
+        return {"pupil_mm": round(self.pupil_m * 1e3, 6), **own}
 
 
 def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[System]:

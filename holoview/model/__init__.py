@@ -9,11 +9,10 @@ shorthand    shorthands of presets and edits (white balance, frames, a grid of s
 scheme       the colour schemes of the HoloChrome paper, applied to a system
 eye          `Eye`: eyepiece, pupil, accommodation, chromatic aberration; published formulas of the human eye
 focus        the planes on which the eye of a system is focused
-pupil_path   `PupilPath`: a pupil that moves through the eyebox, and what it sees at each time
 passband     the frequencies that stops and pupils pass, as rows of integers
-transfer     the propagation of one wavelength over one distance, and how much of its light a grid can hold
 plan         `Plan`: grid, transfer functions, weights and colours, derived in float64
 validity     when the model stops being true: each limit with its threshold
+summary      numbers that follow from a bench, as text
 effects      the framework of imperfections of real displays; the imperfections are in `holoview.effects`
 
 Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`, `effects.learned_maps`).

@@ -18,12 +18,20 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
-from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.eye import Eye
 from holoview.model.focus import eyes_at, focus_shift, focused_planes, parse_planes
-from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
+from holoview.model.passband import (
+    Band,
+    Transfer,
+    band_limit,
+    band_of_rows,
+    check_eye_sampled,
+    limited_rows,
+    rows_in_disc,
+    stop_rows,
+)
 from holoview.model.system import System
-from holoview.model.transfer import Transfer, check_eye_sampled
 from holoview.numerics.sampling import is_fast_length, next_fast_length
 
 RowsColumns = tuple[int, int]

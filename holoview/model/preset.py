@@ -12,7 +12,7 @@ from typing import Any
 
 import tomli_w
 
-from holoview.model.effects.parameter import FileParameter
+from holoview.model.effects.effect import FileParameter
 from holoview.model.effects.registry import get_effect
 from holoview.model.fields import from_mapping, to_mapping
 from holoview.model.shorthand import expand_table

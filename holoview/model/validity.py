@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay
-from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.eye import Eye
-from holoview.model.passband import Integers, band_limit
+from holoview.model.passband import Integers, band_limit, frequencies_left, nothing_left
 from holoview.model.plan import Plan, walk_off
-from holoview.model.transfer import frequencies_left, nothing_left
 from holoview.util import units
 from holoview.util.errors import UserError
 

@@ -5,7 +5,6 @@ fourier         FFTs between a window of samples and a band of frequencies; chir
 resample        Gaussian blur, affine warps and interpolation of two-dimensional maps, differentiable
 subpixel_shift  images shifted by fractions of a pixel, and their gradients, by a windowed sinc
 surfaces        Zernike polynomials in Noll's order, thin-plate splines through values at equidistant nodes
-tensors         regions of images, interpolation in equidistant knots, powers with finite gradients; all without torch
 minimise        Levenberg–Marquardt inside bounds, minimisation along one axis, likelihood intervals, downhill simplex
 structural_similarity  multi-scale structural similarity (MS-SSIM) of images, differentiable
 """

@@ -5,7 +5,5 @@ frame_inputs   the inputs of a frame: optical paths, sampled transmissions, pupi
 slm            phase modulator: drive → quantised optical path → transmission; pixels on the simulation grid
 propagate      what a relay does to a spectrum: free space with the relay's stops, and pupils
 torch_effects  active effects applied to modulators, pupils and camera images
-first_order    the first diffraction order of the modulator, which is the eyebox, in blocks
 free_space     a field over any distance into any window: angular spectrum, Fresnel and Fourier transforms
-tilted_window  the same into a window that is turned out of the plane across the axis
 """

@@ -22,8 +22,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.model.eye import Eye
+from holoview.model.passband import Transfer
 from holoview.model.plan import Grid, Plan
-from holoview.model.transfer import Transfer
 from holoview.numerics.fourier import PrunedAxis, phasor_of_turns
 from holoview.numerics.resample import centred_indices, upsample_nearest
 from holoview.optics.propagate import eye_pupil, nominal_pupil, transfer_function_at

@@ -13,8 +13,8 @@ import math
 import torch
 
 from holoview.model.eye import Eye
+from holoview.model.passband import Transfer
 from holoview.model.plan import Grid, Plan
-from holoview.model.transfer import Transfer
 from holoview.numerics.fourier import phasor_of_turns
 from holoview.numerics.sampling import frequency_indices
 from holoview.numerics.surfaces import zernike_sum

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose, RelayContext
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.plan import Plan
 from holoview.optics.propagate import direction_sines
 from holoview.optics.slm import nearest_level, phasor

@@ -31,9 +31,8 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
-from holoview.util.tables import read_record
+from holoview.util.tables import ArraySchema, read_record
 
 
 @dataclass(frozen=True)

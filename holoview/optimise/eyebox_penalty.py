@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.optics.first_order import first_order
+from holoview.optics.slm import first_order
 from holoview.optimise.forward_model import ForwardModel
 
 Tensor = torch.Tensor

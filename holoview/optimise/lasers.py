@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holoview.model.effects.active_effects import ActiveEffects, EffectValues
+from holoview.model.effects.registry import ActiveEffects, EffectValues
 from holoview.model.plan import Plan
 from holoview.model.system import System
 from holoview.optimise.settings import Settings

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from holoview.model.plan import Plan
+from holoview.numerics.sampling import Region, region_slices, zero_outside
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
-from holoview.numerics.tensors import Region, region_slices, zero_outside
 from holoview.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import LossSpace, Settings, find_loss_space

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import LMS_TO_XYZ, SRGB_TO_XYZ, XYZ_TO_SRGB
-from holoview.numerics.tensors import Region
+from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError, suggest_matches
 
 Floats = NDArray[np.float64]

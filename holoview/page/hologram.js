@@ -1,6 +1,6 @@
 // A hologram of the page: its recording, its state, and what of a frame is stale after a change of the state.
 
-// The bytes of a struct from values by name, as holoview/gpu/wgsl_struct.py packs them.
+// The bytes of a struct from values by name, as holoview/gpu/shader.py packs them.
 function packStruct(layout, values) {
     const view = new DataView(new ArrayBuffer(layout.size))
     for (const [name, [offset, type, count]] of Object.entries(layout.fields)) {

@@ -3,9 +3,7 @@
 scene                 what an image is rendered from; an image on the device
 view_settings         how an image is shown: focal plane, exposure, channel, comparison, measured region
 progressive_renderer  a quick image at once, the full one when editing pauses
-side_renderers        one renderer for each side of a comparison
 planes                images of focal planes on a job's thread, for exports and comparisons; their previews
 page_images           the phase of a pattern; a complex field; the eyebox
-field_picture         pictures of a complex field: amplitude, phase, parts, colour for phase, spectrum
 tone_mapping          XYZ to 8-bit sRGB; colour maps of single channels
 """

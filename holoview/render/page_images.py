@@ -19,11 +19,10 @@ from holoview.engine.frame import spectrum_behind_modulators
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optics.first_order import first_order
-from holoview.render.field_picture import field_picture
 from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.tone_mapping import field_picture
 from holoview.render.view_settings import ViewSettings
-from holoview.util.latest_task import LatestTask
+from holoview.util.processes import LatestTask
 
 Xyz = NDArray[np.float32]
 
@@ -108,7 +107,7 @@ def _field_key(scene: Scene, view: ViewSettings) -> tuple[Any, ...]:
 def _seen_field(
     system: System, drive: Drive, stage: str, quantity: str, plane_m: float, laser: int, frame: int
 ) -> SeenField:
-    from holoview.engine.stage_fields import stage_field
+    from holoview.engine.torch_executor import stage_field
 
     values = stage_field(system, drive, stage, plane_m, laser=laser, frame=frame).values
     picture = field_picture(values, quantity)
@@ -152,6 +151,7 @@ def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[
     """
     from holoview.engine.torch_executor import TorchExecutor
     from holoview.optics.frame_inputs import FrameInputs
+    from holoview.optics.slm import first_order
 
     plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
     executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), first_order(plan.grid)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.tables import check_keys
 

@@ -48,8 +48,7 @@ from holoview.captures.nominal_bench import KEYS, BenchTables, parse_bench_table
 from holoview.captures.patterns import random_levels
 from holoview.captures.validation import check_settings
 from holoview.model.fields import Array, Number
-from holoview.rig.devices import Counts, Levels
-from holoview.rig.limits import SafetyLimits
+from holoview.rig.devices import Counts, Levels, SafetyLimits
 from holoview.rig.registration import Registration, read_registration, registration_path
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches

@@ -18,13 +18,12 @@ from types import ModuleType
 from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
-from holoview.rig.devices import BenchClock, Devices, LasersDevice, WrappedLasers
+from holoview.rig.devices import BenchClock, Devices, LasersDevice, WrappedLasers, limit_devices
 from holoview.rig.kinds.manual import open_manual
 from holoview.rig.kinds.micromanager import SharedCore, open_micromanager
 from holoview.rig.kinds.python_file import open_python
 from holoview.rig.kinds.serial_line import open_serial
 from holoview.rig.kinds.slmsuite_kind import open_slmsuite
-from holoview.rig.limits import limit_devices
 from holoview.rig.registration import register_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,

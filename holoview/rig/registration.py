@@ -2,7 +2,7 @@
 
 It stands in RIG.placement.toml beside rig.toml:
 
-    [turned]                          # one of `captures.orientations`, against the picture on modulator 1
+    [turned]                          # one of `captures.dataset: ORIENTATIONS`, against the picture on modulator 1
     camera = "rotate_90"              # and slm2
     [picture]                         # the part of the raw picture, turned back, that shows modulator 1
     first = [24, 31]                  # row and column
@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.orientations import ORIENTATIONS, oriented_shape, undone
+from holoview.captures.dataset import ORIENTATIONS, oriented_shape, undone
 from holoview.model.fields import Array, Number
 from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera, WrappedModulator, WrappedStage
 from holoview.util import units

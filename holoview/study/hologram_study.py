@@ -41,7 +41,7 @@ from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.numerics.tensors import Region, region_slices
+from holoview.numerics.sampling import Region, region_slices
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.metrics.speckle import independent_patterns, speckle_density, speckle_histogram
-from holoview.numerics.tensors import Region, region_slices
-from holoview.report.images import figure_bytes, new_figure
+from holoview.metrics.speckle import RetinalCurve, independent_patterns, speckle_density, speckle_histogram
+from holoview.numerics.sampling import Region, region_slices
+from holoview.report import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
 
 if TYPE_CHECKING:
@@ -192,3 +192,14 @@ def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: fl
         right.legend(fontsize=8)
 
     return draw
+
+
+def retinal_figure(curve: RetinalCurve) -> Callable[[Figure], None]:
+    """A function that draws speckle contrasts against the pupil."""
+    x = [found.pupil_m * 1e3 for found in curve.contrasts]
+    curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+        "every sample": (x, [found.contrast for found in curve.contrasts]),
+        "as cones see it": (x, [found.cone_contrast for found in curve.contrasts]),
+        "independent patterns": (x, [curve.independent] * len(x)),
+    }
+    return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))

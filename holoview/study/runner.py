@@ -44,8 +44,7 @@ from holoview.util.memory_limit import (
     workers_within_memory,
 )
 from holoview.util.packages import __version__, import_optional
-from holoview.util.processes import leave_signals_to_parent, signals_blocked
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import leave_signals_to_parent, process_cpu_count, signals_blocked
 from holoview.util.progress import ProgressCallback
 from holoview.util.tables import parse_json_table
 

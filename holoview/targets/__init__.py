@@ -3,11 +3,9 @@
 target         from a bench and a picture to the focal stack that is optimised for
 focal_stack    `Target`; focal stacks rendered here with incoherent defocus, or read from files
 defocus        light cones, their blur kernels (square or disc), layers of a scene, FFT convolution without wrap-around
-viewing_pupil  a target as an eye sees it: a round pupil off the axis, a focus for each wavelength
 light_field    views from a grid of viewpoints, also from a folder, and what a pupil sees of them
 moving_pupil   a picture from any place of the pupil, blurred once and then moved; targets of a bench whose eye moves
 picture        a picture or a depth map as linear light of sRGB primaries, its saturation, and resizing to the grid
 image_reader   decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes
-film           the pictures of a video file, or of a folder
 target_source  a target file, read once and built for any planes and places of the pupil
 """

@@ -35,10 +35,17 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone, Window, blurred_layer, checked_depth, layer_count, split_layers
 from holoview.targets.focal_stack import Target, check_brightness
-from holoview.targets.light_field import LightField, ViewGrid, largest_step_px, render_views, see_light_field
+from holoview.targets.light_field import (
+    LightField,
+    ViewGrid,
+    ViewingPupil,
+    colour_shares,
+    largest_step_px,
+    render_views,
+    see_light_field,
+)
 from holoview.targets.picture import Picture, check_saturation, read_picture, resize_to_cover, scale_saturation
 from holoview.targets.target import Placement, pupil_of_eye, scene_depth
-from holoview.targets.viewing_pupil import ViewingPupil, colour_shares
 
 _ROUNDING = 1e-9  # of a sample
 _LEAST_COVERAGE = np.float32(1e-6)

@@ -17,6 +17,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone, diffraction_half_angle
 from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
+from holoview.targets.light_field import ViewingPupil, render_through_pupil
 from holoview.targets.picture import (
     Picture,
     check_saturation,
@@ -25,7 +26,6 @@ from holoview.targets.picture import (
     resize_to_cover,
     scale_saturation,
 )
-from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory

@@ -6,13 +6,9 @@ text              text from files: a line that is safe to show, a plain name of 
 tables            tables of TOML and JSON from unknown sources: their keys, and the types of their values
 files             folders of shaders, presets, assets and caches; regular files as input
 file_writer       files written whole or not at all; `WriteError` for a disk that fails; another place for a result
-file_schema       types, sizes and bounds of the arrays and numbers of a file
 safetensors_file  named tensors with metadata in safetensors files; comparison of a checkpoint with its run
-output_locks      locks on the names of the files that are being written
 memory_limit      how much memory may be taken, and the refusal of more
-processors        how many processors this process may use, and how its threads share them
 processes         signals that ask the program to end, its end beside working threads, when a process began
 packages          version of the installed package; imports of libraries that a plain installation leaves out
-latest_task       a worker thread that runs only the latest request
 progress          types of functions that report progress
 """

@@ -19,7 +19,7 @@ from pathlib import Path
 import psutil
 
 from holoview.util.errors import UserError
-from holoview.util.processors import MEMBERSHIP, MOUNT, group_folders, read_lines
+from holoview.util.processes import MEMBERSHIP, MOUNT, group_folders, read_lines
 
 FREE_SHARE = 0.75
 """The share of the free memory that may be taken where no limit is stated: the rest is left to other programs."""

@@ -20,10 +20,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.file_writer import write_file
 from holoview.util.files import require_file
 from holoview.util.memory_limit import require_memory
+from holoview.util.tables import ArraySchema
 
 _TYPES = {
     "U8": "uint8",

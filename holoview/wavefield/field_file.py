@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util import units
-from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
+from holoview.util.tables import ArraySchema
 from holoview.wavefield.wavefield import Wavefield
 
 FIELD_FORMAT, VERSION = "holoview-field", "1"

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from holoview.optics.free_space import AngularSpectrum, Window, first_order_window, fresnel_propagate
-from holoview.optics.tilted_window import tilted_propagate
+from holoview.optics.free_space import AngularSpectrum, Window, first_order_window, fresnel_propagate, tilted_propagate
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.wavefield.wavefield import Wavefield

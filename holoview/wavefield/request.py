@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from holoview.numerics.tensors import Region
+from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError, suggest_matches
 
 Quantity = Literal["complex", "amplitude", "phase", "intensity", "bilevel"]

@@ -12,9 +12,16 @@ import pytest
 import torch
 
 from holoview.benchmark import frame_benchmark
-from holoview.benchmark.frame_benchmark import benchmark_frame, device_time
+from holoview.benchmark.frame_benchmark import (
+    WAYS,
+    PrunedTorchBaseline,
+    TorchBaseline,
+    Way,
+    benchmark_frame,
+    can_prune,
+    device_time,
+)
 from holoview.benchmark.frame_jobs import JobTimings, TuningReport, time_interleaved
-from holoview.benchmark.torch_baseline import WAYS, PrunedTorchBaseline, TorchBaseline, Way, can_prune
 from holoview.cli import main
 from holoview.commands import bench
 from holoview.engine.frame import compute_focal_stack

@@ -7,8 +7,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.calibrate.train import TrainingState, train
-from holoview.calibrate.training_plan import CalibrationSettings, DataSplit, map_layout_for, split_captures
+from holoview.calibrate.train import (
+    CalibrationSettings,
+    DataSplit,
+    TrainingState,
+    map_layout_for,
+    split_captures,
+    train,
+)
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model.bench_parts import Modulator, Relay

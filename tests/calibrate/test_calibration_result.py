@@ -16,10 +16,10 @@ from holoview.calibrate.calibration_result import (
     CalibrationResult,
     PredictionScore,
     fit_laser_response,
+    plot_calibration,
     score_predictions,
     starting_bench,
 )
-from holoview.calibrate.map_plots import plot_calibration
 from holoview.calibrate.train import CalibrationModel, TrainingData
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor

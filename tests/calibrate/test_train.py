@@ -11,8 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.calibrate.train import CalibrationModel, TrainingState, load_checkpoint, train
-from holoview.calibrate.training_plan import CalibrationSettings, map_layout_for, split_captures
+from holoview.calibrate.train import (
+    CalibrationModel,
+    CalibrationSettings,
+    TrainingState,
+    load_checkpoint,
+    map_layout_for,
+    split_captures,
+    train,
+)
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
 from holoview.model.effects.hook_contexts import ModulatorContext

@@ -8,7 +8,7 @@ import math
 import pytest
 import torch
 
-from holoview.calibrate.training_plan import map_layout_for
+from holoview.calibrate.train import map_layout_for
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import RelayContext
 from holoview.model.effects.learned_maps import LearnedMaps

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.camera_model import InvariantCache, TensorCache
-from holoview.captures.camera_sampling import FrequencyBand
+from holoview.captures.camera_model import FrequencyBand, InvariantCache, TensorCache
 from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 

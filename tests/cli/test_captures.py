@@ -14,7 +14,7 @@ import tifffile
 from PIL import Image
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE
+from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE
 
 Run = Callable[..., Any]
 SMALL = (

@@ -15,7 +15,7 @@ import holoview as hv
 from holoview.commands.arguments import default_output
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_png
-from holoview.report.images import figure_bytes, label, new_figure
+from holoview.report import figure_bytes, label, new_figure
 from holoview.util.errors import UserError
 
 Run = Callable[..., Any]

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment.camera_loop import loop
+from holoview.experiment import camera_loop as loop
 from holoview.io.hologram import load_hologram
 from holoview.rig import RigDescription
 from holoview.rig.devices import Devices

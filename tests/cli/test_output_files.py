@@ -22,8 +22,7 @@ from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_pattern
 from holoview.model import preset
 from holoview.util.errors import UserError
-from holoview.util.file_writer import WriteError, write_file
-from holoview.util.output_locks import OutputLocks
+from holoview.util.file_writer import OutputLocks, WriteError, write_file
 
 Run = Callable[..., Any]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX links")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import holoview as hv
-from holoview.commands.info import info_rows
+from holoview.model.summary import info_rows
+from holoview.optimise.memory import peak_bytes
 
 
 def _facts(name: str, **changes: Any) -> dict[str, str]:
-    return {fact.name: fact.text for fact in info_rows(hv.load(name).edit(changes))}
+    system = hv.load(name).edit(changes)
+    return {fact.name: fact.text for fact in info_rows(system, peak_bytes(system))}
 
 
 def _mebibytes(text: str) -> float:

@@ -21,8 +21,7 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.active_effects import EffectValues
-from holoview.model.effects.registry import listed_effects
+from holoview.model.effects.registry import EffectValues, listed_effects
 from holoview.model.system import System
 from tests.captures.conftest import SHAPE, pictures
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import ListParameter, Parameter
+from holoview.model.effects.effect import Effect, ListParameter, Parameter
 from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned

@@ -12,9 +12,8 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.bench_parts import Modulator
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 

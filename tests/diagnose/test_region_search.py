@@ -14,7 +14,7 @@ from holoview.captures import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_region, central_slices
+from holoview.captures.records.trials import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig

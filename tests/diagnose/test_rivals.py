@@ -15,8 +15,7 @@ from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.rivals import find_lookalikes, with_rivals
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.active_effects import EffectValues
-from holoview.model.effects.registry import listed_effects
+from holoview.model.effects.registry import EffectValues, listed_effects
 from holoview.model.system import System
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import make_context_of, measure_at_one_exposure, small_system

@@ -15,8 +15,7 @@ from holoview.diagnose.intervals import (
     local_information,
     local_jacobian,
 )
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.effect import Effect, Parameter
 
 CAPTURES, PIXELS = 12, 300
 

@@ -18,7 +18,7 @@ from holoview.document.archive import view_settings_from_table, view_settings_ta
 from holoview.document.editing_session import EditingSession
 from holoview.document.files import target_from_pixels
 from holoview.document.session_store import Preferences, SessionStore
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.tables import record_from_table

@@ -9,8 +9,14 @@ import numpy as np
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.example import EXAMPLE_PRESET, new_session, show_example, shows_example
-from holoview.document.files import FileLoader, target_from_pixels
+from holoview.document.files import (
+    EXAMPLE_PRESET,
+    FileLoader,
+    new_session,
+    show_example,
+    shows_example,
+    target_from_pixels,
+)
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.io.hologram import Hologram

@@ -25,8 +25,8 @@ from holoview.document.exports import (
     scale_bar_length,
 )
 from holoview.document.files import target_from_image_bytes
-from holoview.document.speckle_jobs import NAMES as SIDES
-from holoview.document.speckle_jobs import start_scheme_comparison
+from holoview.document.optimisation_job import NAMES as SIDES
+from holoview.document.optimisation_job import start_scheme_comparison
 from holoview.document.target import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset

@@ -14,7 +14,7 @@ import pytest
 from holoview.colour import D65_WHITE
 from holoview.document.editing_session import EditingSession
 from holoview.document.measure import ImageMeasurements, LiveMeasurement, measure_image
-from holoview.util.latest_task import LatestTask
+from holoview.util.processes import LatestTask
 
 
 def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:

@@ -15,7 +15,7 @@ from holoview.document.exports import save_path, save_path_animation, save_path_
 from holoview.document.files import FileLoader
 from holoview.document.focus import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
 from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
-from holoview.model.pupil_path import PupilPath, system_at
+from holoview.model.focus import PupilPath, system_at
 from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
 from holoview.view import simulate

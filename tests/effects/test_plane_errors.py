@@ -14,8 +14,7 @@ from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.model import preset
-from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.effects.registry import get_effect
+from holoview.model.effects.registry import ActiveEffects, get_effect
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import small_system
 

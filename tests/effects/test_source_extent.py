@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
-from holoview.effects.source_extent import spot_directions
+from holoview.effects.illumination import spot_directions
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.registry import get_effect
 

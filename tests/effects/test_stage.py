@@ -10,7 +10,7 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.model.effects.active_effects import ActiveEffects, unmet_requirement
+from holoview.model.effects.registry import ActiveEffects, unmet_requirement
 from tests.diagnose.conftest import small_system
 
 Make = Callable[..., Captures]

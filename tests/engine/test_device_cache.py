@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.engine.compositor import Compositor
-from holoview.engine.result_cache import IntensityMemory
+from holoview.engine.fused import IntensityMemory
 from holoview.gpu.device import Device
 
 pytestmark = pytest.mark.gpu

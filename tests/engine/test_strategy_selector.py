@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine import strategy_selector
+from holoview.engine import incremental
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy, TransformShader
@@ -59,8 +59,8 @@ class _FakeTuner:
 def tuners(monkeypatch: pytest.MonkeyPatch) -> list[_FakeTuner]:
     """The searches that were begun; nothing is remembered."""
     created: list[_FakeTuner] = []
-    monkeypatch.setattr(strategy_selector, "FftTuner", type("FakeTuner", (_FakeTuner,), {"created": created}))
-    monkeypatch.setattr(strategy_selector, "remembered_strategy", lambda device, shape: "passes")
+    monkeypatch.setattr(incremental, "FftTuner", type("FakeTuner", (_FakeTuner,), {"created": created}))
+    monkeypatch.setattr(incremental, "remembered_strategy", lambda device, shape: "passes")
     return created
 
 
@@ -153,7 +153,7 @@ def test_a_named_strategy_stays(device: Device, tuners: list[_FakeTuner]) -> Non
 def test_what_is_remembered_to_compile_at_once_is_taken_from_the_start(
     device: Device, tuners: list[_FakeTuner], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(strategy_selector, "remembered_strategy", lambda device, shape: "workgroup")
+    monkeypatch.setattr(incremental, "remembered_strategy", lambda device, shape: "workgroup")
     renderer = _open(device)
     assert renderer.strategy == "workgroup"
     renderer.edit(system=SYSTEM.edit({"source": {"directions": [[0.0, 0.01]]}}))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment.known_alignment import within_alignment
+from holoview.experiment.rig_bench import within_alignment
 from holoview.rig.registration import Measured
 from tests.rig.test_registration import REGISTRATION, VALUES
 

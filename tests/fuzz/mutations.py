@@ -173,7 +173,7 @@ def damaged_virtual_bench(rng: Random) -> Case:
 
     def read() -> None:
         from holoview.rig import read_rig
-        from holoview.rig.virtual.virtual_bench import read_virtual_settings
+        from holoview.rig.virtual.server import read_virtual_settings
 
         read_virtual_settings(read_rig("rig.toml"))
 

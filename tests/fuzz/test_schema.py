@@ -21,9 +21,8 @@ from holoview.model.effects.learned_maps import MAP_SCHEMAS, TENSORS, MapLayout,
 from holoview.optimise import checkpoint
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema, NumberSchema
 from holoview.util.safetensors_file import TensorFormat
-from holoview.util.tables import MAX_DEPTH, parse_json, parse_toml, read_record
+from holoview.util.tables import MAX_DEPTH, ArraySchema, NumberSchema, parse_json, parse_toml, read_record
 
 LAYOUT = MapLayout(2, 5e-7, (4e-7, 6e-7), knots=4, source_nodes=(2, 3), warp_nodes=(2, 2), noll1=(4,), noll2=(4, 5))
 FORMATS = {"hologram": _FILE, "checkpoint": checkpoint._FORMAT, "calibration": _format(LAYOUT)}

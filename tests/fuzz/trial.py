@@ -33,7 +33,7 @@ _PRELOADED = (
     *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
     *(f"holoview.wavefield.readers.{name}" for name in ("hdf5_file", "matlab5", "openholo", "pictures", "tiff_file")),
     *("holoview.wavefield.reading", "holoview.wavefield.readers.exr_file", "holoview.wavefield.readers.numpy_file"),
-    *("holoview.rig.virtual.virtual_bench", "holoview.diagnose.pipeline"),
+    *("holoview.rig.virtual.server", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )

@@ -14,8 +14,7 @@ import tifffile
 from PIL import Image
 
 import holoview as hv
-from holoview.calibrate.train import CalibrationCheckpoint, TrainingProgress
-from holoview.calibrate.training_plan import CalibrationSettings
+from holoview.calibrate.train import CalibrationCheckpoint, CalibrationSettings, TrainingProgress
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
 from holoview.io.pictures import write_pattern

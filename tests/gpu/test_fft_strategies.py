@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from holoview.gpu.device import INT64, SUBGROUP, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.fft_codegen import radices
-from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supported_strategies
-from holoview.gpu.line_fft_codegen import MAX_TILE_INVOCATIONS, fit_tile
+from holoview.gpu.line_fft import (
+    MAX_TILE_INVOCATIONS,
+    STRATEGIES,
+    Strategy,
+    fit_tile,
+    storage_shader,
+    supported_strategies,
+)
 from holoview.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
 from tests.explored import explored

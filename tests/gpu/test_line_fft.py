@@ -9,8 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
-from holoview.gpu.line_fft import Axis, Hooks, LineFft, Strategy, supported_strategies
-from holoview.gpu.line_fft_codegen import MAX_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.line_fft import (
+    MAX_REGISTERS,
+    Axis,
+    Hooks,
+    LineFft,
+    Strategy,
+    generate_subgroup_shader,
+    lanes_per_line,
+    subgroup_workgroups,
+    supported_strategies,
+)
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 from holoview.gpu.spectrum_order import Direction, Step

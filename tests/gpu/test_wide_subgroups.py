@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.line_fft_codegen import generate_subgroup_shader, lanes_per_line
+from holoview.gpu.line_fft import generate_subgroup_shader, lanes_per_line
 from holoview.gpu.spectrum_order import Step
 
 Values = NDArray[Any]

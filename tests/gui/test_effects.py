@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.parameters import EffectsPanel
 from holoview.model.effects.registry import listed_effects
 from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench

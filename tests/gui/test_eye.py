@@ -16,7 +16,7 @@ from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.document.focus import dioptres_of, dioptres_text, eyebox_half_m, focus_at, move_pupil
 from holoview.document.target import TargetSpec
-from holoview.model.pupil_path import PupilPath
+from holoview.model.focus import PupilPath
 from holoview.render.page_images import eyebox_xyz
 from holoview.render.view_settings import ACHROMATIC, NOW, TARGET
 from holoview.targets.picture import Picture

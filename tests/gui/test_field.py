@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.engine.stage_fields import stage_field
-from holoview.render.field_picture import field_picture
+from holoview.engine.torch_executor import stage_field
+from holoview.render.tone_mapping import field_picture
 from holoview.wavefield.reading import ReadRequest
 from tests.gui.conftest import Gui
 

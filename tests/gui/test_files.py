@@ -13,8 +13,7 @@ from PIL import Image
 from holoview import load
 from holoview.app import desktop
 from holoview.app.panels import files
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.history import HistoryPanel
+from holoview.app.panels.files import FilesPanel, HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.document.session_store import SessionStore
 from holoview.io.hologram import Hologram, load_hologram

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.history import HistoryPanel
+from holoview.app.panels.files import FilesPanel, HistoryPanel
 from holoview.app.panels.image import ImagePanel
-from holoview.app.serve_guard import Address, ServeOptions
+from holoview.app.serve import Address, ServeOptions
 from holoview.cli import main
 from holoview.gpu.device import Device
 from holoview.util.errors import UserError

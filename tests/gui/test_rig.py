@@ -12,8 +12,8 @@ import pytest
 from imgui_bundle import imgui
 
 from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel, open_rig
-from holoview.experiment.live.rig_session import RigSession
 from holoview.experiment.rig_bench import system_of_rig
+from holoview.experiment.rig_session import RigSession
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig

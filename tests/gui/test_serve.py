@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from holoview.app.serve import serve
-from holoview.app.serve_guard import Address, TokenGuard
+from holoview.app.serve import Address, TokenGuard, serve
 from holoview.util.errors import UserError
 
 TOKEN = "right"

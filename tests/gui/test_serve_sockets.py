@@ -18,8 +18,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, guarded, make_server
-from holoview.app.serve_guard import Address, ServeOptions
+from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, Address, ServeOptions, guarded, make_server
 from holoview.util.errors import UserError
 
 SECONDS = 30.0

@@ -14,8 +14,7 @@ from holoview.app.app import App
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.document.editing_session import EditingSession
-from holoview.document.example import EXAMPLE_PRESET, new_session
-from holoview.document.files import FilesToOpen
+from holoview.document.files import EXAMPLE_PRESET, FilesToOpen, new_session
 from holoview.document.optimisation_job import running_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.document.target import example_target

@@ -11,8 +11,7 @@ import pytest
 import holoview as hv
 from holoview.colour import SRGB_TO_XYZ
 from holoview.io.hologram import Hologram
-from holoview.metrics.eyebox import EyeboxUniformity
-from holoview.metrics.image_quality import central_region, eyebox_uniformity_of, measure_image_quality
+from holoview.metrics.image_quality import EyeboxUniformity, central_region, eyebox_uniformity_of, measure_image_quality
 from holoview.view import View
 
 SIDE = 256

@@ -11,13 +11,12 @@ import pytest
 
 import holoview as hv
 from holoview.colour import to_srgb8
-from holoview.effects.source_extent import SourceExtent
+from holoview.effects.illumination import SourceExtent
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model import preset
 from holoview.model.eye import Eye
-from holoview.model.passband import band_limit
-from holoview.model.transfer import frequencies_left
+from holoview.model.passband import band_limit, frequencies_left
 from holoview.model.validity import (
     BAND_LEFT,
     BAND_LIMIT,

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.metrics.eyebox import eyebox_uniformity
+from holoview.metrics.image_quality import eyebox_uniformity
 from holoview.model.plan import Grid
-from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
-from holoview.optics.slm import pixel_spectrum
+from holoview.optics.slm import EYEBOX_BLOCKS, first_order, pixel_spectrum
 
 SHAPES = [(32, 48), (40, 54), (50, 18)]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from holoview.benchmark.stage_parity import ExecutorPair, parity_bench
+from holoview.benchmark.report_run import ExecutorPair, parity_bench
 from holoview.gpu.device import Device
 from holoview.model.system import System
 

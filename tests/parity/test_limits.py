@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.commands.info import info_rows
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
@@ -19,6 +18,7 @@ from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
+from holoview.model.summary import info_rows
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError

@@ -14,15 +14,14 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import shader_structs
-from holoview.engine.frame_layout import FrameLayout, FrameShape
-from holoview.engine.kernels import KERNELS, FusedKernels, KernelVariant, make_transform
+from holoview.engine.kernels import KERNELS, FrameLayout, FrameShape, FusedKernels, KernelVariant, make_transform
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
 from holoview.gpu.spectrum_order import Range
+from holoview.model.passband import turns_to_fixed_point
 from holoview.model.plan import Grid, make_plan
-from holoview.model.transfer import turns_to_fixed_point
 from holoview.optics.propagate import transfer_function
 from holoview.util.files import data_dir
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from holoview.benchmark.stage_parity import (
+from holoview.benchmark.report_run import (
     CHANGES,
     SOURCES,
     TOLERANCES,

@@ -11,8 +11,7 @@ import pytest
 import tomli_w
 
 from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import DeviceError, DeviceGone, Devices
-from holoview.rig.limits import limit_devices
+from holoview.rig.devices import DeviceError, DeviceGone, Devices, limit_devices
 from holoview.rig.virtual.client import (
     Disconnected,
     Message,
@@ -21,8 +20,7 @@ from holoview.rig.virtual.client import (
     VirtualModulator,
     VirtualStage,
 )
-from holoview.rig.virtual.server import BenchServer, FaultInjector
-from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
+from holoview.rig.virtual.server import BenchServer, FaultInjector, VirtualBench, read_virtual_settings
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)
 LASERS_M = (450e-9, 638e-9)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.rig.devices import Counts, DeviceError, Devices, Levels, call_device
-from holoview.rig.limits import SafetyLimits, limit_devices
+from holoview.rig.devices import Counts, DeviceError, Devices, Levels, SafetyLimits, call_device, limit_devices
 from holoview.rig.open_rig import SystemClock
 from holoview.util.errors import UserError
 

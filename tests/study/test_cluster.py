@@ -15,7 +15,7 @@ from holoview.study import runner
 from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
 from holoview.util.errors import UserError
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import process_cpu_count
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")

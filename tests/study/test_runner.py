@@ -28,7 +28,7 @@ from holoview.study.study import SCALES, StudyJob
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from holoview.util.packages import __version__
-from holoview.util.processors import process_cpu_count
+from holoview.util.processes import process_cpu_count
 from tests.child_process import child_process
 from tests.study.probe import STUDY
 

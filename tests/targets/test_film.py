@@ -10,7 +10,7 @@ from PIL import Image
 
 from holoview.colour import srgb_decode
 from holoview.io.pictures import open_encoder
-from holoview.targets.film import Film, is_video
+from holoview.targets.focal_stack import Film, is_video
 from holoview.util.errors import UserError
 
 LEVELS = (40, 120, 200)

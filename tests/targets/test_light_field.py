@@ -20,6 +20,7 @@ from holoview.targets.defocus import LightCone
 from holoview.targets.light_field import (
     LightField,
     ViewGrid,
+    colour_shares,
     is_light_field,
     read_light_field,
     refocus,
@@ -29,7 +30,6 @@ from holoview.targets.light_field import (
 from holoview.targets.moving_pupil import moving_target_from_views, target_from_views, views_of_picture
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement, target_for
-from holoview.targets.viewing_pupil import colour_shares
 
 Bench = Callable[..., System]
 

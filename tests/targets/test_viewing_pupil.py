@@ -14,9 +14,9 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone
 from holoview.targets.focal_stack import render_focal_stack
+from holoview.targets.light_field import ViewingPupil, colour_shares, render_through_pupil
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement, target_for
-from holoview.targets.viewing_pupil import ViewingPupil, colour_shares, render_through_pupil
 
 Bench = Callable[..., System]
 

@@ -16,8 +16,7 @@ import pytest
 import tifffile
 
 import holoview as hv
-from holoview.app.serve import serve
-from holoview.app.serve_guard import Address
+from holoview.app.serve import Address, serve
 from holoview.cli import main
 from holoview.util.errors import UserError
 from holoview.util.packages import EXTRAS, import_optional

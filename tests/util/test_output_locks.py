@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from holoview.util.errors import UserError
-from holoview.util.output_locks import OutputLocks
+from holoview.util.file_writer import OutputLocks
 from tests.child_process import child_process
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from holoview.util.output_locks import OutputLocks
+from holoview.util.file_writer import OutputLocks
 with OutputLocks(Path(sys.argv[1])) as locks:
     locks.hold(Path(sys.argv[2]))
     print("held", flush=True)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.util import processors
-from holoview.util.processors import (
+from holoview.util import processes as processors
+from holoview.util.processes import (
     SPIN_COUNT,
     affine_cpu_count,
     cpu_quota,

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from holoview.app.panel import Panel
-from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.eye import EyePanel
-from holoview.app.panels.files import FilesPanel
+from holoview.app.panels.files import FilesPanel, HistoryPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.gamut import GamutPanel
-from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
-from holoview.app.panels.parameters import BenchPanel
+from holoview.app.panels.parameters import BenchPanel, EffectsPanel
 from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.app.panels.view_settings import ViewPanel

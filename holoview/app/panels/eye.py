@@ -1,27 +1,254 @@
-"""The panel of the eye: its pupil in the eyebox, its focus in dioptres, and which wavelength it sees in which plane."""
+"""The panel of the eye: its pupil in the eyebox, its focus in dioptres, and which wavelength it sees in which plane.
+
+Widgets of the eye: a map of the eyebox with the pupil, its recorded path, a graph of its focus by wavelength.
+"""
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
+from typing import Any
 
+import numpy as np
+from imgui_bundle import imgui, implot
+
+from holoview.app import theme
 from holoview.app.context import AppContext
-from holoview.app.eye_widgets import add_path_commands, draw_focus_graph, draw_path_controls, draw_pupil_map
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, draw_fields, number_field, tooltip
+from holoview.app.theme import laser_colour
 from holoview.document.focus import (
     PUPIL_RANGE_M,
     dioptres_of,
     eye_of,
+    eyebox_half_m,
     focus_at,
     focus_range_m,
+    move_pupil,
     plane_of,
     pupil_diameter_m,
+    resize_pupil,
+    seen_planes_m,
     toggle_chromatic,
     toggle_eye,
 )
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.model.fields import fields_by_key
 from holoview.render.view_settings import ACHROMATIC, NOW
+
+_RECORD, _PLAY, _FORGET = "Record the pupil", "Play the path", "Forget the path"
+_FILES = {"Open…": "Open…", "Save…": "Save pupil path…", "Animate…": "Save path animation…"}
+"""Commands of the buttons for files."""
+_HELP = {
+    _RECORD: "Keeps where the pupil is, its diameter and its focus, while you change them; again: ends the recording.",
+    _PLAY: "Moves the pupil along its path; again: stops it there.",
+    _FORGET: "Removes the path of the pupil.",
+    "Open…": "A path as it is saved here: a table of times and places (CSV).",
+    "Save pupil path…": "Times, places, diameters and accommodations, as a table (CSV).",
+    "Save path animation…": "What the eye sees along the path, as an animated PNG, a GIF or an MP4.",
+}
+
+
+def add_path_commands(context: AppContext) -> None:
+    """Adds the commands of the path to the menu of the eye."""
+    motion = context.pupil_motion
+    actions = {
+        _RECORD: lambda: motion.stop() if motion.state == "recording" else motion.record(),
+        _PLAY: lambda: motion.stop() if motion.state == "playing" else motion.play(),
+        _FORGET: lambda: _forget(context),
+    }
+    for name, action in actions.items():
+        context.commands.add(name, action, "Eye", help=_HELP[name])
+
+
+def draw_path_controls(context: AppContext) -> None:
+    """Draws the buttons of the path, and what there is of it."""
+    imgui.separator_text("path of the pupil")
+    motion, has_path = context.pupil_motion, context.session.view_settings.pupil_path is not None
+    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
+    is_recording, is_playing = motion.state == "recording", motion.state == "playing"
+    _button(context, "Stop##record" if is_recording else "Record", _RECORD, width, is_on=is_recording)
+    imgui.same_line()
+    _button(context, "Stop##play" if is_playing else "Play", _PLAY, width, is_on=is_playing, is_enabled=has_path)
+    imgui.same_line()
+    _button(context, "Forget", _FORGET, width, is_enabled=has_path)
+    for number, (label, command) in enumerate(_FILES.items()):
+        if number > 0:
+            imgui.same_line()
+        _button(context, f"{label}##path", command, width, is_enabled=has_path or number == 0)
+    imgui.text_disabled(_status(context))
+
+
+def _button(
+    context: AppContext,
+    label: str,
+    command: str,
+    width: float,
+    *,
+    is_on: bool = False,
+    is_enabled: bool = True,
+) -> None:
+    if is_on:
+        imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
+    imgui.begin_disabled(not is_enabled)
+    clicked = imgui.button(label, imgui.ImVec2(width, 0))
+    imgui.end_disabled()
+    if is_on:
+        imgui.pop_style_color()
+    context.record_item_rect(command)
+    tooltip(_HELP[command])
+    if clicked:
+        context.attempt(context.commands.run, command)
+
+
+def _status(context: AppContext) -> str:
+    motion, path = context.pupil_motion, context.session.view_settings.pupil_path
+    if motion.state == "recording":
+        return f"recording, {motion.elapsed_s:.1f} s: drag the pupil"
+    if path is None:
+        return "none yet: record, and drag the pupil"
+    if motion.state == "playing":
+        return f"playing, {min(motion.elapsed_s, path.duration_s):.1f} of {path.duration_s:.1f} s"
+    return f"{path.duration_s:.1f} s, {len(path.times_s)} points"
+
+
+def _forget(context: AppContext) -> None:
+    context.pupil_motion.stop()
+    context.session.edit_view("Forget the path", pupil_path=None)
+
+
+# A small map of the eyebox with the pupil as a circle, which a drag moves and the wheel resizes, and with its path.
+
+
+_SIZE_PX = 150.0
+_MARGIN = 1.5  # half the side of the map over half the side of the eyebox at the longest wavelength
+_PER_NOTCH = 1.08  # of the wheel, on the diameter
+_GROUND = imgui.IM_COL32(18, 18, 20, 255)
+_PUPIL = imgui.IM_COL32(255, 255, 255, 255)
+_INSIDE = imgui.IM_COL32(255, 255, 255, 28)
+_PATH, _RECORDED_PATH = imgui.IM_COL32(255, 200, 70, 230), imgui.IM_COL32(255, 90, 80, 255)
+_OUTLINE = imgui.IM_COL32(0, 0, 0, 160)
+_MOST_SEGMENTS = 400  # of a path, which are more than can be told apart
+_END_RADIUS_PX = 3.0
+
+
+def draw_pupil_map(context: AppContext) -> None:
+    """Draws the eyebox of each wavelength and the pupil, and moves it."""
+    corner, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    size = imgui.ImVec2(max(width, 80.0), _SIZE_PX)
+    imgui.invisible_button("##pupil map", size)
+    context.record_item_rect("pupil map")
+    middle = imgui.ImVec2(corner.x + size.x / 2, corner.y + size.y / 2)
+    scale = _SIZE_PX / 2 / (_MARGIN * eyebox_half_m(context.session.system))  # pixels a metre
+    handle_pupil(context, middle, scale)
+    draw_list = imgui.get_window_draw_list()
+    draw_list.push_clip_rect(corner, imgui.ImVec2(corner.x + size.x, corner.y + size.y), True)
+    draw_list.add_rect_filled(corner, imgui.ImVec2(corner.x + size.x, corner.y + size.y), _GROUND, 3)
+    draw_eyeboxes(context, middle, scale)
+    draw_path(context, middle, scale)
+    draw_pupil(context, middle, scale)
+    draw_list.pop_clip_rect()
+
+
+def handle_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
+    """Has a drag on the item that was drawn last move the pupil, and the wheel resize it; scale: pixels a metre."""
+    io, session = imgui.get_io(), context.session
+    if imgui.is_item_hovered():
+        imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)  # before it turns: else the panel scrolls
+        if io.mouse_wheel:
+            context.attempt(resize_pupil, session, _PER_NOTCH**io.mouse_wheel)
+    if imgui.is_item_activated() and context.pupil_motion.state == "playing":
+        context.pupil_motion.stop()
+    if imgui.is_item_active():
+        place = (io.mouse_pos.y - middle.y) / scale, (io.mouse_pos.x - middle.x) / scale
+        context.attempt(move_pupil, session, place)
+    if imgui.is_item_deactivated():
+        session.end_gesture()
+    if not imgui.is_item_active():
+        tooltip("The pupil in the eyebox: drag it; the wheel changes its diameter.")
+
+
+def draw_eyeboxes(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
+    """Draws the edge of each laser's eyebox in its colour; scale: pixels a metre."""
+    system, draw_list = context.session.system, imgui.get_window_draw_list()
+    for wavelength in system.wavelengths_m.tolist():
+        half = eyebox_half_m(system, wavelength) * scale
+        colour = imgui.get_color_u32(laser_colour(wavelength))
+        low, high = imgui.ImVec2(middle.x - half, middle.y - half), imgui.ImVec2(middle.x + half, middle.y + half)
+        draw_list.add_rect(low, high, colour, 0, 1.0)
+
+
+def draw_path(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
+    """Draws the path of the pupil with a dot at its beginning; scale: pixels a metre."""
+    motion, draw_list = context.pupil_motion, imgui.get_window_draw_list()
+    places_m = motion.places_m
+    if not places_m:
+        return
+    every = -(-len(places_m) // _MOST_SEGMENTS)
+    shown = [*places_m[::every], places_m[-1]]
+    points: list[Any] = [imgui.ImVec2(middle.x + x * scale, middle.y + y * scale) for y, x in shown]
+    colour = _RECORDED_PATH if motion.state == "recording" else _PATH
+    for ground, width in ((_OUTLINE, 4.0), (colour, 1.5)):
+        draw_list.add_polyline(points, ground, width, 0)
+        draw_list.add_circle_filled(points[0], _END_RADIUS_PX + width - 1.5, ground)
+
+
+def draw_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
+    """Draws the pupil as a circle; scale: pixels a metre."""
+    system, draw_list = context.session.system, imgui.get_window_draw_list()
+    eye, radius = eye_of(system), pupil_diameter_m(system) / 2 * scale
+    centre = imgui.ImVec2(middle.x + eye.pupil_x_m * scale, middle.y + eye.pupil_y_m * scale)
+    draw_list.add_circle_filled(centre, radius, _INSIDE, 64)
+    draw_list.add_circle(centre, radius, _PUPIL, 64, 1.5)
+
+
+# --- A graph of which plane the eye sees at which wavelength, beside the focal planes of the bench ---
+
+
+_HEIGHT = 170.0
+_FLAGS = implot.Flags_.no_menus | implot.Flags_.no_legend | implot.Flags_.no_mouse_text | implot.Flags_.no_inputs
+_AXIS = implot.AxisFlags_.no_grid_lines | implot.AxisFlags_.no_menus | implot.AxisFlags_.no_highlight
+_FIRST_NM, _LAST_NM = 390.0, 710.0
+_PLANE = imgui.ImVec4(0.55, 0.57, 0.60, 0.8)
+_GRAPH_MARGIN = 0.1  # of the range, above and below
+
+
+def draw_focus_graph(context: AppContext) -> None:
+    """Draws the planes (mm, and dioptres on the right) over the wavelength: a curve, and a dot for each laser."""
+    system, plane_m = context.session.system, context.session.view_settings.plane_m
+    wavelengths_nm = np.linspace(_FIRST_NM, _LAST_NM, 65)
+    curve, seen = (seen_planes_m(system, plane_m, at) for at in (wavelengths_nm * 1e-9, system.wavelengths_m))
+    low, high = min(system.planes_m.min(), seen.min()), max(system.planes_m.max(), seen.max())
+    margin = _GRAPH_MARGIN * (high - low) or 1e-3
+    low, high = low - margin, high + margin
+    if not implot.begin_plot("##focus of wavelengths", imgui.ImVec2(-1, _HEIGHT), _FLAGS):
+        return
+    implot.setup_axes("wavelength (nm)", "plane seen (mm)", _AXIS, _AXIS)
+    implot.setup_axis(implot.ImAxis_.y2, "dioptres", _AXIS | implot.AxisFlags_.opposite)
+    implot.setup_axis_limits(implot.ImAxis_.x1, _FIRST_NM, _LAST_NM, imgui.Cond_.always)
+    implot.setup_axis_limits(implot.ImAxis_.y1, low * 1e3, high * 1e3, imgui.Cond_.always)
+    ends = dioptres_of(system, low), dioptres_of(system, high)
+    implot.setup_axis_limits(implot.ImAxis_.y2, *ends, imgui.Cond_.always)
+    for plane in system.planes_m.tolist():
+        line = np.array([plane, plane]) * 1e3
+        implot.plot_line("##planes", np.array([_FIRST_NM, _LAST_NM]), line, implot.Spec(line_color=_PLANE))
+    implot.plot_line("##curve", wavelengths_nm, curve * 1e3, implot.Spec(line_color=theme.ACCENT, line_weight=1.5))
+    for index, (wavelength, plane) in enumerate(zip(system.wavelengths_m.tolist(), seen.tolist(), strict=True)):
+        _draw_dot(f"##{index}", wavelength, plane)
+    implot.end_plot()
+    context.record_item_rect("focus of wavelengths")
+    tooltip(
+        "A dot for each laser: the plane that the eye sees in its light. Grey lines are the focal planes of the bench: "
+        "what they hold is sharp for a laser whose dot lies on them."
+    )
+
+
+def _draw_dot(name: str, wavelength_m: float, plane_m: float) -> None:
+    colour = laser_colour(wavelength_m)
+    spec = implot.Spec(marker=implot.Marker_.circle, marker_size=4, marker_fill_color=colour, marker_line_color=colour)
+    implot.plot_scatter(name, np.array([wavelength_m * 1e9]), np.array([plane_m * 1e3]), spec)
+
+
+# --- the panel --------------------------------------------------------------------------------------------------------
+
 
 _BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")
 _ALL_BUT_CHROMATIC = tuple(key for key in fields_by_key(Eye) if key != "chromatic")

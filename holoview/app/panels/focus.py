@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.app.plane_tiles import PlaneStrip
+from holoview.app.viewport import PlaneStrip
 from holoview.document.focus import (
     dioptres_text,
     focus_at,

@@ -7,11 +7,10 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.eye_widgets import draw_path, draw_pupil, handle_pupil
 from holoview.app.panel import Panel
-from holoview.app.plane_tiles import PlaneSheet
+from holoview.app.panels.eye import draw_path, draw_pupil, handle_pupil
 from holoview.app.readout import draw_centred_text, draw_label, draw_readout, readout_height, side_labels, waiting_text
-from holoview.app.viewport import Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
+from holoview.app.viewport import PlaneSheet, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
 from holoview.document.focus import eyebox_half_m, focus_on, step_focus
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import DERIVED_PAGES, ViewSettings, displayed_side

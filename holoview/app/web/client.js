@@ -5,7 +5,7 @@ const RETRY_MS = 1000
 const FULL_RETRY_MS = 5000
 const NORMAL_CLOSURE = 1000 // RFC 6455, 7.4.1
 const TRY_AGAIN_LATER = 1013
-const NOT_USED = 4001 // holoview/app/client_places.py
+const NOT_USED = 4001 // holoview/app/serve.py
 const wrapper = document.getElementById('canvas')
 const status = document.getElementById('status')
 

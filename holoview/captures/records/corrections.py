@@ -26,8 +26,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.dataset import Captures, Floats
-from holoview.captures.orientations import ORIENTATIONS, SHAPE_KEEPING, undone
+from holoview.captures.dataset import ORIENTATIONS, SHAPE_KEEPING, Captures, Floats, undone
 from holoview.captures.validation import check_captures, check_lengths
 from holoview.util.errors import UserError
 

@@ -33,7 +33,6 @@ from scipy.stats import norm
 from holoview.captures.dataset import Captures, Floats
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_captures, central_region
 from holoview.captures.records.corrections import (
     COLUMNS,
     Column,
@@ -51,7 +50,7 @@ from holoview.captures.records.corrections import (
     units_of_lengths,
     value_indices,
 )
-from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values
+from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values, central_captures, central_region
 from holoview.util.errors import UserError
 
 POWER_SPREAD = 0.02

@@ -31,8 +31,7 @@ from holoview.diagnose.power_law import PowerLawFit
 from holoview.diagnose.report.diagnosis import Cause
 from holoview.diagnose.rivals import find_lookalikes
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import ListParameter
+from holoview.model.effects.effect import Effect, ListParameter
 from holoview.util.errors import UserError
 
 MEAN_LIGHT = 0.1

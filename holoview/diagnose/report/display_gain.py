@@ -16,7 +16,7 @@ from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.report.images import CaptionedTile, contact_sheet, greyscale_pixels
+from holoview.report import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.targets.target import target_for
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir

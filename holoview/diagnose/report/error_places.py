@@ -28,9 +28,8 @@ from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.stuck import LEVELS, LINE_SEGMENTS, MIN_LINE_SIGMAS
 from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
-from holoview.model.effects.parameter import Parameter, Values
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]

@@ -35,8 +35,7 @@ from holoview.diagnose.starts.transmission_slopes import (
     significance,
     squared_residuals,
 )
-from holoview.model.effects.effect import Effect, StartKind
-from holoview.model.effects.parameter import MAX_FREE_ENTRIES
+from holoview.model.effects.effect import MAX_FREE_ENTRIES, Effect, StartKind
 
 _LEVEL_COUNT = 24
 """[levels] Shares of the stroke from 0 to 1 that are tried. Evidence: a stroke of two waves advances by half a radian

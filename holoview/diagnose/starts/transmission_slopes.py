@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.parameter import Parameter, Values
 
 Complex = NDArray[np.complexfloating]
 Tensor = torch.Tensor

@@ -32,12 +32,11 @@ from torch.nn.functional import interpolate
 
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.numerics.resample import centred_indices, interpolate_at
+from holoview.numerics.sampling import knot_interval
 from holoview.numerics.surfaces import thin_plate_spline_matrix, zernike
-from holoview.numerics.tensors import knot_interval
 from holoview.util.errors import UserError
-from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
-from holoview.util.tables import parse_json_table, read_record
+from holoview.util.tables import ArraySchema, parse_json_table, read_record
 
 Tensor = torch.Tensor
 RowsColumns = tuple[int, int]

@@ -1,6 +1,5 @@
 """A virtual bench in a process of its own: only levels and settings go in, only counts come out.
 
-virtual_bench     its hidden effects and faults; the light from patterns, lasers, stage and camera to counts
 server            the process, whose devices can fail at random moments
 client            starts the process; devices that talk to it over a local socket
 slmsuite_devices  modulator and camera as slmsuite's own classes

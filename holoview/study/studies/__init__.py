@@ -1,17 +1,13 @@
 """The studies: each file holds those of one question as `STUDIES`.
 
-schemes           colour schemes; the number of wavelengths; wavelengths beside source directions
-wavelengths       free wavelengths beside fixed ones; number and spacing of wavelengths
-modulators        one modulator or two, and what the gain of the second depends on
-quantisation      levels of the modulators
-multiplexing      two frames of two lasers, in turn or together
-gamut             saturated colours
-eyebox            penalty on an unevenly lit eyebox
-defocus           through focus, beside incoherent light
+schemes           colour schemes; the number of wavelengths; wavelengths beside source directions; free wavelengths
+                  beside fixed ones, their number and spacing; saturated colours
+modulators        one modulator or two, and what the gain of the second depends on; levels of the modulators; two frames
+                  of two lasers, in turn or together
 speckle           speckle contrast by the number of wavelengths, on the retina, and its memory effect
 eye               through a human eye with chromatic aberration, and the best spacing of wavelengths for it
-pupil             a pupil beside the axis, small and large
-accommodation     whether the display drives the eye's focus
+pupil             a pupil beside the axis, small and large; penalty on an unevenly lit eyebox
+focus             whether the display drives the eye's focus; through focus, beside incoherent light
 model_vs_capture  predicted captures before and after a diagnosis
 """
 

@@ -12,7 +12,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model import preset
-from holoview.report.images import greyscale_pixels
+from holoview.report import greyscale_pixels
 from holoview.study.hologram_study import SHOWN, mean_number, table_row
 from holoview.study.plots import bar_chart
 from holoview.study.study import (

@@ -1,4 +1,9 @@
-"""One modulator or two, without and with a penalty on an unevenly lit eyebox, and what the gain depends on."""
+"""One modulator or two, without and with a penalty on an unevenly lit eyebox, and what the gain depends on.
+
+PSNR of modulators with few levels, and of binary ones in many frames.
+
+Colour multiplexing in its smallest case: two frames of two lasers, one laser a frame or both in both.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +12,46 @@ from typing import Any
 
 import numpy as np
 
+from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
+from holoview.metrics.fidelity import psnr_xyz
+from holoview.metrics.gamut import chromaticity
+from holoview.model import preset
 from holoview.study.hologram_study import (
     CONTRADICTS,
+    METRIC_LABELS,
     QUICK_SIZE,
+    REPRODUCES,
     SHOWN,
     HologramStudy,
     gain_claim,
+    hologram_metrics,
+    job_system,
+    job_target,
     judge_gain,
     mean_by_case,
     mean_number,
+    optimise_job,
     paired_gains,
     psnr_plot,
     result_table,
     scheme_jobs,
+    table_row,
     targets_and_seeds,
 )
-from holoview.study.plots import bar_chart, bar_panels
-from holoview.study.study import QUICK, Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
+from holoview.study.plots import bar_chart, bar_panels, line_plot
+from holoview.study.study import (
+    QUICK,
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyScale,
+)
+from holoview.view import simulate
 
 _SCHEMES = ("holochrome-8", "holochrome-8+1slm", "simultaneous", "simultaneous+1slm")
 _NAMES = ("8 λ", "8 λ, one modulator", "3 λ", "3 λ, one modulator")
@@ -220,4 +248,137 @@ def _claim(what: str, rows: list[dict[str, Any]]) -> Claim:
     return Claim(what, f"{_PAPER_DB:+.1f} dB", measured, verdict, reason)
 
 
-STUDIES = (_Modulators(), _SecondModulator())
+# --- levels -----------------------------------------------------------------------------------------------------------
+
+
+_SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
+_MEASURED = "16 levels of a real modulator"
+_HALF_WAVE = "275 nm"  # a binary modulator's stroke: half a wave at 550 nm
+
+
+class _Quantisation(HologramStudy):
+    name = "quantisation"
+    title = "Levels of the modulators"
+    summary = (
+        "PSNR of what is really shown against the number of levels: equal ones, the unequal ones measured on a phase "
+        "light modulator, and binary modulators that show twelve frames of three lasers instead."
+    )
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        jobs: list[StudyJob] = []
+        for name, change in _cases().items():
+            jobs += scheme_jobs(self, [_SCHEME], scale, seed, name, set=change)
+        return jobs + scheme_jobs(self, [_BINARY], scale, seed, "binary", set={"levels": 2, "stroke": _HALF_WAVE})
+
+    def analyse(self, results: Results) -> Findings:
+        names = [*_cases(), "binary, 12 frames of 3 lasers"]
+        cases = [{"scheme": _SCHEME, "set": change} for change in _cases().values()] + [{"scheme": _BINARY}]
+        means = mean_by_case(results, ("psnr_db", "between_db"), cases)
+        psnr = dict(zip(names, means[METRIC_LABELS["psnr_db"]], strict=True))
+        lost = ", ".join(f"{name} {psnr[name] - psnr['continuous']:+.2f}" for name in names if name != "continuous")
+        return Findings(
+            rows=result_table(results, "set"),
+            claims=[Claim("PSNR against continuous modulators (dB)", "", lost, SHOWN)],
+            plots=[
+                StudyFigure(
+                    "levels",
+                    "PSNR of linear sRGB of what the modulators can show",
+                    bar_chart(names, means, "PSNR (dB)"),
+                )
+            ],
+        )
+
+
+def _cases() -> dict[str, dict[str, Any]]:
+    """Changes of the bench, by name."""
+    measured = preset.load("bench-plm").modulators[0].levels
+    assert measured is not None
+    equal = {f"{count} levels": {"levels": count} for count in (2, 4, 8, 16)}
+    return {**equal, _MEASURED: {"levels": measured.tolist()}, "continuous": {}}
+
+
+# --- frames -----------------------------------------------------------------------------------------------------------
+
+
+_LASERS_M = (532e-9, 638e-9)
+_MIXES = (0.0, 0.17, 0.33, 0.5, 0.67, 0.83, 1.0)
+_DRIVES = {"sequential": [[1.0, 0.0], [0.0, 1.0]], "multiplexed": [[1.0, 1.0], [1.0, 1.0]]}
+
+
+class _Multiplexing(Study):
+    name = "multiplexing"
+    title = "Two frames of two lasers, in turn or together"
+    summary = (
+        "The paper's argument for colour multiplexing, in its smallest case: a picture tinted along the line between "
+        "two lasers in xyY, shown in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
+    )
+    quick_note = f"{QUICK_SIZE}."
+    revision = 3
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        return [
+            self.make_job(
+                f"{drive}, {mix:.0%} of the longer wavelength, {case['target']}, seed {case['seed']}",
+                {
+                    **case,
+                    "scheme": "simultaneous",
+                    "drive": drive,
+                    "mix": mix,
+                    "set": {"wavelengths": list(_LASERS_M), "amplitudes": _DRIVES[drive]},
+                    "options": {"loss": "xyz"},
+                },
+            )
+            for mix in _MIXES
+            for drive in _DRIVES
+            for case in targets_and_seeds(scale, seed)
+        ]
+
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        system = job_system(settings)
+        target = tinted(job_target(system, settings, system.planes_m), settings["mix"])
+        state = optimise_job(system, target, settings, status)
+        view = simulate(state.best.system, state.best.drive, backend="torch")
+        xyz_quality = {"psnr_xyz_db": psnr_xyz(view.xyz, target @ SRGB_TO_XYZ.T).mean_db}
+        return JobResult(hologram_metrics(state.best, view, target) | xyz_quality)
+
+    def analyse(self, results: Results) -> Findings:
+        curves = {
+            drive: [mean_number(results, "psnr_xyz_db", drive=drive, mix=mix) for mix in _MIXES] for drive in _DRIVES
+        }
+        gains = np.array(curves["multiplexed"]) - np.array(curves["sequential"])
+        measured = f"{gains.min():+.1f} to {gains.max():+.1f} dB"
+        return Findings(
+            rows=[table_row(job, outcome, ("drive", "mix", "target", "seed")) for job, outcome in results],
+            claims=[
+                Claim(
+                    "multiplexed against sequential, at every mix",
+                    "better",
+                    measured,
+                    REPRODUCES if gains.min() > 0 else CONTRADICTS,
+                )
+            ],
+            plots=[
+                StudyFigure(
+                    "mixes",
+                    "PSNR of XYZ along the line between the lasers in xyY",
+                    line_plot(
+                        {d: (_MIXES, c) for d, c in curves.items()}, "way from 532 nm to 638 nm in xy", "PSNR (dB)"
+                    ),
+                )
+            ],
+        )
+
+
+def tinted(stack: np.ndarray, mix: float) -> np.ndarray:
+    """The luminance of a stack (…, 3) in linear sRGB with a single chromaticity, between those of the lasers in xy.
+
+    mix: 0 for the chromaticity of the shorter wavelength, 1 for that of the longer one.
+    """
+    first, second = chromaticity(observer_weights("eye", np.array(_LASERS_M)))
+    x, y = (1 - mix) * first + mix * second
+    colour = np.array([x / y, 1.0, (1 - x - y) / y])
+    luminance = stack @ SRGB_TO_XYZ[1]
+    return np.asarray(luminance[..., None] * colour @ XYZ_TO_SRGB.T, dtype=np.float32)
+
+
+STUDIES = (_Modulators(), _SecondModulator(), _Quantisation(), _Multiplexing())

@@ -1,4 +1,7 @@
-"""Holograms seen by an eye whose pupil has another place or diameter than they were optimised for."""
+"""Holograms seen by an eye whose pupil has another place or diameter than they were optimised for.
+
+Uniformity of the light in the eyebox against the number of wavelengths and frames.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,17 @@ from holoview.optimise.checkpoint import IterationState
 from holoview.study.hologram_study import (
     QUICK_SIZE,
     SHOWN,
+    HologramStudy,
     aimed_jobs,
     first_results,
     job_system,
     job_target,
     mean_curve,
+    mean_number,
     notes_on_scores,
     optimise_job,
+    result_table,
+    scheme_jobs,
     score_axis,
     score_names,
     score_numbers,
@@ -218,4 +225,50 @@ def _pictures(results: Results) -> list[StudyPicture]:
     ]
 
 
-STUDIES = (_Pupil(),)
+# --- the eyebox -------------------------------------------------------------------------------------------------------
+
+
+_COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
+
+
+class _Eyebox(HologramStudy):
+    name = "eyebox"
+    title = "The eyebox against the number of wavelengths and frames"
+    summary = (
+        "Uniformity of the light over the modulator's first order for optimised holograms, by the number of "
+        "wavelengths and of frames: how far the pupil may move."
+    )
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        schemes = [_scheme(count, frames) for frames in _FRAMES for count in _COUNTS]
+        return scheme_jobs(self, schemes, scale, seed)
+
+    def analyse(self, results: Results) -> Findings:
+        table = {
+            frames: [mean_number(results, "eyebox_variation", scheme=_scheme(count, frames)) for count in _COUNTS]
+            for frames in _FRAMES
+        }
+        curves = {f"{frames} frame{'s' if frames > 1 else ''}": (_COUNTS, table[frames]) for frames in _FRAMES}
+        few, many = (table[frames][-1] for frames in _FRAMES)
+        measured = ", ".join(f"{count} λ {value:.2f}" for count, value in zip(_COUNTS, table[1], strict=True))
+        return Findings(
+            rows=result_table(results),
+            claims=[
+                Claim("eyebox variation in one frame", "", measured, SHOWN),
+                Claim("16 λ in 3 frames rather than one", "", f"{few:.2f} → {many:.2f}", SHOWN),
+            ],
+            plots=[
+                StudyFigure(
+                    "eyebox",
+                    "Coefficient of variation of the eyebox's filling (block means); 0 is even",
+                    line_plot(curves, "wavelengths", "variation of the eyebox's filling"),
+                )
+            ],
+        )
+
+
+def _scheme(count: int, frames: int) -> str:
+    return f"holochrome-{count}x{frames}"
+
+
+STUDIES = (_Pupil(), _Eyebox())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.numerics.tensors import Region
+from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.wavefield.interpret.axes import Axes

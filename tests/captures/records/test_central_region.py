@@ -10,7 +10,7 @@ import pytest
 from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.records import find_record_errors
-from holoview.captures.records.central_region import central_captures, central_region, speckle_px
+from holoview.captures.records.trials import central_captures, central_region, speckle_px
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model.bench_parts import Relay
 from tests.captures.conftest import pictures

@@ -12,15 +12,14 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.experiment.camera_loop.bench_camera import Picture, Shot
-from holoview.experiment.camera_loop.camera_problem import CameraProblem, camera_sampling
+from holoview.experiment.bench_camera import Picture, Shot
+from holoview.experiment.camera_problem import CameraProblem, camera_sampling
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import Counts, DeviceError, Devices, Levels
-from holoview.rig.limits import limit_devices
-from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
+from holoview.rig.devices import Counts, DeviceError, Devices, Levels, limit_devices
+from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
 
 SHAPE = (24, 32)
 PLANE_M = 2e-3

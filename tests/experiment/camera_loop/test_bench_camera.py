@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.camera_loop.bench_camera import BenchCamera, Shot
+from holoview.experiment.bench_camera import BenchCamera, Shot
 from holoview.rig.devices import Counts
 from tests.experiment.camera_loop.conftest import SHAPE, BenchHere, MakeRig
 

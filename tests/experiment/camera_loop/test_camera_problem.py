@@ -9,8 +9,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.experiment.camera_loop.bench_camera import Picture, Shot
-from holoview.experiment.camera_loop.camera_problem import (
+from holoview.experiment.bench_camera import Picture, Shot
+from holoview.experiment.camera_problem import (
     CameraCalibration,
     CameraProblem,
     CameraSampling,

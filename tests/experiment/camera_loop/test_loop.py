@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.experiment.camera_loop import loop as loop_module
-from holoview.experiment.camera_loop.loop import CameraLoop, LoopState, ModelUpdates, UpdatedModel, load_loop_checkpoint
+from holoview.experiment import camera_loop as loop_module
+from holoview.experiment.camera_loop import CameraLoop, LoopState, ModelUpdates, UpdatedModel, load_loop_checkpoint
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate

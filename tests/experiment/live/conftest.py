@@ -10,8 +10,8 @@ from typing import cast
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.experiment.live.rig_session import RigSession, random_pattern
 from holoview.experiment.rig_bench import system_of_rig
+from holoview.experiment.rig_session import RigSession, random_pattern
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.document.conftest import small_system

@@ -12,7 +12,7 @@ import numpy as np
 
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import read_out
-from holoview.experiment.live.rig_session import BenchState, SentPattern
+from holoview.experiment.rig_session import BenchState, SentPattern
 from holoview.rig.description import DeviceSpec, RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Levels
 from holoview.rig.open_rig import OpeningRig

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.experiment.live.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.experiment.rig_bench import system_of_rig
+from holoview.experiment.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
 from holoview.io.hologram import Hologram
 from holoview.rig.description import RigDescription, read_rig
 from holoview.util.errors import UserError

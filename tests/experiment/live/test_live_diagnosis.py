@@ -12,7 +12,7 @@ import pytest
 from holoview.captures.dataset import Captures
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.document.editing_session import EditingSession
-from holoview.experiment.live.live_diagnosis import MOST, LiveDiagnosis
+from holoview.experiment.live_view import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged
 from tests.experiment.live.fake_bench import PLAN, FakeBench, write_rig
 

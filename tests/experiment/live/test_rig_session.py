@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.capture_file import read_captures
-from holoview.experiment.live.rig_session import MODELS
+from holoview.experiment.rig_session import MODELS
 from holoview.util.errors import UserError
 from tests.experiment.live.conftest import LASER_M, Rigged
 from tests.experiment.live.fake_bench import PLAN

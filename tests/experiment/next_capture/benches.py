@@ -9,7 +9,7 @@ import tomli_w
 
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.devices import Counts, Devices, Levels
-from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
+from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
 
 _SLM = {
     "device": "virtual",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.next_capture.capture_choice import (
+from holoview.experiment.capture_choice import (
     BenchTime,
     Response,
     expected_delta_chi2,

@@ -13,7 +13,7 @@ from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.search_context import NEVER
-from holoview.experiment.next_capture.capture_choice import (
+from holoview.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
     CaptureChooser,
@@ -22,14 +22,14 @@ from holoview.experiment.next_capture.capture_choice import (
     expected_delta_chi2,
     improve_pattern,
 )
-from holoview.experiment.next_capture.closed_loop import (
+from holoview.experiment.closed_loop import (
     ClosedLoop,
     InformedPlanner,
     LoopResult,
     LoopSettings,
     PlannerState,
 )
-from holoview.experiment.next_capture.hypotheses import Belief, HypothesisFits, loop_context
+from holoview.experiment.hypotheses import Belief, HypothesisFits, loop_context
 from holoview.model.effects.registry import get_effect
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 

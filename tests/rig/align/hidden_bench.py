@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.orientations import ORIENTATIONS, nearest_orientation, orientation_matrix, oriented_shape
+from holoview.captures.dataset import ORIENTATIONS, nearest_orientation, orientation_matrix, oriented_shape
 from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import Counts, Devices, Levels
-from holoview.rig.limits import limit_devices
+from holoview.rig.devices import Counts, Devices, Levels, limit_devices
 from holoview.rig.registration import Registration
-from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
+from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
 
 PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures.orientations import ORIENTATIONS
+from holoview.captures.dataset import ORIENTATIONS
 from holoview.rig import read_rig
-from holoview.rig.align.alignment import find_geometry, find_roughly
-from holoview.rig.align.dots import flat_levels, optics_of
-from holoview.rig.align.result import doubt, registration_of, sentences
+from holoview.rig.alignment import doubt, find_geometry, find_roughly, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
+from holoview.rig.dots import flat_levels, optics_of
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 
 DEVIATIONS = 5.0  # as stated: 13 normal deviates exceed it once in 10⁵

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.model.effects.hook_contexts import Pose
-from holoview.rig.align.dots import brightest_dot, find_dots
-from holoview.rig.align.geometry import NAMES, BenchFacts, Dots, fit_geometry, predicted_px
+from holoview.rig.dots import NAMES, BenchFacts, Dots, brightest_dot, find_dots, fit_geometry, predicted_px
 
 λ = 638e-9
 NEAR, FOURIER = BenchFacts(λ, None, 2, "flip_x"), BenchFacts(λ, 0.1, 1)

@@ -11,8 +11,7 @@ import pytest
 
 from holoview.captures.dataset import Camera
 from holoview.captures.virtual_measurement import read_out
-from holoview.rig.devices import Counts, DeviceError, DeviceGone
-from holoview.rig.measure.camera_pictures import (
+from holoview.rig.camera_pictures import (
     ATTEMPTS,
     BRIGHT_QUANTILE,
     CheckedCamera,
@@ -23,6 +22,7 @@ from holoview.rig.measure.camera_pictures import (
     take_dark_frame,
     take_exposed,
 )
+from holoview.rig.devices import Counts, DeviceError, DeviceGone
 from tests.rig.conftest import CAMERA_SHAPE, MakeRig, direct_devices
 
 FACTS = Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=4.0, read_noise=3.0, black_level=64)

@@ -13,10 +13,9 @@ import pytest
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.validation import check_settings
 from holoview.rig import RigDescription
-from holoview.rig.measure.camera_pictures import DarkFrame
-from holoview.rig.measure.capture_folder import BenchRecord, CaptureStore, read_bench_record
-from holoview.rig.measure.capture_plan import CapturePlan, default_plan
-from holoview.rig.measure.settling import Settling
+from holoview.rig.camera_pictures import DarkFrame, Settling
+from holoview.rig.capture_folder import BenchRecord, CaptureStore, read_bench_record
+from holoview.rig.capture_plan import CapturePlan, default_plan
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from holoview.captures.predictor import Predictor
-from holoview.rig import RigDescription
+from holoview.rig import RigDescription, camera_pictures
+from holoview.rig.capture_folder import CaptureStore, read_bench_record
+from holoview.rig.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
 from holoview.rig.devices import DeviceError, Devices, Levels
-from holoview.rig.measure import camera_pictures
-from holoview.rig.measure.capture_folder import CaptureStore, read_bench_record
-from holoview.rig.measure.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
-from holoview.rig.measure.measurement import Measurement, is_complete
+from holoview.rig.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from tests.rig.conftest import MakeRig, direct_devices
 

@@ -17,8 +17,7 @@ import pytest
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.devices import DeviceError, DeviceGone, Devices
 from holoview.rig.virtual.client import Connection, Disconnected, Message, VirtualBenchProcess, ask, connect
-from holoview.rig.virtual.server import FaultInjector
-from holoview.rig.virtual.virtual_bench import Drift, DriftSettings, FaultSettings, read_virtual_settings
+from holoview.rig.virtual.server import Drift, DriftSettings, FaultInjector, FaultSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.child_process import child_process
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, DirectBench, MakeRig, write_rig

@@ -14,7 +14,7 @@ from holoview.captures.patterns import random_levels
 from holoview.captures.predictor import Predictor
 from holoview.rig import RigDescription
 from holoview.rig.devices import Counts
-from holoview.rig.virtual.virtual_bench import VirtualBench, read_virtual_settings
+from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, MakeRig
 
