@@ -44,7 +44,7 @@ def render_each(
 ) -> Iterator[Xyz]:
     """Renders XYZ (y, x, 3) of patterns on each (system, plane in m) in turn; the systems show patterns of one shape.
 
-    backend, adapter: as `simulate` takes them. With WebGPU, the views share what they have in common. `check` is called
+    backend, adapter: as `simulate` takes them. With WebGPU, the views share common results. `check` is called
     between steps and may raise an exception to cancel. Raises UserError as `simulate` does.
     """
     renderer = None if backend.startswith("torch") else _open_renderer(views[0], drive, backend, adapter)
