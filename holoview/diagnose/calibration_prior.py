@@ -1,8 +1,9 @@
 """Known effects that were measured: their errors are fitted before causes are searched, within their uncertainties.
 
-An alignment finds planes to a few µm; captures show a tenth of that. Left alone, such errors look like causes.
-Fitted to the nominal bench they go wrong where there is a fault. So they are fitted beside the nominal bench and beside
-each of the best single causes, with the uncertainties as a Gaussian prior; what predicts held-out captures best counts.
+An alignment finds planes to a few µm; captures show a tenth of that. Left alone, such errors look like causes; fitted
+to the nominal bench alone, they absorb a part of a fault. So they are fitted beside the nominal bench and beside each
+of the best single causes, with the uncertainties as a Gaussian prior. The fit that predicts held-out captures best
+counts.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ Uncertainties = Mapping[str, Mapping[str, float]]
 def known_corrections(
     context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback
 ) -> FittedValues | None:
-    """What known effects are to be corrected by, {effect: {parameter: value}}; empty where nothing asks for it.
+    """The corrections of known effects, {effect: {parameter: value}}; empty where no capture asks for one.
 
     context: with the known effects in its nominal bench. None where the context's time ended before.
     """
@@ -97,7 +98,7 @@ def _single_causes(context: SearchContext, placed: Uncertainties, progress: Prog
 
 
 def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertainties) -> CandidateFit:
-    """A cause and the errors of known effects, fitted together: tolerant of what both leave, then not."""
+    """A cause and the errors of known effects, fitted together: first tolerant of a remaining error, then not."""
     indices, values = context.split.fine, dict(base.values)
     causes = (*base.causes, *placed)
     error = context.relative_model_error(values)
@@ -118,7 +119,7 @@ def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertaintie
 
 
 def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncertainties) -> ResidualFunction:
-    """The residuals, and behind them the errors of known effects over their standard deviations."""
+    """The residuals, followed by the errors of known effects over their standard deviations."""
     prior = np.array([placed[e][p.name] / p.prior if e in placed else np.inf for e, p in free.entries])
 
     def extended(x: Vector) -> ResidualVector:
@@ -128,5 +129,5 @@ def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncert
 
 
 def is_within(values: Mapping[str, float], sigmas: Mapping[str, float], deviations: float) -> bool:
-    """Whether all values are within so many standard deviations of zero; one without a deviation only where it is 0."""
+    """Whether all values are within so many standard deviations of zero; a value without a deviation has to be 0."""
     return all(abs(value) <= deviations * sigmas.get(name, 0.0) for name, value in values.items())

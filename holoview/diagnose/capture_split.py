@@ -1,8 +1,8 @@
 """Which captures are searched, which are fitted, and which are held out.
 
-An error decorrelates the speckle of rough patterns before that of smooth ones, so that smooth captures depend on the
-error almost linearly over a wider range. A search therefore begins with the smoothest captures and adds rougher ones;
-candidates are ranked on captures that no fit has used.
+An error of the model decorrelates the speckle of rough patterns before that of smooth patterns, so that smooth captures
+depend on the error almost linearly over a wider range. A search therefore begins with the smoothest captures and adds
+rougher ones; candidates are ranked on captures that no fit has used.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from holoview.captures.dataset import Captures
 
 Indices = NDArray[np.intp]
 
-# The cost must not grow with the session; the search study used one capture of each wavelength for screening, two for
-# joint fits. Rough captures show small errors.
+# The cost must not grow with the number of captures; the search study used one capture of each wavelength for
+# screening, two for joint fits. Rough captures show small errors.
 _MAX_COARSE = 6  # captures that a screening uses
 _MAX_FINE = 12  # captures that a joint fit uses
 _MAX_ROUGH = 18  # captures that a search along axes uses
@@ -109,7 +109,7 @@ def _pick_held_out(group: list[int], captures: Captures, count: int) -> list[int
 def _of_missing_planes(
     chosen: list[int], spare: list[int], captures: Captures, roughness: NDArray[np.float64], most: int
 ) -> list[int]:
-    """Of each plane of which none is chosen the smoothest spare capture, while no more than `most` are chosen."""
+    """The smoothest spare capture of each plane that no chosen capture shows, until `most` are chosen."""
     found: list[int] = []
     for plane in np.setdiff1d(captures.distance_m, captures.distance_m[chosen]):
         own = [k for k in spare if captures.distance_m[k] == plane]
@@ -119,7 +119,7 @@ def _of_missing_planes(
 
 
 def _split_scarce(groups: list[list[int]], sizes: list[int]) -> CaptureSplit:
-    """So few captures that whole wavelengths are held out, at least one."""
+    """The split of few captures, of which whole wavelengths are held out, at least one."""
     everything = [k for group in groups for k in group]
     held_out = everything[1::_SCARCE_STRIDE] or everything[-1:]
     fitted = [k for k in everything if k not in held_out] or everything

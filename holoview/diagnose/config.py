@@ -12,7 +12,7 @@ the noise over the mean light (`SearchContext.relative_model_error`); cost the s
   chosen after its results had been seen;
 - or a derivation, or a reason that follows from how the method works.
 
-Where none is stated, the value works in `benchmarks/diagnosis.py`, and nobody noted why it isn't another.
+"None recorded" means that the value works in `benchmarks/diagnosis.py`, without a record of others that were tried.
 `docs/diagnosis.md` states the thresholds that users see; a test compares them with these.
 """
 
@@ -86,7 +86,7 @@ class RegionConfig:
 
 @dataclass(frozen=True)
 class VerdictConfig:
-    """What the figures of a search allow one to say. Other stages use the same thresholds."""
+    """Thresholds of the verdict, which other stages use as well."""
 
     min_delta_chi2: float = 25.0
     """[Δχ²] A cause must gain more on held-out captures; so must a capture that separates two explanations, and a
@@ -108,8 +108,8 @@ class SearchConfig:
     """The settings of a diagnosis; `dataclasses.replace` makes another one."""
 
     bases: int = 3
-    """[candidates] Single causes on which a second one is tried; of larger sets, the best alone. One more is what the
-    best pair adds to one of them. Evidence: the search study."""
+    """[candidates] Single causes beside which a second cause is tried; of larger sets, the best alone. The cause that
+    the best pair adds to one of them is tried as well. Evidence: the search study."""
 
     max_early_samples: int = 200_000
     """[samples] Of a field, above which stuck pixels and effects of very many fields come last. Evidence: measured:
@@ -134,7 +134,7 @@ class SamplingConfig:
 
     @property
     def description(self) -> str:
-        """How it differs from the default."""
+        """The settings that differ from the defaults."""
         parts = ["finer samples"] if self.finer > 1 else []
         parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
         parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
@@ -142,7 +142,7 @@ class SamplingConfig:
 
     @property
     def cli_options(self) -> str:
-        """The options of `holoview diagnose` for it."""
+        """The options of `holoview diagnose` that choose this sampling."""
         points = f" --points {self.points}" if self.points else ""
         return f"--finer {self.finer} --padding {self.padding}{points}"
 

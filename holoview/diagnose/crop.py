@@ -1,13 +1,14 @@
 """Large pictures: their middle is searched; whole pictures polish and judge what was found there.
 
-A field of 1024 × 768 modulator pixels takes a hundred times as long as one of 128 × 96, and a search needs thousands.
-But most effects act everywhere alike. So the session is cut to its middle and searched. What was found is fitted once
-more to whole pictures, which then rank and judge it. Only effects that show more towards the edges
-(`Effect.varies_over_field`) are searched in whole pictures.
+A field of 1024 × 768 modulator pixels takes a hundred times as long as a field of 128 × 96, and a search needs
+thousands of fields. But most effects act everywhere alike. So the captures are cut to their middle and searched. The
+causes found are fitted once more to whole pictures, which then rank and judge them. Only effects that show more towards
+the edges (`Effect.varies_over_field`) are searched in whole pictures.
 
 In the near field modulators and pictures are cut, with as much margin as light walks off sideways. Hard edges of stops
-spread a little light further; what of it reaches the middle from beyond is measured with the nominal bench and counts
-as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; displaced ones are cut less.
+spread a little light further; the part that reaches the middle from beyond is measured with the nominal bench and
+counts as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; displaced far fields are cut
+less.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ times as long."""
 _ALL_SPECKLES = 1 << 16
 """[speckles] Of all captures together, in the middle on a Fourier bench. Evidence: 16 captures of 64 × 64 pixels."""
 _CUT_CAPTURES = 6
-"""[captures] That are predicted whole to see what light the middle lacks. Evidence: that share grows steadily with the
+"""[captures] Predicted whole to measure the light that the middle lacks. Evidence: that share grows steadily with the
 roughness of the patterns; the roughest is among them. The value: a whole field takes seconds."""
 MAX_TIME_SHARE = 0.7
 """[1] Of the time of a search, after which the middle is given up with the best that was found there. Evidence: a
@@ -48,7 +49,7 @@ either side. Evidence: a reason: seven eighths of it are seen and predicted."""
 
 
 def middle_of_context(context: SearchContext) -> SearchContext | None:
-    """What a search of the middle of the pictures works with; None where it would save little."""
+    """The context of a search in the middle of the pictures; None where it would save little."""
     captures, config, budget = context.data.captures, context.config.region, context.config.budget
     cut = middle_captures(captures, config)
     if pixel_ratio(captures, cut) < config.min_saving:
@@ -76,7 +77,7 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
 
 
 def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
-    """By how many speckles far fields lie beside their prediction; 0 where the middle holds most of them still."""
+    """Displacement of far fields from their prediction, in speckles; 0 where the middle still holds most of them."""
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
     predicted = np.asarray(comparison.predictor(comparison.indices, {}).signal)
     light = np.where(comparison.weight > 0, comparison.light, np.float32(0.0))
@@ -89,8 +90,8 @@ def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
 def measure_missing_light(context: SearchContext, middle: SearchContext) -> NDArray[np.float64]:
     """The middle's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
 
-    A few captures that a search looks at, from smooth to rough, are predicted whole and cut; the others take the error
-    of the next rougher one.
+    A few of the searched captures, from smooth to rough, are predicted whole and cut; the others take the error of the
+    next rougher capture.
     """
     if context.data.captures.is_fourier:
         return np.zeros(len(context.data.captures))
@@ -122,7 +123,7 @@ def describe_middle(middle: SearchContext) -> str:
 
 
 def middle_captures(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
-    """The middle of a session, whatever it saves.
+    """The middle of captures, however little it saves.
 
     In the near field some pixels of the modulators across, with a margin for light that walks off. On a Fourier bench
     some speckles across, fewer the more captures there are, and `further_speckles` on either side.
@@ -135,7 +136,7 @@ def middle_captures(captures: Captures, config: RegionConfig, further_speckles: 
 
 
 def pixel_ratio(whole: Captures, cut: Captures) -> float:
-    """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
+    """Pixels of the modulator over those of its middle; on a Fourier bench of the camera."""
     parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
     return parts[0].size / parts[1].size
 
@@ -145,7 +146,7 @@ _COMPLEX64 = 8  # bytes
 
 
 def within_limits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> tuple[Captures, list[str]]:
-    """The session, or its middle if whole pictures are beyond the limits of `config`; with a note on what was cut.
+    """The captures, or their middle if whole pictures are beyond the limits of `config`; with a note on the cut.
 
     Raises UserError, with the numbers, where even the smallest middle that a search works with is too large.
     """

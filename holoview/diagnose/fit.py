@@ -53,13 +53,13 @@ _FIT_TOLERANCE = 2e-3
 _REFIT_ITERATIONS = 3  # [1] Iterations of a fit from values that were fitted before.
 FINAL_TOLERANCE = 1e-4  # [1] Tolerance of the last joint fit and of refits.
 _SCAN_STARTS = 2
-"""[1] Points of a scan from which an effect is fitted. Evidence: the search study fitted from the best one or two."""
+"""[1] Points of a scan from which an effect is fitted. Evidence: the search study fitted from the best point or two."""
 _SINGLE_START_PARAMETERS = 4  # [parameters] Effects with so many or more are fitted from one point.
 _COMPARED_STARTS = 4
 """[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: of fringes on a modulator, two
 captures took the opposite wedge for the better one."""
 _START_SEPARATION = 1.5
-"""[scan steps] Points this near to a better one aren't starts of their own. Evidence: they are neighbours in the
+"""[scan steps] Points this near to a better point aren't starts of their own. Evidence: they are neighbours in the
 scan."""
 _SECOND_CYCLE_COST = 0.99
 """[1] Parameters are scanned a second time if the first cycle left less than this share of the cost. Evidence: the
@@ -147,7 +147,7 @@ def free_parameters_of(
     *,
     include_fine: bool = False,
 ) -> FreeParameters:
-    """The parameters of effects, and the entries of their lists at `values`; without `fine` ones unless asked for."""
+    """The parameters of effects, and the entries of their lists at `values`; secondary parameters only if asked for."""
     listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.secondary]
     given = values or {}
     return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
@@ -159,7 +159,7 @@ def has_list(effect: Effect) -> bool:
 
 
 def number_count(effect: Effect) -> float:
-    """How many numbers an effect states; infinitely many with a list, which has any number of them."""
+    """The count of numbers that an effect states; infinite with a list, which has any number of entries."""
     return math.inf if has_list(effect) else len(free_parameters_of([effect]))
 
 
@@ -185,7 +185,7 @@ class CandidateFit:
 
     @property
     def parameter_count(self) -> int:
-        """How many numbers it states."""
+        """The count of numbers that the causes state."""
         numbers = [x for values in self.values.values() for x in values.values()]
         return sum(len(x) if isinstance(x, tuple) else 1 for x in numbers)
 
@@ -261,7 +261,7 @@ def refit(
 
 
 def residual_function(free: FreeParameters, base: FittedValues, comparison: Comparison) -> ResidualFunction:
-    """The residuals as a function of the vector; infeasible parameters give those of `infeasible_residual`."""
+    """The residuals as a function of the vector; infeasible parameters give the residuals of `infeasible_residual`."""
 
     def function(x: Vector) -> ResidualVector:
         try:
@@ -344,8 +344,8 @@ def fit_from_scan(
 ) -> CandidateFit:
     """The best local fit of one effect, its base unchanged, from the best points of a scan.
 
-    Of an effect with many parameters from one, which is the best on all captures of the comparison: a few of them can't
-    tell opposite wedges apart.
+    An effect with many parameters is fitted from one point, the best on all captures of the comparison: a few captures
+    can't tell opposite wedges apart.
     """
     if sum(not p.secondary for p in effect.parameters) >= _SINGLE_START_PARAMETERS:
         best_few = [f for f in fits if np.isfinite(f.cost)][:_COMPARED_STARTS]
@@ -359,7 +359,8 @@ def fit_from_scan(
 def fit_rival_parameters(
     effect: Effect, comparison: Comparison, base: FittedValues, fits: Sequence[CandidateFit]
 ) -> CandidateFit:
-    """The best local fit of one effect, its base unchanged, of all parameters together from the best of one alone.
+    """The best local fit of one effect, its base unchanged: of all parameters together, from the best fit of one
+    parameter.
 
     Each parameter is fitted alone from its best point of a scan.
     """
@@ -422,7 +423,8 @@ def _scan_distance(a: CandidateFit, b: CandidateFit, effect: Effect) -> float:
 
 
 def refit_with_longer_steps(effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison) -> CandidateFit:
-    """Few parameters fitted again with longer difference steps, which see past the jumps of irises on a grid."""
+    """A fit with few parameters, repeated with longer difference steps, which reach past the jumps of irises on a
+    grid."""
     if len(free_parameters_of(effects, fit.values)) > _FEW_PARAMETERS:
         return fit
     longer = refit(effects, fit.values, comparison, step_factor=_LONGER_STEP_FACTOR)

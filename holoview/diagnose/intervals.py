@@ -104,7 +104,7 @@ def confidence_intervals(
 ) -> dict[tuple[str, str], Interval]:
     """The interval of each (effect, parameter); infinite where the captures hold no information about it.
 
-    Without parameters at their identity that these captures can't show, such as those of a laser that wasn't on.
+    Parameters at their identity that these captures can't show, such as those of a laser that wasn't on, are left out.
     """
     variance = _variances(at)
     factor = float(student.ppf(0.5 + LEVEL / 2, max(len(at.scores) - 1, 1)))
@@ -140,10 +140,10 @@ def _edge_half_widths(
 ) -> dict[str, float]:
     """For each effect with hard edges, half the interval of its parameters that move them, in priors.
 
-    An edge may move between two samples and change nothing. Each side of a stop is moved by several parameters, by its
-    size and its centre, so that one of them alone ends at the first side that passes a sample, while both together
-    could go on. The root of the sum of squares of their profiles allows for it: for two opposite sides, anywhere
-    between samples, the true range is at most √5/2 of it.
+    An edge may move between two samples and change nothing. Size and centre of a stop both move each of its sides:
+    varied alone, a parameter ends where the first side passes a sample, while both together could go on. The root of
+    the sum of squares of their profiles allows for this: for two opposite sides, anywhere between samples, the true
+    range is at most √5/2 of the root.
     """
     squares: dict[str, float] = {}
     for axis, (effect, parameter) in enumerate(at.parameters.entries):
@@ -213,7 +213,7 @@ def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameter
 
 
 def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
-    """Value ± half the width of its interval, and the unit, of a parameter of an effect."""
+    """A parameter of an effect as text: value ± half the width of its interval, and the unit."""
     whole = parameter.partition("[")[0]  # of an entry of a list, the list
     p = next(p for p in get_effect(effect_id).parameters if p.name == whole)
     value, half = (_number(p, x) for x in (interval.value, interval.half_width))

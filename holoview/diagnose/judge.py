@@ -1,10 +1,10 @@
 """How candidates are accepted: ranked on captures that no fit has used, and the verdict on the best of them.
 
 All candidates are ranked with the same frozen weights: with one variance for all, the log-likelihoods of two candidates
-differ by half the difference of their χ². Of the variances that the best candidates predict, the likeliest is taken;
-χ² alone would choose the largest (docs/diagnosis-evidence.md#one-noise-for-all-candidates). The share of the excess
-that is explained misleads: of a large error a blur often explains nine tenths. What separates the true cause from
-others is how close it comes to the noise floor on held-out captures.
+differ by half the difference of their χ². Of the variances that the best candidates predict, the likeliest is taken; χ²
+alone would choose the largest (docs/diagnosis-evidence.md#one-noise-for-all-candidates). The explained share of the
+excess misleads: a blur often explains nine tenths of a large error. The true cause is recognised by how close it comes
+to the noise floor on held-out captures.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ _TIE_NEAR_SHARE = 0.1
 """[1] … which counts at most as this share of the excess, so that near the floor small differences decide."""
 _NOISE_MODELS = 4  # [candidates] Whose noise is compared. Evidence: the cost, two predictions for each.
 _SAME_LIGHT_COST = 1.1
-"""[1] … of those whose tolerant cost is less than so many times the lowest. Evidence: a reason: what predicts the light
-clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
+"""[1] … of those whose tolerant cost is less than so many times the lowest. Evidence: a reason: a fit that predicts the
+light clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
 NOISE_ACCURACY = 0.02
 """[χ²/n] Deficit that is nobody's fault. Evidence: electrons per count, by which variances scale, are seldom measured
 better; as much as `JITTER_EXCESS` on the other side."""
@@ -165,9 +165,8 @@ def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> Se
 
 
 def _likeliest_noise(context: SearchContext, tolerant: Comparison, fits: Sequence[CandidateFit]) -> Comparison:
-    """Weights of the noise that makes the captures likeliest, of that which the best fits predict.
-
-    Light of the room has shot noise, a wrong black level has none, and both may predict the same picture.
+    """Weights of the likeliest of the noises that the best fits predict. Light of the room has shot noise, a wrong
+    black level has none, and both may predict the same picture.
     """
     costs = [cost_or_inf(tolerant, fit.values) for fit in fits]
     order = sorted(range(len(fits)), key=costs.__getitem__)
@@ -186,7 +185,7 @@ def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_compar
 
 
 def first_per_cause_set(items: Sequence[HasCauses]) -> list[HasCauses]:
-    """The first of each set of causes."""
+    """The first score of each set of causes."""
     seen: dict[frozenset[str], HasCauses] = {}
     for item in items:
         seen.setdefault(frozenset(item.causes), item)
@@ -314,14 +313,14 @@ _LOWERED = {
 
 
 def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: float) -> Decision:
-    """The decision where a share of the captures is bad: beyond `max_share`, no bench is cleared or explained."""
+    """The decision where some captures are bad: beyond a share of `max_share`, no bench is cleared or explained."""
     if bad_share <= max_share:
         return decision
     return replace(decision, verdict=_LOWERED.get(decision.verdict, decision.verdict))
 
 
 def with_further_cause(verdict: Verdict) -> Verdict:
-    """The verdict once a cause is named as well that the search for effects doesn't know."""
+    """The verdict once a cause outside the search for effects is named as well."""
     return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)
 
 
@@ -367,5 +366,5 @@ def _rivals_of(
 
 
 def _are_equivalent(a: Sequence[str], b: Sequence[str], equivalents: Equivalents) -> bool:
-    """Whether each cause in `a` is one of `b` or the same physics as one of them."""
+    """Whether `b` has each cause of `a`, or a cause that is the same physics."""
     return all(any(x == y or y in equivalents.get(x, ()) or x in equivalents.get(y, ()) for y in b) for x in a)

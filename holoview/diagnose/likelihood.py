@@ -5,9 +5,9 @@ w = 1/σ,
 
     r = w·(y − b − a·m),   a = Σ w²(y − b)m / Σ w²m²
 
-so the radiometric scale and jitter of exposure and laser power never count as an error of the model. With `fit_shifts`
-a sub-pixel movement of the camera in each capture, beyond the movement that all captures share, is fitted too. A shared
-movement is an effect (`camera_alignment`) and stays in the residual.
+so that the radiometric scale and jitter of exposure and laser power never count as an error of the model. With
+`fit_shifts` a sub-pixel movement of the camera in each capture, beyond the movement that all captures share, is fitted
+too. A shared movement is an effect (`camera_alignment`) and stays in the residual.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SHARED_SHIFT_P_VALUE = 1e-4
 reach 5 σ of the mean by chance."""
 _MAX_PART_PIXELS = 4_000_000
 """[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: with all of eight pictures of
-1600 × 1200 pixels, two processes took 9 to 11 GB; smaller sessions are one part."""
+1600 × 1200 pixels, two processes took 9 to 11 GB; captures of fewer pixels are one part."""
 _INFEASIBLE_FACTOR = 10.0
 """[1] Residuals of parameters that no bench can have are so many times those of a dark image. Evidence: they must
 exceed those of every bench that can be."""
@@ -49,7 +49,8 @@ _CAMERA_POSE = "camera_alignment"
 
 
 class PredictorProtocol(Protocol):
-    """What `holoview.captures.predictor.Predictor` does: predicts captures, and counts the fields it was asked for."""
+    """A predictor of captures that counts the fields it was asked for, as `holoview.captures.predictor.Predictor`
+    does."""
 
     @property
     def fields_requested(self) -> int: ...
@@ -101,7 +102,7 @@ class Comparison:
         self._weighted_light = self.weight * self.light
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what the captures hold anyway, so that jobs for other processes stay small."""
+        """The state without arrays that the captures hold anyway, so that jobs for other processes stay small."""
         return {name: value for name, value in vars(self).items() if name not in ("light", "_weighted_light")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,9 +123,8 @@ class Comparison:
         return other
 
     def parts(self) -> list[tuple[slice, Comparison]]:
-        """Comparisons of some captures each, with their place in the flat residuals.
-
-        One alone where there are few pixels, and where movements are fitted: their mean depends on all captures.
+        """Comparisons of some captures each, with their place in the flat residuals. A single comparison where there
+        are few pixels, and where movements are fitted, whose mean depends on all captures.
         """
         count, pixels = self.weight.shape[0], self.weight[0].size
         size = max(1, _MAX_PART_PIXELS // pixels)
@@ -193,7 +193,7 @@ class Comparison:
         """Gains and movements of each capture together; the movement that all captures share stays in the residual.
 
         light, model: weighted captures and prediction. Movements beyond the first order are found in two steps: first
-        with shifted images, then with exact predictions for a moved camera; the better of both is returned.
+        with shifted images, then with exact predictions for a moved camera; the better result is returned.
         """
         limit = _MAX_SHIFT_PX
         shift = self._estimate_shifts(light, model, signal)
@@ -260,7 +260,7 @@ def _fit_gain(light: Images, weight: Images, signal: Images) -> GainFit:
 
 
 def mean_is_significant(samples: NDArray[np.float64], p_value: float) -> NDArray[np.bool_]:
-    """Whether means over the first axis are larger than those of zero-mean jitter, but for a probability `p_value`.
+    """Whether means over the first axis are larger than the means of zero-mean jitter, but for a probability `p_value`.
 
     Two-sided t-test (Student), since the scatter of a few captures is itself uncertain. A single sample is significant.
     """

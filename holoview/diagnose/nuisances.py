@@ -1,7 +1,7 @@
-"""What differs between every bench and its model and is no fault: PRNU, a camera that moves, laser drift, sampling.
+"""Differences between every bench and its model that are no fault: PRNU, a camera that moves, laser drift, sampling.
 
 PRNU (pixels of unequal sensitivity) and movements of the camera are looked for where a model is good enough to show
-them: under the nominal one, and again under the best. No cause may explain what they explain.
+them: under the nominal model, and again under the best model. No cause may take the place of either.
 
 Lasers may drift: each capture chooses its own wavelength among a few near the nominal one. Derivatives wouldn't do: a
 small drift moves the edge of an iris over whole samples. Drift is no fault where it takes the residuals to the noise
@@ -60,7 +60,7 @@ _MAX_PRNU = 0.1  # [1] Largest standard deviation of the pixels' relative sensit
 _MIN_PRNU_CHI2 = 0.005  # [χ²/n] PRNU that adds less than this is ignored.
 _JITTER_MAX_EXCESS = 0.5
 """[1] The camera moves if taking movements out leaves less than this share of the excess. Evidence: real movements
-explain nearly all of it, those that imitate a wrong model little."""
+explain nearly all of the excess, apparent movements under a wrong model little."""
 DRIFT_STEP_M = 0.02e-9
 """[m] Distance between two wavelengths that are tried; the screening study detected an offset of 0.0026 nm in bright
 captures."""
@@ -68,7 +68,7 @@ DRIFT_STEPS = 10
 """[1] Steps tried either way, ± 0.2 nm with the default step. Evidence: the benchmark drifts by 0.05 nm r.m.s., of
 which this is 4 σ."""
 _DRIFT_P_VALUE = 1e-3
-"""[1] A mean drift less probable than this under jitter alone is systematic.."""
+"""[1] A mean drift less probable than this under jitter alone is systematic."""
 
 
 def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:
@@ -127,7 +127,7 @@ class LaserDrift:
 
 
 def estimate_laser_drift(comparison: Comparison, values: FittedValues) -> LaserDrift:
-    """The wavelength that suits each capture best, and what is left with it."""
+    """The wavelength that suits each capture best, and the excess that it leaves."""
     known = values.get(DRIFT_EFFECT, {})
     offsets_m = DRIFT_STEP_M * np.arange(-DRIFT_STEPS, DRIFT_STEPS + 1)
     squares = [
@@ -182,7 +182,8 @@ def _credit_sampling(
     decision: Decision,
     values: Values,
 ) -> tuple[Decision, list[str]]:
-    """The decision with a note on samples that explain much of what is left; consistent if they explain it all."""
+    """The decision with a note on other samples that explain much of the remaining excess; consistent if they explain
+    all of it."""
     alternative, left = _best_alternative(alternatives, values), comparison.chi2_per_pixel(values)
     if alternative is None:
         return decision, []
@@ -229,7 +230,8 @@ def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:
 def _find_dispensable_cause(
     config: SearchConfig, comparison: Comparison, alternatives: AlternativeComparisons, best: HeldOutScore
 ) -> str | None:
-    """A cause without which other samples leave less than the model with it, and that they don't need either."""
+    """A cause that other samples make superfluous: without it they leave less than the model with it, and adding it
+    gains nothing."""
     left = comparison.chi2_per_pixel(best.fit.values)
     for name in reversed(best.causes):
         alternative = _best_alternative(alternatives, best.fit.without(name).values)

@@ -1,8 +1,7 @@
-"""A search among the good captures: what stands out is left out, and every capture is judged by the final model.
-
-A capture that isn't what its record says must neither be fitted nor judge others, and every capture must be judged. So
-captures that stand out far are left out of the search; its result judges all of them; and where it finds that bad ones
-were used, the search is repeated without them.
+"""A search among the good captures: outliers are left out, and every capture is judged by the final model. A capture
+that isn't what its record says must neither be fitted nor judge others, and every capture must be judged. So captures
+that stand out far are left out of the search; the result of the search judges all captures; and if it finds that the
+search used bad captures, the search is repeated without them.
 """
 
 from __future__ import annotations
@@ -28,15 +27,14 @@ from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, Se
 from holoview.util.progress import ProgressCallback
 
 ROUNDS = 3
-"""[1] Searches at most, each without the captures that the one before found bad. Evidence: none recorded."""
+"""[1] Searches at most, each without the captures that the search before found bad. Evidence: none recorded."""
 
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """What a search found, the decision on it, notes, and the captures that are bad.
-
-    context: as it ended. was_ended: whether it was ended before it was done, by its time or by somebody. middle: of
-    large pictures, in which causes were searched before whole ones were looked at.
+    """The result of a search, the decision on it, notes, and the bad captures. context: at the end of the search.
+    was_ended: whether it was ended before it was done, by its time or by somebody. middle: of large pictures, in which
+    causes were searched before whole ones were looked at.
     """
 
     context: SearchContext
@@ -49,7 +47,7 @@ class SearchOutcome:
 
     @property
     def searched(self) -> SearchContext:
-        """In what causes were searched; what needs no full size is computed there."""
+        """The context in which causes were searched; quantities that need no full size are computed there."""
         return self.middle or self.context
 
 
@@ -67,7 +65,8 @@ def search_once(
 ) -> SearchOutcome:
     """One search without some captures, and the decision on it. The end of its time ends nothing but the search itself.
 
-    initial: what the middle of these pictures suggests; then this is refined, and nothing else is searched.
+    initial: the causes that the middle of these pictures suggests; these are refined then, and nothing else is
+    searched.
     """
     context.best_so_far.clear()
     context = replace(context, field_budget=context.predictor.fields_requested + context.field_budget)
@@ -108,10 +107,9 @@ def judge_captures(
     count: int,
     progress: ProgressCallback,
 ) -> SearchOutcome:
-    """The outcome of a search that used no bad captures, and what is wrong with these.
-
-    context: of the search. found: what it has found. search: repeats it without some captures. useless: those that are
-    bad whatever the model. count: of all captures.
+    """The outcome of a search that used no bad captures, and the reasons why captures are bad. context, found: of the
+    search, and its result. search: repeats the search without some captures. useless: captures that are bad whatever
+    the model. count: of all captures.
     """
     for searches_left in reversed(range(ROUNDS)):
         progress(0, 1, "every capture")
@@ -126,7 +124,7 @@ def judge_captures(
 
 
 def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
-    """The outcome with the bad ones of `count` captures, and with the verdict and the notes that they allow."""
+    """The outcome with the bad captures out of `count`, and with the verdict and the notes that they allow."""
     share, max_share = bad_share(bad, count), MAX_BAD_SHARE
     notes = list(outcome.notes)
     if bad:

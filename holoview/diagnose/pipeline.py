@@ -51,8 +51,8 @@ _CORRECTION_SHARE = 0.7
 """[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
 virtual rig (48 × 64 pixels, 24 captures)."""
 _LAST_BEGIN = 0.7
-"""[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the longest
-step of a pair, its causes fitted without each other, took 20 of 80 s."""
+"""[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: the longest step
+of a pair, its causes fitted without each other, took 20 of 80 s."""
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
@@ -73,7 +73,8 @@ def diagnose(
     sampling: SamplingConfig = PLAIN,
     config: SearchConfig | None = None,
 ) -> Diagnosis:
-    """Names what the nominal model of these captures gets wrong. Wrong records are put right first, and named too.
+    """Names the differences of the real bench from the nominal model of these captures. Wrong records are put right
+    first, and named too.
 
     effects: the candidates; all of the registry when None.
     known: effects that the nominal model has, {id: {parameter: value}}; what is found adds to them.
@@ -143,7 +144,7 @@ class _Request:
 
 
 def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
-    """Puts records right, corrects what was measured, and searches."""
+    """Puts records right, corrects known effects that were measured, and searches."""
     records = check_records(captures, request.known)
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
@@ -156,10 +157,9 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
 @dataclass(frozen=True)
 class _Preparation:
-    """What a diagnosis works with before its search begins.
-
-    whole: the pictures as they are. middle: of large ones; None where it would save little. count: of all captures.
-    useless: those that are left out. only: the others. notes: on what the captures can't show.
+    """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
+    of large pictures; None where it would save little. count: of all captures. useless: captures that are left out.
+    only: the other captures. notes: on effects that the captures can't show.
     """
 
     whole: SearchContext
@@ -171,7 +171,7 @@ class _Preparation:
 
 
 def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
-    """What a search within a share of the budget works with."""
+    """The contexts of a search within a share of the budget."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures)
@@ -192,7 +192,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
 
 
 def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
-    """The context with what ends its search within a share of the budget, and with what tells of it."""
+    """The context with the end of its search within a share of the budget, and with the receiver of its progress."""
     budget, samples = request.config.budget, field_samples(context.data.captures)
     end = SearchEnd(share * request.time_s, request.is_asked_to_end, _LAST_BEGIN)
     fields, so_far = math.inf if request.thorough else share * budget.fields_for(samples), request.so_far
@@ -249,7 +249,7 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
     whole = dataclasses.replace(
         whole,
-        missing_light=None if whole.data.captures.slm_frame is None else missing,  # at most that of a smaller part
+        missing_light=None if whole.data.captures.slm_frame is None else missing,  # at most as much as a smaller part
         prnu=found.context.prnu,
         has_camera_jitter=found.context.has_camera_jitter,
     )
@@ -286,7 +286,7 @@ def prepare_search(
     config: SearchConfig,
     pool: WorkerPool,
 ) -> tuple[SearchContext, list[str]]:
-    """What a search works with, and notes on what these captures can't show.
+    """The context of a search, and notes on effects that these captures can't show.
 
     useless: captures that are left out. effects: the candidates. known: effects that the nominal model has. Raises
     UserError when no capture is left.

@@ -1,7 +1,8 @@
-"""What the fitted gains tell: whether the laser's power follows what was set, and how much exposures jitter.
+"""Laws of the lasers' power, read off the fitted gains: whether the power follows its setting, and how much exposures
+jitter.
 
-Every fit frees the gain of each capture, so an effect that changes the laser's power alone leaves no residual. It is
-read off the gains: log a_k, centred for each wavelength, is fitted by the law's prediction.
+Every fit frees the gain of each capture, so an effect that changes the laser's power alone leaves no residual. The
+gains show it: log a_k, centred for each wavelength, is fitted by the law's prediction.
 """
 
 from __future__ import annotations

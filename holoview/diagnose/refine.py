@@ -46,8 +46,8 @@ from holoview.model.effects.effect import Effect
 
 FINAL_ITERATIONS = 5  # [1] Iterations of the last joint fit.
 _LAST_ITERATIONS = 20
-"""[1] Iterations of the last fit of what is near the floor. Evidence: measured: after the others, the two parameters of
-crosstalk were 11 and 21 % off with χ²/n 1.0196; with these 0.01 and 0.02 %, and 0.9935."""
+"""[1] Iterations of the last fit of a candidate near the floor. Evidence: measured: after the others, the two
+parameters of crosstalk were 11 and 21 % off with χ²/n 1.0196; with these 0.01 and 0.02 %, and 0.9935."""
 _LAST_TOLERANCE = 1e-6  # [1] Its tolerance. Evidence: as `last_iterations`.
 TOLERANT_MIN_ERROR = 0.02
 """[error] Below it no tolerant fit precedes the one with the noise's weights; paired with `NEAR_ERROR`."""
@@ -68,8 +68,8 @@ _LAST_FITS = 3
 """[candidates] Fitted to the end at most, where they are near the floor. Evidence: the cost; the best and two
 rivals."""
 _NEAR_ERROR_SHARE = 0.2
-"""[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: what stays far off
-lacks a cause, with which other values would be best."""
+"""[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: a candidate that stays
+far off lacks a cause, with which other values would be best."""
 _NEAR_ERROR = 0.02  # [error] … or below this error; paired with `TOLERANT_MIN_ERROR`.
 _MAX_NEAR_ERROR = 0.1
 """[error] … which counts at most as this error. Evidence: of pairs with errors above 1, searches along the axes of the
@@ -115,8 +115,8 @@ def _fit_tolerantly(
 ) -> tuple[CandidateFit, float]:
     """A fit that tolerates a share of the present error, and the error that it leaves; repeated while that is large.
 
-    Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from.
-    Rough captures can lead astray where another cause is missing; a fit that leaves more than before isn't taken.
+    Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from. Rough
+    captures can lead astray where another cause is missing; a fit with a larger error than before isn't taken.
     """
     for _ in range(_TOLERANT_ROUNDS):
         comparison = context.half_tolerant_comparison(context.split.fine, error)
@@ -146,7 +146,7 @@ class RefinementQueue:
         self._context, self._start_costs = context, dict[tuple[str, ...], float]()
 
     def refine_new(self, fits: Sequence[CandidateFit]) -> bool:
-        """Refines those that are new; whether there were any."""
+        """Refines the new fits; returns whether there were any."""
         better = _BETTER_COST
         fresh = [f for f in fits if f.cost < better * self._start_costs.get(f.causes, np.inf)]
         self._start_costs |= {f.causes: f.cost for f in fresh}
@@ -155,9 +155,9 @@ class RefinementQueue:
 
 
 def free_fine_parameters(context: SearchContext, result: SearchResult, *, also_costly: bool = True) -> SearchResult:
-    """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help.
-
-    also_costly: also of a costly one, or of large fields, that isn't quite near.
+    """The best candidate with its secondary parameters freed, if it is near the floor but not at it and they lower the
+    excess. also_costly: free them as well in a candidate that is costly, or has large fields, and is somewhat further
+    from the floor.
     """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
@@ -180,8 +180,8 @@ def refine_leaders_along_axes(
 ) -> SearchResult:
     """The best candidates searched along their axes, where they are near the floor but not at it.
 
-    What is far off lacks a cause: with it, other values of the causes that it has would be best. also_costly: also
-    costly ones, and those of large fields, that aren't quite near.
+    A candidate that is far off lacks a cause: with it, other values of its present causes would be best. also_costly:
+    search costly candidates as well, and candidates of large fields, that are somewhat further from the floor.
     """
     for _ in range(_AXIS_ROUNDS):
         if result.best.chi2_per_pixel < FLOOR_CHI2:
@@ -207,7 +207,7 @@ def refine_leaders_along_axes(
 
 
 def _is_affordable(context: SearchContext, score: HeldOutScore) -> bool:
-    """Whether a candidate is quite near the floor, or takes little time."""
+    """Whether a candidate is very near the floor, or its fits take little time."""
     return score.chi2_per_pixel < NEAR_CHI2 or prediction_cost(context, score.fit.values) < COSTLY_FIELDS
 
 
@@ -223,12 +223,12 @@ def explains_everything(result: SearchResult) -> bool:
 
 
 def is_settled(result: SearchResult) -> bool:
-    """Whether so little is left that other causes can't leave much less."""
+    """Whether so little excess is left that other causes can't leave much less."""
     return result.best.excess < min(_SETTLED_EXCESS, SETTLED_SHARE * result.nominal.excess)
 
 
 def is_at_floor(result: SearchResult) -> bool:
-    """Whether so little is left that no further cause is searched."""
+    """Whether so little excess is left that no further cause is searched."""
     return result.best.chi2_per_pixel < FLOOR_CHI2
 
 

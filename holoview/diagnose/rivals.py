@@ -1,4 +1,4 @@
-"""Other names for what a search has found: which of them the captures can't exclude, and which is the simplest.
+"""Other names for the causes that a search has found: names that the captures can't exclude, and the simplest name.
 
 prefer_fewer_numbers  the simplest name: of effects that no data can tell apart, the one with fewer numbers. A wrong gap
                       is a defocus of relay 1, one of the aberrations that it may have: gap states it by one number,
@@ -47,7 +47,8 @@ _TRIED_FOR_EACH = 3  # [effects] Tried for each cause. Evidence: their cost; a f
 
 
 def find_lookalikes(context: SearchContext, fit: CandidateFit) -> Lookalikes:
-    """The look-alikes of a fit's causes in one or two smooth captures; what its other causes explain is removed first.
+    """The look-alikes of a fit's causes in one or two smooth captures; changes that its other causes explain are
+    removed first.
 
     The same physics in as many numbers or more counts as a correlation of 1.
     """
@@ -129,7 +130,7 @@ def _possible_rivals(context: SearchContext, result: SearchResult, alike: Lookal
 
 
 def _excluding_delta(context: SearchContext, result: SearchResult) -> float:
-    """The Δχ² on held-out captures by which an explanation that is worse than the best is excluded."""
+    """The Δχ² on held-out captures to the best explanation, beyond which another explanation is excluded."""
     return context.config.verdict.min_delta_chi2 * max(1.0, result.best.chi2_per_pixel)
 
 
@@ -151,7 +152,7 @@ def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> Search
 
 
 def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, ...]]:
-    """The causes that are named, with one of them replaced by an equal of more numbers, which contains it."""
+    """The named causes, with one of them replaced by an equal of more numbers, which contains it."""
     causes = decision.best.causes if decision.best else ()
     return [
         tuple(wide if name == cause else name for name in causes)
@@ -175,5 +176,5 @@ def _first_values(result: SearchResult, name: str) -> list[dict[str, float]]:
 def _fit_over_range(
     context: SearchContext, base: FittedValues, name: str, starts: list[dict[str, float]]
 ) -> CandidateFit:
-    """An effect on top of a base: over its range and from other starts, then all causes together."""
+    """Fits of an effect on top of a base: over its range and from other starts, then of all causes together."""
     return refine_fit(context, fit_over_range(context, base, context.effects[name], starts))

@@ -1,9 +1,9 @@
 """First look at every effect, on the smoothest captures, on top of causes that are already known.
 
-What is tried depends on the relative error of the model. Small: derivatives at the identity predict what each effect
-could gain, and only the most promising are fitted. Medium: every effect is fitted from its identity. Large: every
-effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true value.
-Effects come in batches, the cheapest first, so that the caller can stop as soon as one explains everything.
+The way of trying depends on the relative error of the model. Small: derivatives at the identity predict the gain of
+each effect, and only the most promising effects are fitted. Medium: every effect is fitted from its identity. Large:
+every effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true
+value. Effects come in batches, the cheapest first, so that the caller can stop as soon as one explains everything.
 
 The cost of a prediction is the number of fields that it adds incoherently: bandwidth, an extended source and flicker
 make one image of many fields, wavelengths × directions × moments.
@@ -53,9 +53,9 @@ from holoview.util.progress import ProgressCallback, no_progress
 
 ALL_KINDS = frozenset(StartKind)
 LIST_KINDS = frozenset({StartKind.PLANES, StartKind.STUCK_PIXELS})
-"""Those of effects with lists. Where there are any, much less error is left."""
+"""Starting values of effects with lists. Where there are any, much less error is left."""
 _QUICK_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT, StartKind.STUCK_PIXELS}
-"""Starting values that residuals show at once, of what has no derivative at its identity."""
+"""Starting values that residuals show at once, of effects without a derivative at their identity."""
 _DECISIVE_TANGENT_GAIN = 0.5
 """[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields aren't
 computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all others 11 s, of
@@ -74,7 +74,7 @@ _TANGENT_FITS_AT_ONCE = 4
 among the first two; a multiple of two keeps two processes busy."""
 _COSTLY_STEP_FACTOR = 20.0
 """[1] Difference steps of costly effects are so many times longer. Evidence: over short steps an iris on a grid passes
-over whole samples, which changes more than the rest."""
+over whole samples, which changes the light more than the effect does."""
 _NO_SCAN_CHI2 = 2.0
 """[χ²/n] Near the truth, no range is scanned if the model is this close. Evidence: nothing lies beyond the reach of
 tangents there."""
@@ -105,7 +105,8 @@ standard deviation is √(2n)."""
 
 
 def field_count(context: SearchContext, values: Values) -> int:
-    """Fields that a prediction of one capture adds with these effects; 1 for values that no bench can have."""
+    """Fields whose intensities a prediction of one capture adds with these effects; 1 for values that no bench can
+    have."""
     system, moments = context.system, 1
     nominal_lines = len(system.wavelengths_m)
     for name, own in values.items():
@@ -149,7 +150,7 @@ def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
 def without_costly_fits(
     context: SearchContext, fits: Sequence[CandidateFit], comparison: Comparison
 ) -> list[CandidateFit]:
-    """The fits in their order; of the costly ones only those that leave clearly less than all others.
+    """The fits in their order; of the costly fits only those that leave clearly less than all others.
 
     Lost contrast imitates whatever is unknown, so many fields are worth computing only where nothing simpler does as
     well.
@@ -172,7 +173,8 @@ class SuggestedStarts:
         self._found: dict[StartKind, StartProvider] = {}
 
     def of(self, effects: Iterable[Effect], kinds: Collection[StartKind] = ALL_KINDS) -> StartProvider:
-        """Those of some kinds for some effects; what they need in common is computed here, not in each job."""
+        """Starting values of some kinds for some effects; their common quantities are computed here, not in each
+        job."""
         for kind in {kind for effect in effects for kind in effect.start_kinds if kind in kinds} - self._found.keys():
             self._found[kind] = self._makers[kind]()
         return partial(_starts_of, {kind: found for kind, found in self._found.items() if kind in kinds})
@@ -210,7 +212,8 @@ def screen_effects(
 
     Fits that gain nothing are left out. With a small error of the model, and with a medium one beside other causes: the
     most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
-    error without other causes: local fits, then scans. Large: scans alone. Of large fields what takes longest is last.
+    error without other causes: local fits, then scans. With a large error: scans alone. With large fields, the effects
+    that take longest are tried last.
     """
     error = context.relative_model_error(base)
     screening = _Screening(context, base, effects, error, progress, note)
@@ -244,7 +247,8 @@ def fit_over_range(
 class _EffectFitter:
     """Fits one effect on top of a base; its methods are jobs, which a worker process can run.
 
-    comparison: the coarse captures, on which fits are compared. scan_comparison: the few on which a scan is computed.
+    comparison: the coarse captures, on which fits are compared. scan_comparison: the few captures on which a scan is
+    computed.
     """
 
     context: SearchContext
@@ -253,7 +257,7 @@ class _EffectFitter:
     scan_comparison: Comparison
 
     def local_fit(self, effect: Effect, *, with_base: bool = False) -> CandidateFit:
-        """A local fit from the identity; of an effect that is costly, or has rival parameters, of a scan.
+        """A local fit from the identity; for an effect that is costly, or has rival parameters, a fit from a scan.
 
         with_base: fit the base too, where no scan is needed.
         """
@@ -270,8 +274,9 @@ class _EffectFitter:
         return [self.context.effects[name] for name in self.base]
 
     def nearby_fit(self, effect: Effect) -> CandidateFit:
-        """A local fit from the identity, together with the base; over its range, on top of the base, where some
-        parameters show together with others only, or where an effect that is found over its range could stand for it.
+        """A local fit from the identity, together with the base. Instead a fit over the effect's range, on top of the
+        base, where some parameters show together with others only, or where an effect that is found over its range
+        could stand for this effect.
         """
         is_imitated = any(effect.id in other.degenerate_limit for other in self.context.effects.values())
         if is_imitated or self._has_dormant_parameters(effect):
@@ -279,9 +284,8 @@ class _EffectFitter:
         return self.local_fit(effect, with_base=True)
 
     def _has_dormant_parameters(self, effect: Effect) -> bool:
-        """Whether parameters have slopes where a scan begins, but none at the identity: a fit from there misses them.
-
-        Such as the wavelength of a second line, which is nothing while no light is in it.
+        """Whether parameters have slopes where a scan begins, but none at the identity: a fit from the identity misses
+        them. An example is the wavelength of a second line, which changes nothing while the line has no light.
         """
         first = next(iter(effect.starting_points(self.context.system)), None)
         asleep = ~self._moves_prediction(effect, identity_values(effect))
@@ -319,10 +323,10 @@ class _EffectFitter:
         return np.asarray(np.linalg.qr(np.array(found, dtype=np.float32).T)[0].T, dtype=np.float32)
 
     def tangent_gain(self, residual: NDArray[np.float32], base: NDArray[np.float32], effect: Effect) -> float:
-        """By how much the effect, and the base with it, lower Σ residual² if residuals depend on them linearly.
+        """The fall of Σ residual² by the effect, and the base with it, if residuals depend on them linearly.
 
-        residual: with the base. base: its `tangent_space`. With both J and r free of it, gᵀ(JJᵀ)⁺g, g = J·r: beside a
-        cause that took some of an effect's part, the effect alone could gain little.
+        residual: with the base. base: its `tangent_space`. With both J and r projected onto its complement, gᵀ(JJᵀ)⁺g,
+        g = J·r: beside a cause that stands for a part of the effect, the effect alone could gain little.
         """
         start = {**self.base, effect.id: identity_values(effect)}
         factor = _COSTLY_STEP_FACTOR if self._is_costly(effect) else 1.0
@@ -349,9 +353,8 @@ class _EffectFitter:
 
 
 class _Screening:
-    """What the stages of one screening have in common. error: relative error of the model with the base.
-
-    late: effects that are tried last. starts: what captures suggest; kinds: those that are looked for before the last.
+    """The stages of one screening. error: relative error of the model with the base. late: effects that are tried last.
+    starts: starting values that captures suggest; kinds: the kinds of starts that are looked for first.
     """
 
     def __init__(
@@ -384,9 +387,8 @@ class _Screening:
             yield self._improving(fit, effects[first : first + size], note)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
-        """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most.
-
-        Stuck pixels come last, since it takes longest to see them.
+        """Fits from starting values that the residuals show without derivatives, then of the effects whose derivatives
+        promise most. Stuck pixels come last, since they take longest to see.
         """
         seen, others = self._fits_of_seen(effects, _QUICK_KINDS)
         yield seen
@@ -401,13 +403,15 @@ class _Screening:
             yield self._fits_of_seen(others, {StartKind.STUCK_PIXELS})[0]
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
-        """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
+        """Fits from starting values that the residuals show without derivatives, then of all other effects from their
+        identity."""
         seen, others = self._fits_of_seen(effects, self.kinds - {StartKind.DISPLACEMENT})
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
 
     def late_fits(self, is_near: bool) -> FitBatches:
-        """Of very many fields, then of stuck pixels where there seem to be any. is_near: hardly anything is left."""
+        """Fits of effects of very many fields, then of stuck pixels where there seem to be any. is_near: hardly any
+        excess is left."""
         fit: EffectFitter = self.fitter.nearby_fit if is_near else partial(self.fitter.scan_and_fit, _no_starts)
         many = [e for e in self.late if not is_stuck_effect(e)]
         yield self._improving(fit, self._best_by_tangent(many) if is_near else many, "")
@@ -429,7 +433,8 @@ class _Screening:
         )
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
-        """Those whose derivatives explain most, the best first; of very many fields only where no other does."""
+        """The effects whose derivatives explain most, the best first; effects of very many fields only where no other
+        effect explains much."""
         context = self._context
         many = [e for e in effects if largest_field_count(context, e) >= VERY_COSTLY_FIELDS]
         gains: dict[Effect, float] = {}

@@ -63,9 +63,9 @@ _MAX_CAUSES = 3
 _PROMISING_SHARE = 0.5
 """[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the nominal
 excess, on held-out or on smooth captures; for a further cause no ranges are scanned, if one leaves less than this share
-of the cost. Evidence: beside a cause that was found near the nominal bench, the other one is mostly near too; the scans
-take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage explained six
-tenths of them, and nothing of rough ones."""
+of the cost. Evidence: beside a cause that was found near the nominal bench, the other cause is mostly near too; the
+scans take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage
+explained six tenths of the excess in smooth captures, and nothing in rough captures."""
 _SUPERFLUOUS_COST = 2.0
 """[1] Without one of its causes, the best candidate is refined only if a fit to coarse captures costs less than so many
 times as much as with it. Evidence: derivation: fewer causes come first within a tenth of the excess."""
@@ -74,8 +74,8 @@ _JOINT_NO_SCAN_CHI2 = 2.0
 `NO_SCAN_CHI2`."""
 _WORTHWHILE_COST = 0.7
 """[1] A further cause that leaves less than this share of the base's excess is fitted jointly at once. Evidence: weak
-fringes beside a bandwidth left nothing of an excess of 0.23, and were passed over for twenty thousand fields while the
-share was one of the cost."""
+fringes beside a bandwidth left nothing of an excess of 0.23; with a share of the cost in place of the excess they were
+tried twenty thousand fields later."""
 MAX_FURTHER_EXCESS_SHARE = 0.8  # [1] A further cause must leave less than this share of the excess.
 _RERANKED = 3  # [candidates] Refined again once nuisances are known.
 _RERANKED_EXCESS_FACTOR = 4.0  # [1] Of those whose excess is below so many times the best …
@@ -84,9 +84,8 @@ _RERANKED_EXCESS = 0.1  # [χ²/n] … plus this.
 
 @dataclass(frozen=True)
 class InitialCandidates:
-    """What the middle of the pictures suggests for whole ones.
-
-    fits: the best first, then its rivals. explains: whether the middle needs no further cause.
+    """The causes that the middle of the pictures suggests for whole pictures. fits: the best first, then its rivals.
+    explains: whether the middle needs no further cause.
     """
 
     fits: tuple[CandidateFit, ...]
@@ -118,7 +117,8 @@ def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
 
 
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
-    """What the middle of large pictures suggests, fitted to whole ones; beside it, what varies over the field."""
+    """The causes that the middle of large pictures suggests, fitted to whole pictures; beside them, effects that vary
+    over the field."""
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return nothing
@@ -167,7 +167,8 @@ def _with_further_causes(
 def _search_single_causes(
     context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Single causes; ends early when one explains everything, or two do of which one shows near the nominal bench."""
+    """Single causes; ends early when one cause explains everything, or a pair does, one of which shows near the nominal
+    bench."""
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     near_cost = NEAR_CHI2 * unbiased.pixel_count
     screened: list[CandidateFit] = []
@@ -197,10 +198,9 @@ def _search_single_causes(
 def _search_second_causes_early(
     context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Second causes before ranges are scanned; before that the single ones are polished, and costly ones behind it.
-
-    To polish a costly cause that lacks another one takes a part of the budget, and gains nothing. One that has come
-    near the floor is polished like all others.
+    """Second causes before ranges are scanned; single causes are polished before, and costly single causes after. To
+    polish a costly cause that lacks another cause takes a part of the budget, and gains nothing. A costly cause near
+    the floor is polished like all others.
     """
     result = refine_leaders_along_axes(context, result, also_costly=False)
     result = free_fine_parameters(context, result, also_costly=False)
@@ -214,7 +214,7 @@ def _search_second_causes_early(
 def _is_promising(context: SearchContext, result: SearchResult) -> bool:
     """Whether a candidate explains much of the held-out captures, or of the smooth ones.
 
-    Where a second cause spoils the speckle of rough patterns, the first one alone gains nothing there.
+    Where a second cause spoils the speckle of rough patterns, the first cause alone gains nothing there.
     """
     share = _PROMISING_SHARE
     if result.best.excess < share * result.nominal.excess:
@@ -232,7 +232,8 @@ def _smooth_comparison(context: SearchContext) -> Comparison:
 def _search_further_causes(
     context: SearchContext, result: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """The candidates, and those with one cause more than the best ones; ends early when one explains nearly all."""
+    """The candidates, and candidates with one cause more than the best; ends early when a candidate explains nearly
+    all."""
     fits = [c.fit for c in result.candidates]
     bases, count = [c.fit for c in _bases(context, result, number - 1)], 0
     while bases and not context.budget_exhausted and count <= context.config.bases:
@@ -249,7 +250,8 @@ def _search_further_causes(
 
 
 def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[CandidateFit]:
-    """What the best candidate adds to a base, as a base of its own: the base's cause may have stood for another one."""
+    """The cause that the best candidate adds to a base, as a base of its own: the base's cause may have stood for
+    another cause."""
     if len(base.causes) != 1 or len(best.causes) != 2 or best.causes[0] != base.causes[0]:
         return []
     return [best.without(base.causes[0])]
@@ -258,7 +260,8 @@ def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[Candida
 def _with_one_more_cause(
     context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> list[CandidateFit]:
-    """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
+    """The best candidates with one cause more than a base, fitted together; a candidate that nearly explains all ends
+    the search."""
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
     best = noise + _WORTHWHILE_COST * (base_cost - noise) if base_cost > noise else _WORTHWHILE_COST * base_cost
@@ -282,7 +285,7 @@ def _with_one_more_cause(
 
 
 def _near_chi2(base_chi2: float) -> float:
-    """χ²/n of smooth captures below which a cause beside a base, whose own is given, leaves nearly nothing."""
+    """χ²/n of smooth captures below which a cause beside a base leaves nearly nothing; the base's own χ²/n is given."""
     least = FLOOR_CHI2 - 1
     return 1 + min(NEAR_CHI2 - 1, max(least, SETTLED_SHARE * (base_chi2 - 1)))
 
@@ -312,10 +315,9 @@ def _is_done(context: SearchContext, result: SearchResult) -> bool:
 
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
-    """What to build on: the best candidates with so many causes.
-
-    Far from the floor they are ordered by the smooth captures: rough ones favour whatever loses contrast. Of the same
-    physics under two names, that of fewer numbers comes alone.
+    """The bases of further causes: the best candidates with so many causes. Far from the floor they are ordered by the
+    smooth captures: rough captures favour every loss of contrast. Of the same physics under two names, only the name of
+    fewer numbers is a base.
     """
     count = context.config.bases if causes == 1 else 1
     same = [c for c in result.candidates if len(c.causes) == causes and not _has_shorter_name(context, c, result)]
@@ -347,9 +349,8 @@ def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> 
 
 
 def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> SearchResult:
-    """With fits of the best candidate's causes but one, from its values, from which a fit may find what it missed.
-
-    Where a fit to smooth captures leaves much more than all causes together, it isn't refined: it can't come first.
+    """The candidates, and fits of the best candidate's causes but one, from its values. A fit that leaves much more in
+    smooth captures than all causes together isn't refined: it can't come first.
     """
     best = result.best
     if len(best.causes) < 2:
@@ -362,7 +363,7 @@ def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> Se
 
 
 def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:
-    """Whether an effect is another cause than the base's, and doesn't multiply many fields by many."""
+    """Whether an effect is another cause than the base's, and the two don't multiply many fields by many."""
     if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
         return False
     return min(field_count(context, base.values), largest_field_count(context, effect)) < COSTLY_FIELDS

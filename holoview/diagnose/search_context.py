@@ -34,10 +34,10 @@ MAX_TOLERATED_ERROR = 1.0
 that tolerate an error of the mean light."""
 _HALF_TOLERATED_ERROR = 0.5
 """[1] First joint fits tolerate this share of the present error, and at most this error. Evidence: the search study."""
-_MIN_PACE_FIELDS = 100  # [fields] From so many on, their time says how long the others take.
+_MIN_PACE_FIELDS = 100  # [fields] From so many on, their time tells the time of the others.
 _SCREENING_FACTOR = 4.0
 """[1] After so many times these fields no further effect is tried alone either. Evidence: single faults of 128 × 96
-modulator pixels take less than half of it, and a session whose fields take a second each has to end."""
+modulator pixels take less than half of the budget, and a search whose fields take a second each has to end."""
 
 
 class _Score(Protocol):
@@ -103,7 +103,7 @@ class SearchEnd:
 
     @property
     def seconds_left(self) -> float:
-        """Until the time is over; negative afterwards."""
+        """Seconds until the time is over; negative afterwards."""
         return self._began + self.time_s - time.monotonic()
 
     @property
@@ -153,7 +153,7 @@ class BestSoFar(Generic[R]):
         self.result: R | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        return {"_on_change": None, "_has_named": False, "result": None}  # another process has nothing to tell
+        return {"_on_change": None, "_has_named": False, "result": None}  # another process tells nobody
 
     def note(self, result: R) -> None:
         """Keeps a result; one without candidates is kept only if there is no other."""
@@ -214,9 +214,8 @@ class PerThreadPredictor:
 
 
 class NeighbourVariances:
-    """The noise variance (counts²) that the captures themselves suggest; that of the last choices of captures is kept.
-
-    max_bytes: of what is kept, beside that of the latest choice.
+    """The noise variance (counts²) that the captures themselves suggest; variances of the last choices of captures are
+    kept. max_bytes: of the kept variances, beside that of the latest choice.
     """
 
     def __init__(self, data: PreparedCaptures, max_bytes: int = 256 << 20) -> None:
@@ -228,7 +227,7 @@ class NeighbourVariances:
 
     @property
     def kept_bytes(self) -> int:
-        """Of all variances that are kept."""
+        """Bytes of all variances that are kept."""
         return sum(kept.nbytes for kept in self._variances.values())
 
     def __call__(self, indices: NDArray[np.intp]) -> Images:
@@ -308,7 +307,7 @@ class SearchContext:
 
     @property
     def screening_exhausted(self) -> bool:
-        """Whether so much is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
+        """Whether so much of the budget is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
         return self.end.is_near or self.predictor.fields_requested > (_SCREENING_FACTOR * self.field_budget)
 
     def shared_objects(self) -> dict[str, Any]:

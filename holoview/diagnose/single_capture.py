@@ -1,7 +1,8 @@
-"""A session of one picture: blocks of its pixels are held out and judge what the other pixels explain.
+"""Captures of one picture: blocks of its pixels are held out and judge the explanation of the other pixels.
 
 The picture is given twice, once with the pixels to fit and once with those that are held out. Blocks are several
-speckles wide, and a margin of two speckles separates them from what is fitted, so that no speckle is on both sides.
+speckles wide, and a margin of two speckles separates them from the pixels that are fitted, so that no speckle is on
+both sides.
 
 Pixels of one picture are weaker evidence than other captures, in two ways. Errors of the model extend over a speckle: a
 pixel more of the same speckle says nothing new, so that Δχ² counts for 1/A, with A pixels in a speckle. And a cause
@@ -39,8 +40,8 @@ _MIN_BLOCKS = 3
 derivation: with three, one is held out in the middle."""
 ONE_PICTURE_MAX_EXCESS = 0.02
 """[χ²/n] An explanation of one picture is complete up to this excess. Evidence: as `JITTER_EXCESS`: captures of other
-patterns, which would refute a cause that only imitates this picture, are missing; so nothing but what a laboratory's
-jitter leaves is allowed."""
+patterns, which would refute a cause that only imitates this picture, are missing; so only the excess of a laboratory's
+jitter is allowed."""
 
 Flags = NDArray[np.bool_]
 _FAR_FIELD_WIDTHS = 2  # a beam that fills half of the modulator
@@ -71,7 +72,7 @@ ONE_PICTURE_NOTE = (
 
 
 def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
-    """The context of a session of which only one capture counts, whose picture is split."""
+    """The context of captures of which only one counts, whose picture is split."""
     captures = context.data.captures.subset([capture])
     one = PreparedCaptures(captures, context.data.light[[capture]], context.data.usable[[capture]])
     data = split_picture(one)
@@ -94,7 +95,7 @@ def split_picture(data: PreparedCaptures) -> PreparedCaptures:
 
 
 def one_picture_split() -> CaptureSplit:
-    """What is fitted and held out of the picture that is given twice."""
+    """The split of the picture that is given twice: fitted once, held out once."""
     fitted, held_out = (np.array([k], dtype=np.intp) for k in (0, 1))
     return CaptureSplit(fitted, fitted, fitted, held_out)
 

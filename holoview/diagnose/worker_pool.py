@@ -5,11 +5,12 @@ processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for
 the cache of its predictor, and large objects that jobs refer to are sent once, with large arrays that all
 processes read from the same memory.
 
-Starting the processes costs 3 s of processor time, for the import of torch. So jobs run here until `start_after_s` is
-over, and on until the processes are ready: a session without a fault takes 1 s, one with a small fault 4 s (128 × 96
-modulator pixels, 32 captures). Where there is a fork server (Linux), it alone imports; this process, which has threads,
-is never forked. Measured on two cores beside other programs, the median of four alternating runs with a pair of faults:
-39 s in two processes that are forked for each batch of jobs, whose caches die with the batch, 31 s in two that stay.
+Starting the processes costs 3 s of processor time, for the import of torch. So jobs run in this process until
+`start_after_s` is over, and on until the processes are ready: captures without a fault take 1 s, with a small fault 4 s
+(128 × 96 modulator pixels, 32 captures). Where there is a fork server (Linux), it alone imports; this process, which
+has threads, is never forked. Measured on two cores beside other programs, the median of four alternating runs with a
+pair of faults: 39 s in two processes that are forked for each batch of jobs, whose caches die with the batch, 31 s in
+two processes that stay.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _LARGE_BYTES = 1 << 30  # of a process; in a larger one, what a job has freed is
 _POLL_S = 0.2  # Windows notices Ctrl-C between two waits only
 _PRELOADED = "holoview.diagnose.pipeline"
 
-_shared_objects: dict[str, Any] = {}  # in a worker process: what jobs refer to by name
+_shared_objects: dict[str, Any] = {}  # in a worker process: the objects that jobs refer to by name
 
 
 class WorkerPool:

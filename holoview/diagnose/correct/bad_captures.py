@@ -1,7 +1,7 @@
 """Captures that aren't what their records say: dark, saturated, given twice, or unlike the others.
 
-Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once: a copy that is
-held out would confirm whatever fits the other. These need no model to be found (`find_useless_captures`).
+Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once: a held-out
+copy would confirm every fit to the other copy. These need no model to be found (`find_useless_captures`).
 
 Others stand out under a model. They are judged relative to each other, by medians: an error of the model, which
 concerns all captures, blames none. Two tests complement each other.
@@ -12,8 +12,8 @@ concerns all captures, blames none. Two tests complement each other.
   scatter of all captures allows.
 - *Records* (`record_stands_out`). Every picture is correlated with the predictions of all captures. Its peers are the
   captures with patterns at least as rough. A picture isn't of its record if it resembles its own prediction hardly more
-  than unrelated ones, while its peers resemble theirs clearly more. That stays true where a large error of the model
-  has decorrelated part of the speckle.
+  than unrelated predictions, while the pictures of its peers resemble their own predictions clearly more. That stays
+  true where a large error of the model has decorrelated part of the speckle.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def has_same_record(captures: Captures, first: int, second: int) -> bool:
 
 
 def bad_share(bad: Sequence[BadCapture], count: int) -> float:
-    """Share of the bad ones among `count` captures of which copies count once."""
+    """Share of bad captures among `count` captures, of which copies count once."""
     copies = sum(b.why == DUPLICATE for b in bad)
     return (len(bad) - copies) / max(count - copies, 1)
 
@@ -168,11 +168,12 @@ def excess_stands_out(
     min_ratio: float,
     plane: Floats | None = None,
 ) -> Flags:
-    """Whether each capture's excess is larger than those of the others allow, (capture,).
+    """Whether each capture's excess is larger than the scatter of the other captures' excesses allows, (capture,).
 
     excess: χ²/n − 1. ordinary: the excess that jitter and chance leave. roughness: of the patterns. group: a number
-    that captures of one wavelength share. min_ratio: excess + ordinary over the trend that is at least needed.
-    plane: the same of a plane; where given, what a plane's captures have in common beyond the others blames none.
+    that captures of one wavelength share. min_ratio: excess + ordinary over the trend that is at least needed. plane: a
+    number that captures of one plane share; where given, an excess that all captures of a plane have in common blames
+    none of them.
     """
     if len(excess) < MIN_CAPTURES:
         return np.zeros(len(excess), dtype=bool)
@@ -217,7 +218,8 @@ def record_correlations(light: Images, usable: Flags, predicted: Images) -> Floa
 
 
 def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
-    """By how much each picture's correlation with its own record exceeds that with others; the scatter of the latter.
+    """The excess of each picture's correlation with its own record over its correlations with other records, and the
+    scatter of these.
 
     correlations: (picture, record), square.
     """
@@ -271,7 +273,7 @@ def without_planes(flags: Flags, plane: Floats, correlations: Floats) -> Flags:
 
 
 def _lower_median(values: Floats) -> float:
-    """The median; of two in the middle the smaller one."""
+    """The median; of an even number of values the smaller of the middle two."""
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 

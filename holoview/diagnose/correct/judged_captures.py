@@ -1,12 +1,12 @@
-"""Every capture judged by a model: which ones stand out, and why they aren't what their records say.
+"""Every capture judged by a model: the captures that stand out, and why they don't belong to their records.
 
-`find_suspects` finds the captures that stand out. Before a search, only what stands out far is left out for the time
-being, since an effect that isn't explained yet leaves more in some captures than in others. After it, all captures are
-judged again, strictly; a capture that was left out before and fits the model is good.
+`find_suspects` finds the captures that stand out. Before a search, only captures that stand out far are left out for
+the time being, since an effect that isn't explained yet leaves more excess in some captures than in others. After the
+search, all captures are judged again, strictly; a capture that was left out before and fits the model is good.
 
 `explain_suspects` finds the reasons. A picture is compared with the predictions of other records: those of the other
 captures, its own record with their patterns, its own for a moved camera and for other distances, and its own blurred.
-The first of them that leaves less than half of the picture's excess is the reason. Where none does, the picture is
+The first prediction that leaves less than half of the picture's excess is the reason. Where none does, the picture is
 noisy if the residuals of neighbouring pixels don't correlate; otherwise it shows another pattern or a disturbance.
 """
 
@@ -58,15 +58,15 @@ CORRELATED_PIXELS = 500_000
 scatters by 1/√n, by 0.0014 for so many pixels, or by 0.02 where a speckle has two hundred of them."""
 
 CANDIDATES = 4
-"""[candidates] Tried as the model that suits most captures, where what is named doesn't. Evidence: none recorded."""
+"""[candidates] Tried as the model that suits most captures, where the named causes don't. Evidence: none recorded."""
 
 
 def find_suspects(context: SearchContext, values: Values, useless: Iterable[int], *, is_final: bool) -> Suspects:
     """The captures, beside the useless ones, that stand out under the model with these values.
 
-    is_final: whether it is the model that a search ended with. Only such a model that explains most captures judges
-    strictly; another one leaves an excess that differs between good captures. Before the search, a plane of which most
-    captures stand out blames none of them, since its distance may be wrong; afterwards nothing excuses them.
+    is_final: whether it is the model that a search ended with. Only a final model that explains most captures judges
+    strictly; any other model leaves an excess that differs between good captures. Before the search, a plane of which
+    most captures stand out blames none of them, since its distance may be wrong; afterwards nothing excuses them.
     """
     captures = context.data.captures
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
@@ -95,7 +95,7 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
 def _fit_all(
     context: SearchContext, judged: NDArray[np.intp], values: Values, predicted: Images
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """χ²/n − 1 of the judged captures and the number of their pixels; what was expected is written to `predicted`.
+    """χ²/n − 1 of the judged captures and the number of their pixels; the expected light is written to `predicted`.
 
     Few large pictures are compared at a time: a comparison keeps some ten arrays of them.
     """
@@ -118,10 +118,10 @@ def _spread_pixels(shape: tuple[int, int], most: int) -> tuple[slice, ...]:
 
 
 def judge_by_search(context: SearchContext, values: Values, result: SearchResult, useless: Iterable[int]) -> Suspects:
-    """The captures that stand out under the model that a search ended with, or under one that suits more of them.
-
-    values: the effects that were named. While these leave an excess in half of the captures, the best candidates are
-    tried as well: a bad capture among those held out hides which of them is right, but not from the others' median.
+    """The captures that stand out under the model that a search ended with, or under a candidate that suits more
+    captures. values: the effects that were named. While these leave an excess in half of the captures, the best
+    candidates are tried as well: a bad held-out capture may hide the right candidate, whose median excess is small all
+    the same.
     """
     suspects = find_suspects(context, values, useless, is_final=True)
     if suspects.median_excess <= context.config.verdict.explained_excess:
@@ -133,7 +133,7 @@ def judge_by_search(context: SearchContext, values: Values, result: SearchResult
 
 
 def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:
-    """The context with a split that has none of these captures; unchanged where fewer than two would be left."""
+    """The context with a split without these captures; unchanged where fewer than two captures would be left."""
     captures, left_out = context.data.captures, tuple(sorted(set(indices)))
     if len(captures) - len(left_out) < 2:
         return context
@@ -201,7 +201,7 @@ class Suspects:
 
 @dataclass(frozen=True)
 class _Reason:
-    """What explains a picture. record: the capture whose record does, if one does."""
+    """The explanation of a picture. record: the capture whose record explains it, if there is one."""
 
     why: str
     sentence: str
@@ -246,7 +246,7 @@ class _Examination:
         if self._k not in self._suspects.not_of_their_record and self._has_white_residual():
             return _Reason(NOISY, "It has more noise than the camera's data sheet says.")
         if self._k in self._suspects.not_of_their_record:
-            return _Reason(ANOTHER_PATTERN, "Its picture resembles the prediction for none of the session's patterns.")
+            return _Reason(ANOTHER_PATTERN, "Its picture resembles the prediction for none of the file's patterns.")
         return _Reason(DISTURBED, "A part of its picture differs from its prediction.")
 
     def _candidates(self) -> Iterator[list[tuple[float, _Reason]]]:
@@ -310,7 +310,7 @@ class _Examination:
         """χ²/n − 1 of the picture for each signal (record, y, x), each with its own gain."""
         weight, light = self._weighted_light()
         explained = np.zeros(len(signals))
-        for number, signal in enumerate(signals):  # one at a time: few large pictures fit into memory
+        for number, signal in enumerate(signals):  # one signal at a time: few large pictures fit into memory
             model = np.asarray(weight * signal, dtype=np.float64)
             power = max(float(np.square(model).sum()), 1e-30)
             explained[number] = max(float((light * model).sum()), 0.0) ** 2 / power

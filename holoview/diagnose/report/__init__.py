@@ -1,4 +1,4 @@
-"""What a diagnosis tells once its search has ended; `assemble.assemble` makes it.
+"""The report of a diagnosis once its search has ended; `assemble.assemble` makes it.
 
 assemble      puts the diagnosis together
 diagnosis     the result, and its JSON

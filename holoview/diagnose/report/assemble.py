@@ -1,4 +1,4 @@
-"""Puts a diagnosis together: what follows from a search, and from the check of the records before it."""
+"""Puts a diagnosis together from the result of a search, and from the check of the records before it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
 
 
 def _rivals(outcome: SearchOutcome) -> tuple[tuple[str, ...], ...]:
-    """The sets of causes that can't be excluded; the same physics in more numbers, or unseen here, come last."""
+    """The sets of causes that can't be excluded; sets of the same physics in more numbers, or with effects that these
+    captures can't show, come last."""
     decision = outcome.decision
     unseen = [fit.causes for fit in outcome.result.unseen_rivals if decision.best is outcome.result.best]
     return (*(r.causes for r in decision.rivals), *unseen, *wider_names(outcome.context, decision))
@@ -95,7 +96,7 @@ def with_wrong_records(diagnosis: Diagnosis, records: CheckedRecords) -> Diagnos
 
 
 def better_explained(records: CheckedRecords, corrected: Diagnosis, as_recorded: Diagnosis) -> Diagnosis:
-    """Of the diagnoses with and without corrections the latter, with a note, if it excludes the former."""
+    """The diagnosis with corrections, or, with a note, the diagnosis without corrections if it excludes the other."""
     before, after = (d.after.chi2_per_pixel - 1.0 for d in (corrected, as_recorded))
     if before < RIVAL_FACTOR * after:
         return corrected

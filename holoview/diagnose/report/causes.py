@@ -1,7 +1,7 @@
 """The causes of a decision as they are reported: values, intervals, share explained, look-alikes, wrong records.
 
-A look-alike of a cause is an effect that changes the captures alike. Where rivals are left, that capture is proposed
-which would separate the named causes from the first rival best.
+A look-alike of a cause is an effect that changes the captures alike. Where rivals are left, the capture is proposed
+that would separate the named causes from the first rival best.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def describe_causes(
 
 
 def _alike(cause: str, fit: CandidateFit, rivals: Sequence[CandidateFit], lookalikes: Lookalikes) -> dict[str, float]:
-    """Look-alikes of one of a fit's causes; first those that rivals have in its place, which are the same here."""
+    """Look-alikes of a cause of a fit; first the effects that rivals have in its place, which predict the same here."""
     without = [rival.causes for rival in rivals if cause not in rival.causes]
     same = {name: 1.0 for causes in without for name in causes if name not in fit.causes}
     return same | {name: value for name, value in lookalikes.correlations[cause].items() if name not in same}
@@ -132,14 +132,14 @@ def _lists(effect: Effect, values: Values) -> dict[str, tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class ProposedCapture:
-    """A capture that could be taken: in words, and as captures of one, whose images are never used."""
+    """A capture that could be taken: in words, and as a data set of this capture alone, whose images are never used."""
 
     description: str
     captures: Captures
 
 
 def best_separating_capture(context: SearchContext, first: CandidateFit, second: CandidateFit) -> str | None:
-    """In words, the capture that would tell two explanations apart best; None where none of those tried would."""
+    """In words, the capture that would tell two explanations apart best; None if no proposal would."""
     smooth, rough = int(context.split.coarse[0]), int(context.split.held_out[-1])
     best, description = context.config.verdict.min_delta_chi2, None
     for proposed in proposed_captures(context.data.captures, smooth, rough):
@@ -150,7 +150,7 @@ def best_separating_capture(context: SearchContext, first: CandidateFit, second:
 
 
 def proposed_captures(captures: Captures, smooth_index: int, rough_index: int) -> list[ProposedCapture]:
-    """Captures that differ from one of those there are in one respect each."""
+    """Proposed captures, each of which differs from an existing capture in one respect."""
     smooth, rough = captures.subset([smooth_index]), captures.subset([rough_index])
     middle = captures.levels.dtype.type(captures.slms[0].num_levels // 2)
     flat = np.full_like(smooth.levels, middle)

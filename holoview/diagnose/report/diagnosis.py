@@ -59,14 +59,13 @@ class Diagnosis:
 
     values: the effects of the extended model; empty for the nominal one. rivals: sets of causes that can't be excluded.
     unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain much of it.
-    pixel_maps: how much single pixels of each modulator stand out in it.
-    groups: quality by wavelength and plane. candidates: all that were ranked, best first. samples: a few held-out
-    captures. signal_explained: share of the captures' variance, before and after. fixed_pattern: standard deviation of
-    the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
-    captures: how many there are. bad_captures: those of them that aren't what their records say; no fit used them, and
-    all else speaks of the others.
-    known: the effects of the nominal model, corrected where they were uncertain.
-    records: what was wrong with the records. Everything else is about the captures with these put right.
+    pixel_maps: how much single pixels of each modulator stand out in it. groups: quality by wavelength and plane.
+    candidates: all that were ranked, best first. samples: a few held-out captures. signal_explained: share of the
+    captures' variance, before and after. fixed_pattern: standard deviation of the pixels' relative sensitivity.
+    gain_spread: of the logarithm of the gains about those of their wavelength. captures: how many there are.
+    bad_captures: captures that aren't what their records say; no fit used them, and all other fields speak of the other
+    captures. known: the effects of the nominal model, corrected where they were uncertain. records: what was wrong with
+    the records. Everything else is about the captures with these put right.
     """
 
     verdict: Verdict
@@ -95,12 +94,12 @@ class Diagnosis:
 
     @property
     def all_values(self) -> dict[str, dict[str, Any]]:
-        """What is known, and what was found beside it."""
+        """The known effects, and the effects that were found beside them."""
         return add_effect_values(self.known, self.values)
 
     @property
     def lives_in(self) -> dict[str, float]:
-        """Share of the excess that no cause explains that free maps at a place explain, by place."""
+        """By place, the share of the unexplained excess that free maps there explain."""
         return {fit.location: fit.share for fit in self.free_maps}
 
     @property

@@ -43,7 +43,7 @@ class DisplayGain:
 
     @property
     def gain_db(self) -> float:
-        """What the extended model gains."""
+        """The gain of the extended model."""
         return self.extended_db - self.nominal_db
 
 

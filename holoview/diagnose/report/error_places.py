@@ -5,8 +5,8 @@
   look is the place whose maps predict the held-out captures best. `suggest_for` says which effect to write for a
   place, and which captures would show more of the error.
 - *Pixel maps.* Smooth maps can't show a single column or row. `PixelMap` compares, at the modulator's full resolution,
-  what χ² would gain if a pixel showed one level whatever is sent (`replacement_gains`) with the same of all other
-  pixels, and of whole lines with other lines.
+  the fall of χ² if a pixel showed one level whatever is sent (`replacement_gains`) with the fall for all other pixels,
+  and for whole lines with other lines.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class ShownMap:
     """A fitted map: (y, x) over a surface or a pupil, or a few numbers (response curve, neighbours, single values).
 
     values: optical paths in m where `unit` is "m", relative changes where it is "1". extent: where a map lies, from its
-    left, right, lower and upper edge; None for a few numbers. axis: what `extent` is counted in, or what the numbers
-    lie over. labels: one for each number where the numbers aren't a curve.
+    left, right, lower and upper edge; None for a few numbers. axis: the quantity of `extent`, or of the axis over which
+    the numbers lie. labels: one for each number where the numbers aren't a curve.
     """
 
     name: str
@@ -136,9 +136,8 @@ class FreeSource(FreeMaps):
 
 
 class FreeModulator(FreeMaps):
-    """What a modulator shows: response curve, stroke over the surface, mixture with neighbouring pixels.
-
-    The second one also has a map of optical path; that of the first belongs to the source.
+    """The response of a modulator: response curve, stroke over the surface, mixture with neighbouring pixels. The
+    second modulator also has a map of optical path; the first modulator's belongs to the source.
     """
 
     def __init__(self, modulator_index: int) -> None:
@@ -232,7 +231,8 @@ def likely_fits(fits: list[FreeMapFit]) -> tuple[FreeMapFit, ...]:
 
 
 def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
-    """Maps at each place of the bench; one with a single modulator has only the second relay, a Fourier bench none."""
+    """Maps at each place of the bench; a bench with a single modulator has only the second relay, a Fourier bench
+    none."""
     yield FreeSource()
     yield FreeModulator(0)
     if len(context.data.captures.slms) > 1:
@@ -381,7 +381,7 @@ class PixelMap:
 
 
 def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
-    """The maps of all modulators, of what the fine captures leave to explain on top of a base."""
+    """The maps of all modulators, from the residuals of the fine captures with a base."""
     captures = context.data.captures
     comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
     found = []

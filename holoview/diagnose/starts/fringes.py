@@ -1,14 +1,14 @@
 """Starting values where plane fringes lie over the picture or over a modulator: peaks of a spectrum over the path.
 
-The path is by how much the round trip in the glass is longer at one edge of a map than at the opposite one, so that its
+The path is the difference of the round trip in the glass between one edge of a map and the opposite edge, so that its
 fringes have the phase φ = π·(path_y·y + path_x·x)/λ, with y and x from −1 to 1 over the map. The path is the same for
 all lasers, so that fringes are a peak which the spectra of all wavelengths share.
 
-Over the picture, the spectrum is that of what multiplies the prediction. In the picture, fringes of a modulator are
-blurred by what light spreads on its way, and may be turned bright for dark. The derivative of χ² by the transmission t
-of each pixel of the modulator doesn't mind: with G = ∂χ²/∂Re t + i·∂χ²/∂Im t, fringes that change t by the factor
-1 + A·exp(iφ)/2 change χ² by Re[A·Σ G*·t·exp(iφ)]/2, summed over the pixels. Their wedge is where these sums are
-largest, of all wavelengths together, relative to those of random phases.
+Over the picture, the spectrum is that of the factor which multiplies the prediction. In the picture, fringes of a
+modulator are blurred, as light spreads on its way, and may be turned bright for dark. The derivative of χ² by the
+transmission t of each pixel of the modulator doesn't mind: with G = ∂χ²/∂Re t + i·∂χ²/∂Im t, fringes that change t by
+the factor 1 + A·exp(iφ)/2 change χ² by Re[A·Σ G*·t·exp(iφ)]/2, summed over the pixels. Their wedge is where these sums
+are largest, of all wavelengths together, relative to those of random phases.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Complex = NDArray[np.complex128]
 
 
 def within_bounds(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:
-    """Those values that are parameters of the effect, within their bounds."""
+    """The values that are parameters of the effect, within their bounds."""
     bounds = {p.name: (p.low, p.high) for p in effect.parameters}
     return {name: float(np.clip(value, *bounds[name])) for name, value in start.items() if name in bounds}
 
@@ -88,7 +88,7 @@ def _phasors(n: int, path: Floats, wavelength_m: float) -> Complex:
 
 @dataclass(frozen=True)
 class _Modulation:
-    """What multiplies the prediction at one wavelength, less 1, with weights: both (y, x).
+    """The factor that multiplies the prediction at one wavelength, less 1, with weights: both (y, x).
 
     weighted: weight times modulation. weight: inverse variance of the modulation. laser: number of the wavelength.
     """
@@ -209,7 +209,8 @@ class ModulatorFringeStarts:
         return wedge | _depths({laser: steps[laser] * amplitude for laser, amplitude in tried.items()})
 
     def _best_steps(self, values: FittedValues) -> dict[int, float]:
-        """For each laser by how much the way from the base to these values is to be longer, by linear least squares."""
+        """For each laser the factor by which the step from the base to these values is to be longer, by linear least
+        squares."""
         before, after = (self._comparison.residual(v).astype(np.float64) for v in (self._base, values))
         numbers = self._comparison.data.captures.laser_number[self._comparison.indices]
         before, change = (a.reshape(len(numbers), -1) for a in (before, after - before))

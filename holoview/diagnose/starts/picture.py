@@ -1,17 +1,17 @@
 """Starting values that pictures show directly: displacements, ghosts, smears, and planes that are off.
 
-Displacements, such as tilts, shifts and decentres: that of the captures from their prediction is measured by
-cross-correlation, that which each parameter causes is predicted, and least squares give the parameters that cause the
-measured one.
+Displacements, such as tilts, shifts and decentres: the displacement of the captures from their prediction is measured
+by cross-correlation, the displacement that each parameter causes is predicted, and least squares give the parameters
+that cause the measured displacement.
 
 Ghosts: peaks of the residual's correlation with the prediction.
 
 Smears: to first order, a line of length (y, x) adds (y²·m_yy + 2·y·x·m_yx + x²·m_xx)/24 to the prediction m. Least
 squares give the three coefficients; their symmetric matrix has the line along its principal axis.
 
-Planes: the smoothest captures of each plane are predicted at distances around the one that was set, for all planes at
-once: each has its own minimum of χ². Only where these differ by more than noise from one error that all planes share,
-and from one that grows with the distance, which other effects state by one number, is there a start.
+Planes: the smoothest captures of each plane are predicted at distances around the set distance, for all planes at once:
+each has its own minimum of χ². Only where these differ by more than noise from one error that all planes share, and
+from one that grows with the distance, which other effects state by one number, is there a start.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ true one."""
 _PLANE_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """[depths] Errors either way, in depths of field λ/NA². Evidence: as `defocus_depths`."""
 _PLANE_FIRST_STEP = 0.2
-"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next one."""
+"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next error that is
+tried."""
 _PLANE_LEAST_STEP = 0.02  # [depths] … and at least this. Evidence: the same for errors of 0.
 _PLANE_STEP_RATIO = 0.4  # [1] Each step over the one before.
 _PLANE_ROUNDS = 4  # [1] Steps. Evidence: a local fit follows.

@@ -1,9 +1,9 @@
 """Starting values where pixels of a modulator are stuck: the columns, rows and pixels, and the levels that they show.
 
-The places are found in rounds. What χ² would gain if a line or a pixel kept to a level (`replacement_gains`) is
-compared with that of all other lines, or pixels, by median and median absolute deviation. Those that stand out far
-are taken, the levels of all that were taken are fitted by L-BFGS with the derivatives of an adjoint pass, and the next
-round looks at what is left.
+The places are found in rounds. The fall of χ² if a line or a pixel kept to a level (`replacement_gains`) is compared
+with the fall for all other lines, or pixels, by median and median absolute deviation. Places that stand out far are
+taken, their levels are fitted by L-BFGS with the derivatives of an adjoint pass, and the next round looks at the
+residual.
 
 DeadPlace   a line, a part of one, or a pixel, and the lists of an effect's parameters that state several
 StuckStarts the places that the captures suggest
@@ -76,7 +76,7 @@ Key = tuple[int | None, int | None]
 
 
 class Shows(StrEnum):
-    """What a dead place shows: one level, the first pattern of the session, or the pattern of the capture before."""
+    """The light of a dead place: one level, the first pattern of all captures, or the pattern of the capture before."""
 
     LEVEL = "level"
     FIRST = "kept"
@@ -99,7 +99,7 @@ class DeadPlace:
 
     @property
     def key(self) -> Key:
-        """Which place it is, whatever it shows and however much of it is dead."""
+        """The identity of the place, whatever it shows and however much of it is dead."""
         return self.row, self.column
 
     @property
@@ -108,7 +108,7 @@ class DeadPlace:
         return self.row is None or self.column is None
 
     def stands_for(self, line: DeadPlace) -> bool:
-        """Whether it is a pixel of a line, or beside it, which may have been taken for a part of what the line does."""
+        """Whether the place is a pixel of a line, or beside the line, which may have been taken before the line was."""
         if self.row is None or self.column is None or not line.is_line:
             return False
         distance = self.column - line.column if line.column is not None else self.row - (line.row or 0)
@@ -195,8 +195,8 @@ Floats = NDArray[np.float64]
 class StuckStarts:
     """For an effect of stuck pixels, those that the captures suggest; none for others.
 
-    The modulator whose lines or pixels stand out most is searched first; the other one only if that doesn't explain
-    most of the error.
+    The modulator whose lines or pixels stand out most is searched first; the other modulator only if the first doesn't
+    explain most of the error.
     """
 
     def __init__(self, context: SearchContext, base: FittedValues, comparison: Comparison) -> None:
@@ -238,8 +238,8 @@ class _StuckSearch:
         return max(line, float(pixels.max()) / _MIN_PIXEL_SIGMAS)
 
     def run(self, comparison: Comparison) -> list[DeadPlace]:
-        """The places, with their levels: on a few captures, then on those of a fit, which tell levels apart that few
-        captures confuse. Pixels may stand for a line that shows earlier patterns, which it takes more captures to see.
+        """The places, with their levels: on a few captures, then on the captures of a fit, which tell levels apart that
+        few captures confuse. Pixels may stand for a line that shows earlier patterns, which only more captures show.
         """
         if self.first_significance < 1:
             return []
@@ -259,7 +259,8 @@ class _StuckSearch:
         return self._with_fitted_levels(places, comparison, _LAST_ITERATIONS)
 
     def _rounds(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace]:
-        """The places and those that stand out beside them, round after round, while these lower the model's error."""
+        """The places and further places that stand out beside them, round after round, while these lower the model's
+        error."""
         error = self._error(places)
         for _ in range(_ROUNDS):
             wider = self._wider(places, comparison, gains)
@@ -316,7 +317,8 @@ class _StuckSearch:
         return line_significance(gains, axis, LINE_SEGMENTS, _PART_SEGMENTS)
 
     def _line(self, gains: Floats, sigmas: Floats, *, row: int | None = None, column: int | None = None) -> DeadPlace:
-        """A line, or the part of it that gains. gains (look, pixel): of what it may show. sigmas (look,): of it."""
+        """A line, or the part of it that gains. gains (look, pixel): for each pattern or level that it may show. sigmas
+        (look,): of the line."""
         look, count = int(sigmas.argmax()), _LEVEL_COUNT
         if look >= count:
             return DeadPlace(row, column, shows=(Shows.FIRST, Shows.BEFORE)[look - count])
@@ -343,9 +345,9 @@ class _StuckSearch:
         return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in found]
 
     def _a_wave_off(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """The places with levels that are a wave higher or lower where that is better, unless the noise is reached.
-
-        At one wavelength these levels are the same light, so that they are minima of χ² at several too.
+        """The places with levels that are a wave higher or lower where this lowers χ², unless the noise is reached. At
+        one wavelength levels a wave apart are the same light; with several wavelengths each of them is a local minimum
+        of χ².
         """
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
         floor = FLOOR_CHI2
@@ -361,9 +363,8 @@ class _StuckSearch:
         return self._with_fitted_levels(places, comparison)
 
     def _with_best_level(self, places: list[DeadPlace], one: DeadPlace, comparison: Comparison) -> list[DeadPlace]:
-        """One place at the level of lowest χ², each of which is predicted: the first one was of another minimum.
-
-        Where that is the level that it has, or it shows an earlier pattern, it is settled.
+        """One place at the level of lowest χ², for which every level is predicted: the first level may have been that
+        of another local minimum. A place that keeps its level, or shows an earlier pattern, is settled.
         """
         if not one.has_level:
             self._settled.add(one.key)
@@ -377,7 +378,8 @@ class _StuckSearch:
         return places
 
     def _with_best_looks(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """Lines that show an earlier pattern, or a level, where that is better, unless the noise is reached."""
+        """Lines that show an earlier pattern in place of a level, or a level in place of a pattern, where this lowers
+        χ², unless the noise is reached."""
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
         if noise_alone.chi2_per_pixel(self.values(places)) >= FLOOR_CHI2:
             for line in [place for place in places if place.is_line]:
@@ -411,7 +413,7 @@ class _StuckSearch:
     def _with_fitted_levels(
         self, places: list[DeadPlace], comparison: Comparison, iterations: int | None = None
     ) -> list[DeadPlace]:
-        """The places with the levels that lower χ² most, by L-BFGS from those that they have."""
+        """The places with the levels that lower χ² most, by L-BFGS from their present levels."""
         fixed = [place for place in places if not place.has_level]
         places = sorted((place for place in places if place.has_level), key=lambda place: place.order)
         if not places:

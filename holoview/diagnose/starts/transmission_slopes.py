@@ -1,9 +1,9 @@
 """Derivatives of χ² by the complex transmission of every pixel of the modulators, by adjoint passes of the model.
 
-From them follows by how much χ² would fall, to first order, if a pixel kept to a level, for all pixels at once. With
-G = ∂χ²/∂Re t + i·∂χ²/∂Im t by the transmission t of a pixel: a pixel that shows the share s of the stroke has the
-transmission exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)]: to first order
-in the light of one pixel, however far its phase is off.
+They give the fall of χ², to first order, if a pixel kept to a level, for all pixels at once. With G = ∂χ²/∂Re t +
+i·∂χ²/∂Im t by the transmission t of a pixel: a pixel that shows the share s of the stroke has the transmission
+exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)]: to first order in the light
+of one pixel, however far its phase is off.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def modulator_of(effect: Effect) -> int:
 
 @dataclass(frozen=True, eq=False)
 class TransmissionSlope:
-    """What a capture of a comparison, at a position in its indices, says of the samples of a modulator.
+    """Derivatives by the samples of a modulator from one capture of a comparison, at a position in its indices.
 
     slope (y, x): ∂χ²/∂Re t + i·∂χ²/∂Im t by the transmission t (y, x) of a sample.
     """
@@ -101,8 +101,8 @@ def replacement_gains(
 ) -> dict[int, Floats]:
     """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
 
-    levels (level,): shares of the stroke. earlier: two more, for pixels that show the first pattern of the session, and
-    that of the capture before.
+    levels (level,): shares of the stroke. earlier: two more, for pixels that show the first pattern of all captures,
+    and the pattern of the capture before.
     """
     gains: dict[int, Floats] = {}
     for found in transmission_slopes(context, base, comparison):
