@@ -3,7 +3,8 @@
 It holds the editing session, the GPU device, the renderers, the commands and the drawing services, and imports no
 panel: panels import it, and `App` owns both.
 
-The commands of the viewer with their keys, for menus and scripts; a sheet of all keys, and a palette with search.
+`CommandRegistry` has the commands of the viewer with their keys, for menus and scripts; `HelpOverlay` shows a sheet of
+all keys, and a palette with search.
 """
 
 from __future__ import annotations

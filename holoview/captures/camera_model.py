@@ -546,7 +546,7 @@ class FourierBenchModel(CameraModel):
         return illuminated(self.plan, component.wavelength, component.source, transmission)
 
     def _defocused(self, field: Tensor, component: IncoherentComponent) -> Tensor:
-        """The field behind the modulator with the phase of the defocus, a function of y times one of x."""
+        """The field behind the modulator with the phase of the defocus, a function of y times a function of x."""
         defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m
         if not defocus_m:
             return field

@@ -248,8 +248,8 @@ _MOST_RATIO, _FREE_BYTES = 2000, 64 << 20
 def open_plain_hdf5(path: Path, expected: str, remedy: str) -> Iterator[h5py.File]:
     """A file that is open to be read; use `plain_child`, `read_attribute` and `DatasetReader` on it.
 
-    expected, remedy: for the error. Raises UserError for what isn't a regular file, isn't HDF5, or is cut short; in the
-    block, HDF5's errors become a UserError that says that the file is damaged.
+    expected, remedy: for the error. Raises UserError for a path that isn't a regular file, isn't HDF5, or is cut short;
+    in the block, HDF5's errors become a UserError that says that the file is damaged.
     """
     require_file(path, expected)
     try:
@@ -300,7 +300,7 @@ class DatasetReader:
 
     Raises UserError when it is missing, isn't what the schema says, or has its data elsewhere.
 
-    sizes: what is known of the sizes that the schemas name; those that this one tells are added.
+    sizes: the known sizes that the schemas name; those that this one tells are added.
     """
 
     def __init__(self, h5: h5py.File, schema: ArraySchema, sizes: dict[str, int]) -> None:

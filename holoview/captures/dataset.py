@@ -1,6 +1,6 @@
 """Captures: the data measured on one bench in SI units, and the nominal bench that they describe.
 
-The nominal bench is the one that the laboratory believes in. Diagnosis and calibration find out how the real bench
+The nominal bench is the bench that the laboratory believes in. Diagnosis and calibration find out how the real bench
 differs from it.
 
 The eight ways in which a picture can be mirrored or turned without resampling, as operations on arrays.
@@ -66,7 +66,7 @@ def turned(images: _Images, orientation: str) -> _Images:
 
 
 def inverse_orientation(orientation: str) -> str:
-    """The orientation that undoes another one."""
+    """The orientation that undoes another orientation."""
     return _INVERSE.get(orientation, orientation)
 
 

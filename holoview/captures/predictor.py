@@ -84,7 +84,7 @@ CACHE_BYTES = (_CACHE_MB + _IMAGE_CACHE_MB + _DRIVE_CACHE_MB) * _MB
 
 
 def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:
-    """Memory that a prediction takes, without the results that a `Predictor` keeps for later ones."""
+    """Memory that a prediction takes, without the results that a `Predictor` keeps for later predictions."""
     samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
     return _SAMPLE_BYTES * (1 + double_precision) * samples
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
+from holoview.colour import COLOUR_SPACES, ColourSpace
 from holoview.commands.arguments import (
     add_backend,
     add_changes,
@@ -44,7 +44,6 @@ from holoview.io.pictures import (
     MAX_FRAMES,
     SUFFIXES,
     Encoder,
-    Pixels,
     open_encoder,
     path_with_suffix,
     read_pattern,
@@ -57,7 +56,7 @@ from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.model.system import System
-from holoview.render.planes import render_each
+from holoview.render.planes import SeenView, describe_view, exposed_pictures, write_pictures
 from holoview.render.tone_mapping import field_picture, fitting_stops
 from holoview.render.view_settings import QUANTITIES
 from holoview.util import units
@@ -386,12 +385,13 @@ def render_path(
     texts = {"holoview.preset": system.name, "holoview.path": args.pupil_path.name}
     texts |= {"holoview.exposure": f"{_path_stops(args):g} stops", "holoview.system": preset.dumps(system)}
     started = time.perf_counter()
-    frames = _frames(args, views, drive)
-    if write is not None:
-        write(list(frames), texts)
-        files = [str(output)]
-    else:
-        files = _write_pictures(frames, output, views, texts)
+    with progress_bar("rendering") as progress:
+        frames = exposed_pictures(views, drive, _path_stops(args), progress, backend=args.backend, adapter=args.adapter)
+        if write is not None:
+            write(list(frames), texts)
+            files = [str(output)]
+        else:
+            files = write_pictures(frames, output, views, texts)
     _print_pictures(args, files, times_s, views, time.perf_counter() - started)
     return 0
 
@@ -430,43 +430,12 @@ def _open_output(args: argparse.Namespace, output: Path, count: int, duration_s:
     return None
 
 
-def _frames(
-    args: argparse.Namespace, views: Sequence[tuple[System, float]], drive: NDArray[np.float32]
-) -> Iterator[Pixels]:
-    """What is seen of each view, 8-bit sRGB (y, x, 3)."""
-    with progress_bar("rendering") as progress:
-        rendered = render_each(views, drive, backend=args.backend, adapter=args.adapter)
-        for number, xyz in enumerate(rendered, start=1):
-            yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0 ** _path_stops(args)))
-            progress(number, len(views), "pictures")
-
-
-def _write_pictures(
-    frames: Iterator[Pixels], folder: Path, views: Sequence[tuple[System, float]], texts: dict[str, str]
-) -> list[str]:
-    files = []
-    for i, (pixels, (system, plane_m)) in enumerate(zip(frames, views, strict=True)):
-        files.append(str(folder / f"{i:04}.png"))
-        own = {"holoview.plane": plane_label(system, plane_m, digits=7), "holoview.system": preset.dumps(system)}
-        write_png(files[-1], pixels, texts | own)
-    return files
-
-
 def _print_pictures(
-    args: argparse.Namespace,
-    files: list[str],
-    times_s: list[float],
-    views: Sequence[tuple[System, float]],
-    seconds: float,
+    args: argparse.Namespace, files: list[str], times_s: list[float], views: Sequence[SeenView], seconds: float
 ) -> None:
-    if not args.json:
-        where = files[0] if len(files) == 1 else f"{files[0]} to {Path(files[-1]).name}"
-        print(f"{len(views)} pictures of {times_s[-1]:.3g} s: {where} ({seconds:.2f} s)")
+    if args.json:
+        states = [describe_view(time_s, *view) for time_s, view in zip(times_s, views, strict=True)]
+        print_json({"preset": views[0][0].name, "seconds": round(seconds, 3), "files": files, "states": states})
         return
-    states: list[dict[str, Any]] = []
-    for time_s, (system, plane_m) in zip(times_s, views, strict=True):
-        assert system.eye is not None
-        pupil_mm = system.eye.pupil_diameter_m(system.field_m) * 1e3
-        place = {"y_mm": system.eye.pupil_y_m * 1e3, "x_mm": system.eye.pupil_x_m * 1e3, "pupil_mm": pupil_mm}
-        states.append({"time_s": time_s, **place, "plane": plane_label(system, plane_m, digits=7)})
-    print_json({"preset": views[0][0].name, "seconds": round(seconds, 3), "files": files, "states": states})
+    where = files[0] if len(files) == 1 else f"{files[0]} to {Path(files[-1]).name}"
+    print(f"{len(views)} pictures of {times_s[-1]:.3g} s: {where} ({seconds:.2f} s)")

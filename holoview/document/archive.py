@@ -46,7 +46,7 @@ def view_settings_table(view: ViewSettings) -> dict[str, Any]:
 
 
 def view_settings_from_table(table: Mapping[str, Any], pupil_path: PupilPath | None = None) -> ViewSettings:
-    """The view settings of a table; a field that is missing gets its default, an unknown one is left out.
+    """The view settings of a table; a missing field gets its default, an unknown field is left out.
 
     Raises UserError for a value of a wrong type or out of range.
     """
@@ -75,8 +75,8 @@ _ARRAY = TensorFormat(
 class SessionData:
     """The data of a session that are saved.
 
-    steps: of the history, up to the present and undone ones; position: index of the present step. snapshots: by name.
-    unfinished: an optimisation that was running. choices: for the next one.
+    steps: of the history: steps up to the present, and undone steps; position: index of the present step. snapshots: by
+    name. unfinished: an optimisation that was running. choices: for the next one.
     """
 
     steps: tuple[HistoryStep, ...]
@@ -286,7 +286,7 @@ class _Reader:
             return None
 
     def choices(self, table: Mapping[str, Any]) -> OptimisationChoices:
-        """Choices for the next optimisation; the usual ones where they can't be read, which is then noted."""
+        """Choices for the next optimisation; the defaults where they can't be read, which is then noted."""
         try:
             return record_from_table(OptimisationChoices, table, skips_unknown=True)
         except _DAMAGE as error:
@@ -294,7 +294,7 @@ class _Reader:
             return OptimisationChoices()
 
     def unfinished(self, entry: Mapping[str, Any] | None) -> UnfinishedOptimisation | None:
-        """An optimisation that was running; without what was left of it where that can't be read."""
+        """An optimisation that was running; without the rest of the optimisation where that can't be read."""
         best = None if entry is None else self.document(entry, "unfinished optimisation")
         if entry is None or best is None:
             return None

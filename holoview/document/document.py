@@ -113,7 +113,7 @@ def middle_plane(system: System) -> float:
 
 
 def is_same_document(one: Document, other: Document) -> bool:
-    """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged ones."""
+    """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged arrays."""
     if one.drive is not other.drive or one.target_spec is not other.target_spec:
         return False
     return all(
@@ -134,7 +134,7 @@ def as_readonly_drive(drive: NDArray[np.inexact]) -> Drive:
 
 
 def fit_drive(drive: Drive, shape: tuple[int, int, int, int]) -> tuple[Drive, str]:
-    """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of what was done.
+    """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of the change.
 
     Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
     patterns become random, because phase patterns can't be resampled like pictures. Raises UserError for a field, whose
@@ -228,7 +228,7 @@ class History:
         self.steps[self.position] = replace(self.steps[self.position], document=document)
 
     def amend_all(self, change: Callable[[Document], Document]) -> None:
-        """Applies a change to the documents of all steps, including undone ones."""
+        """Applies a change to the documents of all steps, undone steps included."""
         self.steps = [replace(step, document=change(step.document)) for step in self.steps]
 
     def end_gesture(self) -> None:

@@ -223,7 +223,7 @@ class EditingSession:
         self._notify(*changed_kinds(before, self.document), "history")
 
     def load_history(self, history: History, snapshots: Mapping[str, Document]) -> None:
-        """Replaces the history and the snapshots by saved ones; jobs are cancelled, listeners stay."""
+        """Replaces the history and the snapshots by those of a saved session; jobs are cancelled, listeners stay."""
         self.jobs.cancel_all()
         self._preview, self._history, self._snapshots = None, history, dict(snapshots)
         self._notify(*CHANGE_KINDS)
@@ -486,11 +486,11 @@ class OptimisationChoices:
     """Choices for an optimisation.
 
     scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer.
-    start_patterns: "now" for the present ones, "random", or "smooth". iterations: number of them. eyebox: weight of an
-    evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
+    start_patterns: "now" for the present patterns, "random", or "smooth". iterations: number of them. eyebox: weight of
+    an evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
     chromatic aberration is compensated or ignored.
 
-    Raises UserError for what isn't one of these.
+    Raises UserError for a choice that isn't offered.
     """
 
     scheme: str = ""

@@ -1,4 +1,4 @@
-"""Writes what a session shows as files: images, figures, sweeps, the pupil's path, places of the eyebox, holograms."""
+"""Writes a session's images as files: figures, sweeps, the pupil's path, places of the eyebox; and its holograms."""
 
 from __future__ import annotations
 

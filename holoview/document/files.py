@@ -137,7 +137,7 @@ class FileLoader:
     def open(self, names: str | Path | Sequence[str | Path], request: ReadRequest | None = None) -> BackgroundJob:
         """Opens one or several files, or a preset by its name; errors become messages.
 
-        request: what is known of a field of another program; None where its content tells what a file is.
+        request: the known properties of a field of another program; None where its content tells its kind.
         """
         system = self._session.system
         work = partial(read_content, names, system, request)
@@ -261,7 +261,7 @@ def _read_with_retries(control: JobControl, path: Path, system: System) -> FileC
 
 
 def _clamp_plane(view: ViewSettings, system: System) -> ViewSettings:
-    """The view settings for another system: its median plane if the present one is outside its range of planes."""
+    """The view settings for another system: its median plane if the present plane is outside its range."""
     low, high = float(system.planes_m.min()), float(system.planes_m.max())
     return view if low <= view.plane_m <= high else view.with_(plane_m=middle_plane(system))
 
@@ -271,7 +271,7 @@ def _title(names: str | Path | Sequence[str | Path]) -> str:
     return Path(several[0]).name if len(several) == 1 else f"{len(several)} files"
 
 
-# --- Recognises a file by its content and reads what it contributes to a document ---
+# --- Recognises a file by its content and reads its contribution to a document ---
 #
 # hologram, page     system and patterns                TOML         a system, with random patterns
 # pattern PNGs       patterns for the present system    a name       the preset of that name
@@ -321,7 +321,7 @@ def read_content(
 ) -> FileContent:
     """Reads one or several files, a folder, or the preset of a name; patterns must fit `system`.
 
-    request: what is known of the files as the parts of a field of another program; None where they may be anything.
+    request: the known properties of the files, as parts of a field of another program; None where they may be anything.
 
     Raises UserError for an unknown format, a damaged file, and patterns that don't fit.
     """
@@ -372,7 +372,7 @@ def _file(path: Path, system: System) -> FileContent:
 
 
 def _field(paths: list[Path], request: ReadRequest) -> FileContent:
-    """A field of another program, with an exposure that fits it; what nothing tells is guessed, which the notes say."""
+    """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
     opened = open_hologram(paths, replace(request, accept_guesses=True))
     system, drive = opened.hologram.system, opened.hologram.drive
     stops = 0.0

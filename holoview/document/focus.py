@@ -55,9 +55,9 @@ def focus_at(session: EditingSession, plane_m: float) -> None:
 
 
 def focus_on(session: EditingSession, row: int, column: int) -> None:
-    """Moves the focal plane to what the target shows at a sample of the image.
+    """Moves the focal plane to the depth of the target at a sample of the image.
 
-    Raises UserError without a target, and for a focal stack, whose pictures don't tell what is where.
+    Raises UserError without a target, and for a focal stack, whose pictures don't tell depths.
     """
     if session.target_spec is None:
         raise UserError("focus", "there is no target", expected="a picture with a depth map", remedy="open one")
@@ -78,7 +78,7 @@ def focus_at_next_plane(session: EditingSession, direction: int) -> None:
         focus_at(session, float(ahead[0]))
 
 
-# --- Edits of the eye of a session, and what the panel of the eye draws of it. Lengths are metres, places (y, x) ---
+# --- Edits of the eye of a session, and values that the panel of the eye draws. Lengths are metres, places (y, x) ---
 
 
 Place = tuple[float, float]
@@ -161,7 +161,7 @@ _CLOCK_DIGITS = 3
 class PupilMotion:
     """Call `record` or `play`, then `advance` in each frame of the viewer until `stop`.
 
-    clock: returns seconds. state: what is being done. The path is a field of the view settings.
+    clock: returns seconds. state: the present activity. The path is a field of the view settings.
     """
 
     def __init__(self, session: EditingSession, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -200,7 +200,7 @@ class PupilMotion:
         self.state, self._since = "playing", self._clock()
 
     def stop(self) -> None:
-        """Ends what is being done; a path that was recorded becomes that of the view settings."""
+        """Ends the present activity; a path that was recorded becomes that of the view settings."""
         was, self.state = self.state, ""
         self._session.end_gesture()
         if was != "recording":

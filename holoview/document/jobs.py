@@ -154,7 +154,7 @@ class BackgroundJob:
 
 
 class JobManager:
-    """The jobs of a session: all that are active, and the last ones that ended."""
+    """The jobs of a session: all active jobs, and the last that ended."""
 
     def __init__(
         self, deliver: CallOnOwner, wake: Callable[[], None], on_error: Callable[[BaseException, str], None]

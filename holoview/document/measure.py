@@ -217,7 +217,7 @@ class ImageMeasurements:
 class LiveMeasurement:
     """Measures the newest image in the background.
 
-    measurements: the last results. on_change: called on the owner's thread when there are new ones.
+    measurements: the last results. on_change: called on the owner's thread when there are new measurements.
     """
 
     def __init__(self, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
@@ -311,7 +311,7 @@ class LiveScore:
         """The score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB; None until it is measured.
 
         The arrays must not be changed afterwards. An error is posted once: the same measure isn't called again before
-        another one was. Images of another shape than the target have no score.
+        another measure was. Images of another shape than the target have no score.
         """
         if xyz.shape != target.shape or measure == self._failed:
             return None
@@ -341,7 +341,7 @@ def _is_same(one: _Request, other: _Request) -> bool:
 
 
 def image_psnr_db(xyz: Image, target: Image) -> float:
-    """PSNR (dB) of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB, both clipped to what a screen shows.
+    """PSNR (dB) of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB, both clipped to the range of a screen.
 
     Raises UserError when the shapes differ.
     """
@@ -364,11 +364,11 @@ class ImageScore:
         return measure_score(self.name, xyz_to_linear_srgb(xyz), target, self.samples_per_degree).mean
 
 
-# --- Where the model isn't true of what a session displays, found out once for each bench and focal plane ---
+# --- Where the model isn't true of the displayed bench, found once for each bench and focal plane ---
 
 
 class LimitNotes:
-    """The limits of the model that the displayed bench exceeds at its planes and at the one that is shown."""
+    """The limits of the model that the displayed bench exceeds at its planes and at the plane that is shown."""
 
     def __init__(self, session: EditingSession) -> None:
         self._session = session

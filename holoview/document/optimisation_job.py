@@ -49,7 +49,7 @@ class OptimisationRequest:
     """A request for an optimisation: its settings, target planes and eyes.
 
     settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
-    the present ones, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
+    the present patterns, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
     iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
     superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
     device: of torch, "auto" for the fastest. Raises UserError for invalid values.
@@ -180,7 +180,7 @@ class OptimisationJob(BackgroundJob):
         session.messages.post(f"{label}: {latest.loss:.4g} loss")
 
     def _with_later_edits(self, result: Document) -> tuple[System, str]:
-        """The bench as it was edited during the optimisation, if it can show the result; and what to tell the user."""
+        """The bench as it was edited during the optimisation, if it can show the result; and a message for the user."""
         begun, now = self.start_document.system, self._session.system
         if self.system != begun or now.drive_shape != result.drive.shape:
             return result.system, "the bench is as it was when the optimisation began; undo brings your changes back"
@@ -252,7 +252,7 @@ def start_quick_optimisation(session: EditingSession, iterations: int = 10) -> O
 
 
 def with_lasers_of(system: System, optimised: System) -> System:
-    """A system with the wavelengths and amplitudes of another one."""
+    """A system with the wavelengths and amplitudes of another system."""
     return system.edit({"wavelengths": optimised.wavelengths_m, "amplitudes": optimised.amplitudes})
 
 
@@ -327,7 +327,7 @@ def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
 def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation | None:
     """The optimisation that runs now, once there is a result of it.
 
-    One with larger pixels takes seconds, and its result isn't what it could go on from.
+    An optimisation with larger pixels takes seconds, and its result is no state to go on from.
     """
     best, job = session.preview_document, running_optimisation(session)
     if best is None:

@@ -179,7 +179,7 @@ class SessionStore:
     def _on_closed(self, folder: Path, has_edits: bool) -> None:
         """Unlocks the folder of a session that was closed, and deletes sessions that were closed earlier.
 
-        A session without edits is deleted itself, and the earlier ones stay.
+        A session without edits is deleted itself, and earlier sessions stay.
         """
         if not has_edits:
             shutil.rmtree(folder, ignore_errors=True)
@@ -285,7 +285,7 @@ class Autosave:
     def close(self) -> Exception | None:
         """Saves for the last time; returns why that failed, None if all is saved.
 
-        The folder of a session without edits is deleted. What was saved before a failure is kept as after a crash. May
+        The folder of a session without edits is deleted. Work saved before a failure is kept as after a crash. May
         be called on any thread, and again, which says the same.
         """
         with self._closing:
@@ -380,7 +380,7 @@ _MOST = 100
 
 
 def set_aside(path: Path) -> str:
-    """Renames a damaged file or folder; returns what was done with it, in words. A disk may refuse; it stays then."""
+    """Renames a damaged file or folder; returns the outcome in words. A disk may refuse; it stays then."""
     for number in range(1, _MOST):
         aside = path.with_name(f"{path.name}{_MARK}{'' if number == 1 else f'-{number}'}")
         if not aside.exists():
@@ -414,7 +414,7 @@ def state_folder() -> Path:
 class Preferences:
     """JSON values by name in one file, such as the theme and the recent files.
 
-    A file that can't be read counts as empty; a damaged one is kept aside. problem: a line about that, or "".
+    A file that can't be read counts as empty; a damaged file is kept aside. problem: a line about that, or "".
     """
 
     def __init__(self, path: Path) -> None:

@@ -68,7 +68,7 @@ class TargetSpec:
         return self._content(system).moving(radius_m, system)
 
     def depth_at(self, system: System, row: int, column: int) -> float:
-        """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.
+        """Distance (m) behind the last modulator of the scene that the target shows at a sample of the simulation grid.
 
         Raises UserError for a focal stack and for views, whose pictures don't tell, and as `target_for` does.
         """
@@ -95,7 +95,7 @@ _MAX_CACHED_IMAGES = 24
 
 
 class TargetBuilder:
-    """Builds the target that was requested last; a request that still waits is dropped when another one comes.
+    """Builds the target that was requested last; a request that still waits is dropped when another comes.
 
     deliver: has the session's owner make a call. on_ready: called by the owner when a target is available. on_error:
     called by the owner with the exception and "target" when it can't be built.
@@ -143,7 +143,7 @@ class TargetBuilder:
 
 
 _Built = tuple[dict[float, Image], Exception | None]
-"""Images by their plane in metres, and what went wrong."""
+"""Images by their plane in metres, and errors."""
 
 
 @dataclass(frozen=True, eq=False)

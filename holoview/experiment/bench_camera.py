@@ -1,6 +1,6 @@
 """Shows patterns on a rig and takes pictures of them: exposures, dark level, saturated pixels.
 
-Lasers keep one power in all pictures; what the optimiser calls amplitudes weights the pictures when they are summed.
+Lasers keep one power in all pictures; the optimiser's amplitudes weight the pictures when they are summed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class PictureSource(Protocol):
 
     @property
     def pictures(self) -> int:
-        """How many pictures have been taken, with those of searches and dark ones."""
+        """How many pictures have been taken, with those of searches and of the dark."""
 
     @property
     def bench_s(self) -> float:
@@ -83,8 +83,8 @@ class _CountingCamera(WrappedCamera):
 class BenchCamera:
     """Takes pictures on open devices, which the caller closes.
 
-    exposures_s: of each wavelength; searched for the first picture, and anew when one is too bright or all of a
-    hologram are much too dark. tell: called with what a user should know at once, as of `Measurement`.
+    exposures_s: of each wavelength; searched for the first picture, and anew when a picture is too bright or all
+    pictures of a hologram are much too dark. tell: called with news for a user, as of `Measurement`.
     """
 
     rig: RigDescription
@@ -109,7 +109,7 @@ class BenchCamera:
         return self.devices.clock.now() - self._began_s
 
     def record(self, levels: NDArray[np.uint16], shots: Sequence[Shot]) -> list[Picture]:
-        """See `PictureSource`. Raises DeviceError, and UserError for what the safety limits don't allow."""
+        """See `PictureSource`. Raises DeviceError, and UserError for settings that the safety limits don't allow."""
         narrow = [levels[frame].astype(self._levels_type) for frame in range(len(levels))]
         taken = {k: self._capture(narrow[shots[k].frame], shots[k]) for k in self._order(shots)}
         for λ in {shot.wavelength_m for shot in shots}:

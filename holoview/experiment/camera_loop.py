@@ -95,7 +95,7 @@ class LoopState:
 
     iteration, iterations: number of this one, from 0, and of the last. loss, psnr_db: measured, as those of
     `IterationState`. best_psnr_db, best: of the smallest loss so far. pictures, bench_s: taken, and bench time spent so
-    far. notes: what happened since the state before. picture(): what the camera sees at the middle plane, linear sRGB
+    far. notes: events since the state before. picture(): what the camera sees at the middle plane, linear sRGB
     (y, x, 3). checkpoint(): everything that is needed to go on. Call both before the next state is requested.
     """
 
@@ -114,14 +114,14 @@ class LoopState:
 
 
 class CameraLoop:
-    """An optimisation at what the camera of a rig sees.
+    """An optimisation at the intensities that the camera of a rig measures.
 
     system: of the rig, with the effects that are known. stack: (plane, y, x, 3) linear sRGB on its simulation grid.
     camera: takes the pictures. start: first drive (frame, modulator, y, x); `settings.begin` chooses it when None.
     resume: a checkpoint to continue from. updates: of the model; None for none. device: of torch.
     is_asked_to_end: asked during long computations.
 
-    Raises UserError for what doesn't fit together, and whatever `camera` raises.
+    Raises UserError for parts that don't fit together, and whatever `camera` raises.
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class CameraLoop:
         if progress.without_gain >= _PATIENCE:
             patterns.go_back(torch.as_tensor(self.best.drive).to(shown), _SHORTER)
             self.variables.amplitudes = np.array(self.best.system.amplitudes)
-            progress = replace(progress, without_gain=-1)  # the best one is shown once more
+            progress = replace(progress, without_gain=-1)  # the best hologram is shown once more
         elif iteration < self.settings.iterations:
             self.variables.step(evaluation, iteration)
         self.progress = replace(progress, step_factor=patterns.step_factor)
@@ -243,7 +243,7 @@ class CameraLoop:
     # --- the bench --------------------------------------------------------------------------------------------------
 
     def _record(self, shown: torch.Tensor) -> None:
-        """Takes the pictures of a drive; the latest ones are kept for updates of the model."""
+        """Takes the pictures of a drive; the latest pictures are kept for updates of the model."""
         levels = levels_of_drive(shown.cpu().numpy(), self.system)
         pictures = self.camera.record(levels, self.problem.shots)
         self.problem.set_pictures(pictures)
@@ -280,7 +280,7 @@ class CameraLoop:
         return calibrate_camera(self.rig, torch.stack(predicted, dim=2), self.problem.sample_pitch_m, nested)
 
     def _update_model(self, updates: ModelUpdates) -> None:
-        """Adds to the model what the pictures taken so far show, and calibrates the camera anew."""
+        """Adds to the model the effects that the pictures so far show, and calibrates the camera anew."""
         if not self._probes:  # they aren't in checkpoints
             self._probes = self._take_probes()
         if not self._random:
@@ -375,7 +375,7 @@ class LoopCheckpoint:
     tensors: dict[str, NDArray[np.floating]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file; an existing one is replaced only by a complete one."""
+        """Writes the file; an existing file is replaced only by a complete file."""
         texts = {
             "system": preset.dumps(self.begun),
             "present": preset.dumps(self.present),
@@ -392,7 +392,7 @@ class LoopCheckpoint:
         _FORMAT.write(path, self.tensors | own, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
-        """Raises UserError that names what differs, unless the checkpoint is of this system, settings and target."""
+        """Raises UserError, which names the difference, unless the checkpoint is of this system, settings, target."""
         stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.begun, system))
         differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
         differing += differing_fields(self.settings, settings)
@@ -432,7 +432,7 @@ class ModelUpdates:
 
 @dataclass(frozen=True)
 class UpdatedModel:
-    """A bench with what was found, and what that was, in words."""
+    """A bench with the effects that were found, and these in words."""
 
     system: System
     note: str
@@ -476,9 +476,9 @@ STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 class RigJob:
     """An optimisation on a rig.
 
-    stack: (plane, y, x, 3), what the camera should see. settings: those of the model's own optimisation, which comes
-    first where there is no start. step_rad: first step of the patterns' phase with the camera. start: the first
-    patterns. resume: where an earlier loop had ended.
+    stack: (plane, y, x, 3), the image that the camera should see. settings: those of the model's own optimisation,
+    which comes first where there is no start. step_rad: first step of the patterns' phase with the camera. start: the
+    first patterns. resume: where an earlier loop had ended.
     """
 
     rig: RigDescription
@@ -517,7 +517,7 @@ def started_in_model(job: RigJob, progress: ProgressCallback, interruption: Inte
 def run_on_rig(
     job: RigJob, outcome: RigOutcome, progress: ProgressCallback, interruption: Interruption, tell: TextCallback
 ) -> None:
-    """Opens the rig and runs the loop; what it reaches is in `outcome` even if it fails.
+    """Opens the rig and runs the loop; its results are in `outcome` even if it fails.
 
     Whatever ends it, the lasers are off afterwards. Raises UserError for devices that fail, and if the checkpoint to
     resume has no iteration left.

@@ -72,7 +72,7 @@ _SAME = 1e-6  # relative difference of lengths that are meant to be equal
 _EDGE = 1e-3  # samples by which a point may lie outside and still count as inside
 PROBE_SIGMAS_PX = (6.0, 3.0)
 """Blur of the probe patterns, modulator pixels."""
-_ROUNDS = 2  # of finding the displacement, each from what the last one found
+_ROUNDS = 2  # of finding the displacement, each from the last displacement
 _MAX_SHIFT = 0.25  # of the picture's shorter side
 _LEAST_SHIFT_PX = 0.05  # less is as much as noise; a camera that is centred then stays so
 _MIN_CORRELATION = 0.3  # of seen and predicted light, below which a displacement isn't believed
@@ -94,7 +94,7 @@ class RecordedPlane:
 class RecordedEvaluation:
     """Evaluates whole planes at recorded intensities. To be called by `ForwardModel.process_planes`.
 
-    weights (laser, channel): what a laser's unit intensity adds to the image. The other fields as in `RowEvaluation`.
+    weights (laser, channel): the image that a laser's unit intensity adds. The other fields as in `RowEvaluation`.
     """
 
     objective: Objective
@@ -155,7 +155,7 @@ def require_camera_settings(settings: Settings) -> None:
 
 
 class CameraProblem(Problem):
-    """A system, a target and a loss, evaluated at what a rig's camera saw.
+    """A system, a target and a loss, evaluated at the intensities that a rig's camera measured.
 
     Call `calibrate` first, and `set_pictures` before `evaluate`, with the pictures of the patterns that are evaluated.
     Arguments as of `Problem`. Raises UserError as `require_camera_settings` does.
@@ -195,7 +195,7 @@ class CameraProblem(Problem):
         return result.cpu()
 
     def calibrate(self, calibration: CameraCalibration) -> None:
-        """Takes over scale and displacements. Raises UserError where the camera sees nothing of what counts."""
+        """Takes over scale and displacements. Raises UserError if the camera sees no sample that counts."""
         self._scale, sampled = calibration.scale, self._sampled_objective
         self._views = [
             camera_sampling(self._rig, self.model.plan.grid.shape, self.sample_pitch_m, (float(y), float(x)))

@@ -59,7 +59,7 @@ T = TypeVar("T")
 
 START_COUNT = 4
 
-_START_SIGMAS_PX = (6.0, 3.0, 6.0, 0.0)  # smooth ones survive large errors, rough ones show small errors
+_START_SIGMAS_PX = (6.0, 3.0, 6.0, 0.0)  # smooth patterns survive large errors, rough patterns show small errors
 _PERIODS_PX = (4, 6, 8, 12, 16)
 _LOW_POWER = 0.5  # of the highest: a power law needs two
 _LOW_POWER_SHARE, _DIM_SHARE = 0.25, 0.125  # of the proposals
@@ -70,8 +70,8 @@ _DIM = 0.1  # of the exposure: light of the room and the camera's response show 
 class Proposal:
     """A capture that could be taken.
 
-    levels: (modulator, y, x). words: what its patterns are. brightness: its exposure over one that uses the camera's
-    range. exposure_s: None where it has to be searched.
+    levels: (modulator, y, x). words: a description of its patterns. brightness: its exposure over an exposure that uses
+    the camera's range. exposure_s: None where it has to be searched.
     """
 
     wavelength_m: float
@@ -89,7 +89,7 @@ class Proposal:
 
     @property
     def place(self) -> str:
-        """Wavelength, plane, patterns, and what is unusual of power and exposure, in words."""
+        """Wavelength, plane, patterns, and an unusual power or exposure, in words."""
         dim = ", a tenth of the exposure" if self.brightness < 1 else ""
         return f"{self.wavelength_m * 1e9:.0f} nm at {self.distance_m * 1e3:.3g} mm, {self.words}{dim}"
 
@@ -328,7 +328,7 @@ def expected_information(probabilities: Floats, delta_chi2: Floats) -> float:
 class BenchTime:
     """Seconds of a capture: move + settle + exposure + readout.
 
-    settle_s: of the modulators. The stage's speed (m/s) and what is added to each exposure follow from the clock.
+    settle_s: of the modulators. The stage's speed (m/s) and the time added to each exposure follow from the clock.
     """
 
     settle_s: float
@@ -530,7 +530,7 @@ def _separation(predictor: PredictorProtocol, first: Values, second: Values, wei
 
 
 def _refitted(prediction: ProposalPrediction, leader: Hypothesis, rival: Hypothesis) -> Values:
-    """Values of the rival, fitted to first order to what the leader predicts; an open one's at one standard deviation.
+    """Values of the rival, fitted to first order to the leader's prediction; an open one's at one standard deviation.
 
     Of an open rival the direction that the proposal shows best.
     """

@@ -1,4 +1,4 @@
-"""Takes captures until the cause is certain: each is chosen by what the captures before it left open.
+"""Takes captures until the cause is certain: each is chosen by the questions that the captures before it left open.
 
 ClosedLoop   takes captures, judges them, and ends when the cause is certain or a budget is spent
 Planner      chooses the next capture: by the information that it promises (`InformedPlanner`)
@@ -195,7 +195,7 @@ class ClosedLoop:
         return self._planner.next(PlannerState(taken, len(parts), self._belief, self._here_m, self._time))
 
     def _take(self, number: int, choice: Choice) -> tuple[Step, Captures]:
-        """One capture; the lasers are off afterwards, while the next one is thought about."""
+        """One capture; the lasers are off afterwards, while the next capture is chosen."""
         clock, proposal = self._devices.clock, choice.proposal
         start = clock.now()
         try:
@@ -239,7 +239,7 @@ class ClosedLoop:
         return len(named) == len(led) and all(n in led or equal.get(n, frozenset()) & {*led} for n in named)
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
-        """A diagnosis; it corrects what is known of a rig that was aligned."""
+        """A diagnosis; it corrects the placement of an aligned rig."""
         found = diagnose(join_captures(parts), effects, config=self._settings.config, **{**self._options, **options})
         self._options["known"] = found.known
         return found

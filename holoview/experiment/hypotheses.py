@@ -1,6 +1,6 @@
 """Hypotheses on the cause: sets of effects with values, their evidence, and their probabilities.
 
-Hypothesis, Belief   a set of causes with what the captures say of it; all of them with their probabilities
+Hypothesis, Belief   a set of causes with the captures' evidence on it; all of them with their probabilities
 log_evidence, …      evidence of a fit, and probabilities
 loop_context         the captures so far as fits need them: all of them fitted, large modulators cut to their middle
 HypothesisFits       the fits: found by the search of a diagnosis, and fitted anew to every further capture
@@ -77,7 +77,7 @@ _SHOWS = 25.0  # Δχ² from which an open hypothesis is fitted: 5 σ of one par
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Causes with values, and what the captures so far say of them.
+    """Causes with values, and the evidence of the captures so far.
 
     free: the parameters that are known as `root` says, L with L Lᵀ their covariance in priors². log_weight: evidence
     and prior. gain: by how much an open one, whose last cause is at its identity, would lower χ²; None for fitted ones.
@@ -119,12 +119,12 @@ class Belief:
 
     @property
     def leader(self) -> Hypothesis:
-        """The most probable one that was fitted."""
+        """The most probable fitted hypothesis."""
         return next(h for h in self.hypotheses if not h.is_open)
 
     @property
     def certainty(self) -> float:
-        """Probability of the leader, and of what is the same physics."""
+        """Probability of the leader, with hypotheses of the same physics."""
         return float(sum(p for h, p in zip(self.hypotheses, self.probabilities, strict=True) if self._is_leader(h)))
 
     @property
@@ -288,7 +288,8 @@ class HypothesisFits:
             self._fits = first_per_cause_set([*(c.fit for c in found.candidates[:_MAX_FITTED]), *self._fits])
             context, comparison = self._fit_all(context)
             if not self._allows_movements and not self._is_explained(context, comparison):
-                self._allows_movements = True  # of few captures they explain what a cause would, so it is sought first
+                # in few captures movements explain as much as a cause would, so a cause is sought first
+                self._allows_movements = True
                 context, comparison = self._fit_all(context)
         belief = self._believe(context, comparison)
         shows = [h for h in belief.hypotheses if h.is_open and (h.gain or 0.0) > _SHOWS]
@@ -319,7 +320,7 @@ class HypothesisFits:
         return best.cost / n - 1.0 < explained_excess(nominal, n, config)
 
     def _believe(self, context: SearchContext, comparison: Comparison) -> Belief:
-        """The fits as hypotheses, and what could act beside the leader."""
+        """The fits as hypotheses, and causes that could act beside the leader."""
         temperature = max(1.0, self._fits[0].cost / comparison.pixel_count)
         fitted = [fitted_hypothesis(fit, comparison, context, temperature) for fit in self._fits]
         ordered, p = with_probabilities(fitted)
@@ -333,7 +334,7 @@ class HypothesisFits:
     def _open_beside(
         self, leader: Hypothesis, comparison: Comparison, context: SearchContext, temperature: float
     ) -> list[Hypothesis]:
-        """The most probable of what could act beside the leader, and all that shows."""
+        """The most probable causes that could act beside the leader, and all that show."""
         excluded = self._excluded.setdefault(tuple(sorted(leader.causes)), set())
         beside = {name for fit in self._fits if {*leader.causes} < {*fit.causes} for name in fit.causes}
         equal = {other for name in leader.causes for other in context.equivalents.get(name, ())}

@@ -87,7 +87,7 @@ class PredictedPicture:
 class LiveView:
     """picture: the newest one, None before the first. prediction: the newest one, of that picture or one before.
 
-    model: what pictures are predicted with. problem: why there is no prediction, or "".
+    model: the model that predicts pictures. problem: why there is no prediction, or "".
     """
 
     def __init__(self, session: EditingSession) -> None:
@@ -211,7 +211,7 @@ class _Known:
 
 
 FIRST, FEW = 4, 3
-"""Captures after which the first diagnosis begins; further ones after which, at least, the next one does."""
+"""Captures after which the first diagnosis begins; least number of further captures before the next one."""
 MOST = 6
 """A diagnosis that begins by itself is of so many captures, spread evenly over all, so that it is quick."""
 _GROWTH = 0.5  # of the captures, after which a running diagnosis is worth beginning again
@@ -223,7 +223,7 @@ Diagnose = Callable[..., Diagnosis]
 
 @dataclass(frozen=True, eq=False)
 class CauseText:
-    """A cause in words: its sentence, a line for each parameter with its interval, and what looks like it."""
+    """A cause in words: its sentence, a line for each parameter with its interval, and its look-alikes."""
 
     sentence: str
     intervals: tuple[str, ...]
@@ -231,7 +231,7 @@ class CauseText:
 
 
 class LiveDiagnosis:
-    """Diagnoses captures of a rig as jobs of the session; a running one gives way to one of more captures.
+    """Diagnoses captures of a rig as jobs of the session; a running diagnosis gives way to one of more captures.
 
     time_s: how long a search may take. diagnosis: the last result, None before the first. seen: captures that were
     there when it was begun. so_far: a sentence of the running one, or "". is_on: whether it begins by itself.
@@ -282,7 +282,7 @@ class LiveDiagnosis:
         self._start_next()
 
     def _start_next(self) -> None:
-        """Starts what is waiting, unless one is still running: it takes a moment to end, and two would take turns."""
+        """Starts the waiting diagnosis unless one still runs: it takes a moment to end, and two would take turns."""
         if self._next is None or self.job is not None:
             return
         (captures, seen), self._next = self._next, None

@@ -47,8 +47,8 @@ def system_of_rig(rig: RigDescription) -> System:
 def on_rig(system: System, rig: RigDescription) -> System:
     """A system that describes a rig, with the rig's levels where its modulators have none.
 
-    Raises UserError, which names what differs, for a system of another bench, and for what a camera behind a rig can't
-    record: an eye, several directions of the source, planes and lasers that the rig doesn't reach or have.
+    Raises UserError, which names the differences, for a system of another bench, and for features that a camera behind
+    a rig can't record: an eye, several directions of the source, planes and lasers that the rig doesn't reach or have.
     """
     if rig.bench.focal_length_m is not None:
         raise UserError(f"{rig.path}: geometry.focal_length", "a Fourier bench", expected="a bench in the near field")
@@ -149,7 +149,7 @@ class KnownEffects:
     registrations: Sequence[Registration]
 
     def added_to(self, known: Values) -> dict[str, dict[str, float]]:
-        """Known effects with the stated ones; these count where both have a parameter."""
+        """Known effects with the stated effects; these count where both have a parameter."""
         result = {name: dict(values) for name, values in known.items()}
         for table in (*(registration.known_effects() for registration in self.registrations), self.effects):
             for name, values in table.items():
@@ -162,13 +162,13 @@ class KnownEffects:
 
     @property
     def uncertain(self) -> dict[str, dict[str, float]]:
-        """Standard deviations of what registrations know."""
+        """Standard deviations of the effects that registrations know."""
         return {
             name: own for registration in self.registrations for name, own in registration.uncertain_effects().items()
         }
 
     def with_notes(self, found: Diagnosis) -> Diagnosis:
-        """The diagnosis, with a note on causes that lie within what a registration has left open."""
+        """The diagnosis, with a note on causes within a registration's uncertainty."""
         within = [name for registration in self.registrations for name in within_alignment(registration, found.values)]
         notes = (*found.notes, refinement_note(within)) if within else found.notes
         return replace(found, notes=notes)

@@ -155,7 +155,7 @@ class RigSession:
 
     rig: its description; None while there is none. status: "closed",
     "opening", "open", or "failed" after an error of a device, until it is opened again. problem: that error.
-    state: what the devices are set to. is_live: whether pictures are taken all the time. view: the newest picture with
+    state: the settings of the devices. is_live: whether pictures are taken all the time. view: the newest picture with
     its prediction. captures: those taken. diagnosis: of them.
     """
 
@@ -200,7 +200,7 @@ class RigSession:
         self.reconnect()
 
     def reconnect(self) -> None:
-        """Closes what is open of the rig and opens it again, in the background."""
+        """Closes the open devices of the rig and opens it again, in the background."""
         if self.rig is None:
             return
         before = self._connection
@@ -267,7 +267,7 @@ class RigSession:
         )
 
     def set_exposure(self, exposure_s: float) -> None:
-        """Sets the exposure time. Raises UserError for one that isn't allowed."""
+        """Sets the exposure time. Raises UserError for a value that isn't allowed."""
         self._require_open().limits.require_exposure(exposure_s)
         self._submit(
             "exposure",
@@ -329,7 +329,7 @@ class RigSession:
     def run_plan(self, plan: Path | None, output: Path | None = None) -> None:
         """Takes the captures of a plan into a capture file beside the rig's, or `output`. plan: None for the default.
 
-        Raises UserError for a plan that the rig can't or mustn't do, and while another one is run.
+        Raises UserError for a plan that the rig can't or mustn't do, and while another plan is run.
         """
         rig = self._require_open()
         if self.plan_job is not None:
@@ -377,7 +377,7 @@ class RigSession:
     # --- results of the devices' thread -------------------------------------------------------------------------------
 
     def _submit(self, key: str, work: Callable[[Devices], Any], on_result: Callable[[Any], None]) -> None:
-        """Has a call of devices made in its turn; one of the same key that hasn't begun gives way to it."""
+        """Has a call of devices made in its turn; a call of the same key that hasn't begun gives way to it."""
         assert self._connection is not None
         is_live = key == _LIVE
         if not is_live:
@@ -428,7 +428,7 @@ class RigSession:
             self.view.show(self.rig, counts, state.capture(self.rig, counts))
 
     def _go_on_live(self) -> None:
-        """Has the next live picture taken, unless one is waiting."""
+        """Has the next live picture taken, unless a picture is waited for."""
         if self.is_live and self.is_open:
             self._submit(_LIVE, lambda devices: devices.camera.take(), self._on_live)
 
@@ -473,7 +473,8 @@ class RigSession:
 class TakenCaptures:
     """Captures of one rig in the order in which they were taken.
 
-    folder: where single captures are written, one file each; None writes none. Those of a plan are in its own folder.
+    folder: where single captures are written, one file each; None writes none. Captures of a plan are in its own
+    folder.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -506,7 +507,7 @@ class TakenCaptures:
         self._all = []
 
     def save(self, path: Path) -> None:
-        """Writes all as one capture file, and removes the folder of single ones. Raises UserError."""
+        """Writes all as one capture file, and removes the folder of single captures. Raises UserError."""
         if not self._all or self._files is None:
             raise UserError("captures", "there are none yet", remedy="take a capture or run a plan")
         self._files.join_into(path, self._all)

@@ -27,10 +27,7 @@ A strategy says where the values of a line are exchanged:
 
 `supported_strategies` tells which of them a device supports for a size, and `FftTuner` in `tune` which is the fastest.
 
-WGSL of an FFT of whole lines: in workgroup memory, or in the registers of neighbouring lanes of a subgroup.
-
-WorkgroupTile, fit_tile, generate_workgroup_shader    in workgroup memory
-generate_subgroup_shader                              in registers, with subgroup shuffles
+`generate_workgroup_shader` and `generate_subgroup_shader` make the WGSL of the last two; `fft_codegen` that of a pass.
 """
 
 from __future__ import annotations

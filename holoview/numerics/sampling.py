@@ -3,9 +3,8 @@
 The centre of a grid of N samples lies at index (N − 1)/2. Frequencies are in the order of `numpy.fft.fftfreq`: zero
 first, never shifted. Lengths that both executors can transform are 2^a·3^b·5^c.
 
-Small operations by tensor methods, without importing torch, which takes seconds.
-
-Rectangular regions of images; linear interpolation in tables of equidistant knots; powers with finite gradients.
+Operations by tensor methods, which need no import of torch: rectangular regions of images, linear interpolation in
+tables of equidistant knots, powers with finite gradients.
 """
 
 from __future__ import annotations

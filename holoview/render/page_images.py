@@ -29,7 +29,7 @@ Xyz = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class SeenField:
-    """The picture of a field (y, x, 3) in XYZ, its values (y, x), and what its colours mean, in words."""
+    """The picture of a field (y, x, 3) in XYZ, its values (y, x), and the meaning of its colours, in words."""
 
     xyz: Xyz
     values: NDArray[np.complex128]
@@ -96,7 +96,7 @@ def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
 
 
 def _field_key(scene: Scene, view: ViewSettings) -> tuple[Any, ...]:
-    """What the page "field" depends on; the focal plane counts behind the stops only."""
+    """The inputs of the page "field"; the focal plane counts behind the stops only."""
     system = scene.system
     stage = view.stage if view.stage in system.stages else "plane"
     is_behind = system.stages.index(stage) > system.stages.index("stop")
@@ -116,7 +116,7 @@ def _seen_field(
 
 
 def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Whether (system, drive, …) are equal; patterns are compared by identity, which is what edits share."""
+    """Whether (system, drive, …) are equal; patterns are compared by identity, as edits share unchanged arrays."""
     return one[1] is other[1] and one[0] == other[0] and one[2:] == other[2:]
 
 

@@ -1,22 +1,31 @@
-"""Images of focal planes: rendered on a job's thread, for exports and comparisons, and previews in the window."""
+"""Images of focal planes and along a pupil's path, for exports and comparisons; previews of planes in the window."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device, open_device
 from holoview.gpu.recorder import CommandRecorder
+from holoview.io.pictures import write_png
+from holoview.model import preset
+from holoview.model.focus import plane_label
 from holoview.model.system import System
 from holoview.render.progressive_renderer import edit_to_scene, make_quick_system, slices
 from holoview.render.scene import DeviceImage, Drive, Scene
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 from holoview.view import simulate
 
 Xyz = NDArray[np.floating]
+SeenView = tuple[System, float]
+"""A system, and the plane (m) on which its eye is focused."""
 
 
 def render_planes(
@@ -27,7 +36,7 @@ def render_planes(
 
 
 def render_each(
-    views: Sequence[tuple[System, float]],
+    views: Sequence[SeenView],
     drive: Drive,
     check: Callable[[], None] = lambda: None,
     backend: str = "auto",
@@ -35,7 +44,7 @@ def render_each(
 ) -> Iterator[Xyz]:
     """Renders XYZ (y, x, 3) of patterns on each (system, plane in m) in turn; the systems show patterns of one shape.
 
-    backend, adapter: as `simulate` takes them. With WebGPU, the views share what they have in common. `check` is called
+    backend, adapter: as `simulate` takes them. With WebGPU, the views share common results. `check` is called
     between steps and may raise an exception to cancel. Raises UserError as `simulate` does.
     """
     renderer = None if backend.startswith("torch") else _open_renderer(views[0], drive, backend, adapter)
@@ -51,9 +60,7 @@ def render_each(
         yield renderer.xyz()
 
 
-def _open_renderer(
-    view: tuple[System, float], drive: Drive, backend: str, adapter: str | None
-) -> IncrementalRenderer | None:
+def _open_renderer(view: SeenView, drive: Drive, backend: str, adapter: str | None) -> IncrementalRenderer | None:
     """A renderer of a view; None for the backend "auto" where no adapter can show it."""
     try:
         return IncrementalRenderer(view[0], drive, open_device(adapter), plane_m=view[1])
@@ -61,6 +68,45 @@ def _open_renderer(
         if backend != "auto" or adapter is not None:
             raise
         return None
+
+
+# --- pictures along the path of a pupil -------------------------------------------------------------------------------
+
+
+def exposed_pictures(
+    views: Sequence[SeenView],
+    drive: Drive,
+    stops: float,
+    progress: ProgressCallback,
+    *,
+    backend: str,
+    adapter: str | None,
+) -> Iterator[NDArray[np.uint8]]:
+    """Each view, exposed by `stops`, as 8-bit sRGB (y, x, 3). Raises UserError as `render_each` does."""
+    rendered = render_each(views, drive, backend=backend, adapter=adapter)
+    for number, xyz in enumerate(rendered, start=1):
+        yield to_srgb8(xyz_to_linear_srgb(xyz * 2.0**stops))
+        progress(number, len(views), "pictures")
+
+
+def write_pictures(
+    pictures: Iterable[NDArray[np.uint8]], folder: Path, views: Sequence[SeenView], texts: Mapping[str, str]
+) -> list[str]:
+    """Writes the picture of each view as FOLDER/0000.png …, with its plane and its system; returns the files."""
+    files = []
+    for i, (pixels, (system, plane_m)) in enumerate(zip(pictures, views, strict=True)):
+        files.append(str(folder / f"{i:04}.png"))
+        own = {"holoview.plane": plane_label(system, plane_m, digits=7), "holoview.system": preset.dumps(system)}
+        write_png(files[-1], pixels, {**texts, **own})
+    return files
+
+
+def describe_view(time_s: float, system: System, plane_m: float) -> dict[str, Any]:
+    """Time, pupil and plane of a view, for programs."""
+    assert system.eye is not None
+    pupil_mm = system.eye.pupil_diameter_m(system.field_m) * 1e3
+    place = {"y_mm": system.eye.pupil_y_m * 1e3, "x_mm": system.eye.pupil_x_m * 1e3, "pupil_mm": pupil_mm}
+    return {"time_s": time_s, **place, "plane": plane_label(system, plane_m, digits=7)}
 
 
 # --- previews ---

@@ -75,7 +75,7 @@ class ProgressiveRenderer:
         self._steps: Iterator[UpdateProgress] | None = None
         self._requested_at, self._version = 0.0, 0
         self._first: Future[None] | None = None  # while a thread computes the first picture
-        self._next: Scene | None = None  # what was requested meanwhile, or during a quick frame
+        self._next: Scene | None = None  # the scene that was requested meanwhile, or during a quick frame
         self.picture: DeviceImage | None = None
         self.full_scene: Scene | None = None
         self.quick_gain = 1.0
@@ -173,7 +173,7 @@ class ProgressiveRenderer:
             self._compute_slice()
 
     def _take_first(self) -> bool:
-        """Goes on from what the thread has computed, once it has; raises what it raised."""
+        """Goes on from the thread's results, once they are there; raises its exception."""
         assert self._first is not None
         if not self._first.done():
             return False
@@ -239,7 +239,7 @@ class ProgressiveRenderer:
     def _is_slow(self, scene: Scene) -> bool:
         """Whether the full frame takes longer than QUICK_FRAME_ABOVE_S; before any measurement, on a CPU only.
 
-        Asking prepares the full frame, which during a drag would take longer than what it decides.
+        Asking prepares the full frame, which during a drag would take longer than a quick frame.
         """
         if self._full is None or self._full.step_s is None:
             return self._device.info.is_cpu
@@ -482,7 +482,7 @@ class SideRenderers:
         return self._others[side]
 
     def _target_picture(self) -> DeviceImage | None:
-        """The newest target that is built; with an eye, which it follows, one is built when that has come to rest."""
+        """The newest target that is built; an eye, which the target follows, has to rest before a new one is built."""
         scenes, old = self._scenes, self._target
         if old is not None and (old.spec, old.shown.shape) != (scenes.target_spec, image_shape(scenes.system)):
             old = self._target = None

@@ -135,13 +135,13 @@ def _diverging(share: NDArray[np.float64]) -> NDArray[np.float64]:
 # --- complex fields ---------------------------------------------------------------------------------------------------
 
 
-_BRIGHT_SAMPLES_PERCENT = 99.9  # of the samples: a few brighter ones are clipped
+_BRIGHT_SAMPLES_PERCENT = 99.9  # of the samples: a few brighter samples are clipped
 _DECADES = 5.0  # of power below the strongest frequency, which are shown
 
 
 @dataclass(frozen=True, eq=False)
 class FieldPicture:
-    """A picture of a field. srgb8: (y, x, 3). scale: what its colours mean, in words."""
+    """A picture of a field. srgb8: (y, x, 3). scale: the meaning of its colours, in words."""
 
     srgb8: NDArray[np.uint8]
     scale: str

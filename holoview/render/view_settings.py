@@ -24,7 +24,7 @@ PAGES = ("image", "planes", "phase", "field", "spectrum", "target")
 DERIVED_PAGES = ("phase", "field", "spectrum")
 """Pages that show an image other than a focal plane of a side."""
 QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
-"""What a picture of a complex field shows."""
+"""The quantities that a picture of a complex field shows."""
 SCORES = ("", *PERCEPTUAL_SCORES)
 """Scores that can stand beside the PSNR; "" for none."""
 SPECKLE_EXPOSURE_STOPS = -1.5

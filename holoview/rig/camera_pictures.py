@@ -4,17 +4,17 @@ take_exposed     an exposure time that uses the camera's range without saturatio
 CheckedCamera    takes pictures again that a camera can't have taken: of another shape or range, repeated, or torn
 DarkFrame        the mean of pictures with all lasers off, compared with the black level and read noise that are stated
 
-Noise makes two pictures of the same scene differ, which tells repeated and torn ones. Whole counts of two pixels with
-normal noise of standard deviation σ are equal with a probability of at most 1/(2√π·σ); the product over the pixels that
-are equal to those of the picture before says how improbable it is that they were taken anew.
+Noise makes two pictures of the same scene differ, which tells repeated and torn pictures apart. Whole counts of two
+pixels with normal noise of standard deviation σ are equal with a probability of at most 1/(2√π·σ); the product over the
+pixels that are equal to those of the picture before says how improbable it is that they were taken anew.
 
 Measures how fast a modulator settles: patterns take turns, and a picture is taken ever later after the change.
 
     r(t) = ⟨I₊(t) − I₋(t), I₊ − I₋⟩ / |I₊ − I₋|² = a·exp(−t/τ)
 
-I₊ and I₋ are the settled pictures of two patterns that differ from a third one by a small step up and down, I₊(t) and
-I₋(t) those taken a time t after the third one followed them. In the difference, terms that are quadratic in the step
-cancel, and r is the share of the step that remains. That an exposure takes time changes a, not τ.
+I₊ and I₋ are the settled pictures of two patterns that differ from a third pattern by a small step up and down; I₊(t)
+and I₋(t) are taken a time t after the third pattern followed them. In the difference, terms that are quadratic in the
+step cancel, and r is the share of the step that remains. The length of an exposure changes a, not τ.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from holoview.rig.devices import (
 from holoview.util.progress import TextCallback
 
 BRIGHT_QUANTILE = 0.999
-"""This quantile of the pixels counts as a picture's brightest; single ones may be dust or hot pixels."""
+"""This quantile of the pixels counts as a picture's brightest; single brighter pixels may be dust or hot."""
 
 _TARGET, _ENOUGH, _TOO_MUCH = 0.8, 0.4, 0.95  # of the range above black
 _STEP, _TRIES = 8.0, 12
@@ -255,7 +255,7 @@ _DELAYS_S = (0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.256)
 _SETTLED_S, _SLOWER, _SLOWEST_S = 1.0, 4.0, 20.0  # s to wait for a settled picture; then this factor longer, up to that
 _FIRST_SHARE = 0.9  # above it, a dead time hasn't passed yet
 _SEEN_SIGMAS = 5.0
-_MOVING = 0.04  # of |I₊ − I₋|²: what two pictures of a settled pattern may differ by beyond their noise
+_MOVING = 0.04  # of |I₊ − I₋|²: difference of two pictures of a settled pattern beyond their noise
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def folder_beside(output: Path) -> Path:
 
 
 def loop_captures(output: Path, rig_text: str) -> CaptureFolder:
-    """The captures of a closed loop. rig_text: the rig's description; captures of another one aren't gone on with."""
+    """The captures of a closed loop. rig_text: the rig's description; captures of another rig are refused."""
     others = "captures of another rig, or of a plan"
     return CaptureFolder(folder_beside(output), "loop.json", rig_text, others, check_captures)
 
@@ -157,7 +157,7 @@ class CaptureStore(CaptureFolder):
         self.record = BenchRecord()
 
     def inspect(self) -> list[int]:
-        """Looks for captures, and changes nothing; returns damaged ones, which count as missing.
+        """Looks for captures, and changes nothing; returns the numbers of damaged captures, which count as missing.
 
         Raises UserError for a folder of another plan or rig, and for an output that is there already.
         """
@@ -196,7 +196,7 @@ class CaptureStore(CaptureFolder):
 
     @property
     def written(self) -> int:
-        """How many captures are on the disk, also one that was written while an interruption came."""
+        """How many captures are on the disk, with a capture that was written while an interruption came."""
         return sum(k < self._count for k in self.numbers)
 
     def add(self, number: int, capture: Captures) -> None:

@@ -9,7 +9,7 @@ exposure = 0.01                   # s; default: searched
 seed = 0
 
 A table in CSV as `holoview captures plan` writes it gives the default set a power and an exposure for each laser. A
-`Forecast` says what a measurement would do, and which time, memory and disk it needs.
+`Forecast` states the work of a measurement, and the time, memory and disk that it needs.
 """
 
 from __future__ import annotations

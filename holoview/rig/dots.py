@@ -49,7 +49,7 @@ _COMMON_COUNT = 16
 _OUTLIER = 4.0  # times the robust standard deviation
 _MAD = 1.4826
 # Of the error that dots share over the scatter beyond noise: blur, crosstalk, wrong strokes and look-up tables moved
-# planes by one to four times what this states with 1 (benchmarks/rig_alignment.py --faults).
+# planes by one to four times the uncertainty that 1 states (benchmarks/rig_alignment.py --faults).
 _SHARED_PER_EXCESS = 3.0
 
 
@@ -90,7 +90,7 @@ class Geometry:
         return float(self.values[NAMES.index(name)])
 
     def uncertainty(self, name: str) -> float:
-        """Standard deviation of one value; 0 for one that wasn't fitted."""
+        """Standard deviation of one value; 0 for an unknown that wasn't fitted."""
         k = NAMES.index(name)
         return float(self.covariance[k, k] ** 0.5)
 
@@ -99,7 +99,7 @@ class Geometry:
         return bool((np.abs(self.values - other.values) <= deviations * np.diag(self.covariance) ** 0.5).all())
 
     def uncertain_by(self, other: Geometry) -> Geometry:
-        """This geometry, with its difference from another one as a further uncertainty."""
+        """This geometry, with its difference from another geometry as a further uncertainty."""
         step = np.diag((self.values - other.values) ** 2)
         return replace(self, covariance=self.covariance + step)
 
@@ -356,7 +356,7 @@ def brightest_dot(change: Image, width_px: float) -> tuple[NDArray[np.float64], 
 def find_dots(picture: Image, expected_px: NDArray[np.float64], width_px: float, reach_px: float) -> FoundDots:
     """Dots near expected places (dot, 2), each by its centroid, weighted by a Gaussian of the dot's size.
 
-    width_px: of a dot. reach_px: how far a dot may be from where it is expected. One that reaches the edge of the
+    width_px: of a dot. reach_px: how far a dot may be from where it is expected. A dot that reaches the edge of the
     picture or of its reach isn't found.
     """
     sigma = max(_SIGMA_OF_WIDTH * width_px, 0.7)

@@ -18,7 +18,7 @@ _TRIES, _PAUSE_S = 10, 0.5  # the system may need a moment to free the port of a
 
 
 def switch_off(open_them: Callable[[], LasersDevice]) -> int:
-    """Opens lasers and switches them off, in several attempts; says what it did. Returns the exit code."""
+    """Opens lasers and switches them off, in several attempts; describes its actions. Returns the exit code."""
     for number in range(1, _TRIES + 1):
         try:
             lasers = open_them()

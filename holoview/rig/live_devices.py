@@ -143,7 +143,7 @@ class RigConnection:
 
 
 def _close_quietly(devices: Devices) -> None:
-    """Closes devices; one that fails leaves nothing to be done."""
+    """Closes devices; a failure leaves nothing to be done."""
     with suppress(Exception):  # whatever a device's library raises; the lasers were seen to before
         devices.close()
 
@@ -161,7 +161,7 @@ class _Call:
 
 
 class DeviceWorker:
-    """Makes calls in their order; one that still waits is replaced by a later one of the same key.
+    """Makes calls in their order; a call that still waits is replaced by a later call of the same key.
 
     deliver: results and exceptions go to the owner by it. on_begin: called on the thread with the number of each call
     before it is made.
@@ -183,7 +183,7 @@ class DeviceWorker:
         key: str,
         delay_s: float = 0.0,
     ) -> None:
-        """Has the thread make the call `work`, and the owner one of the other two. delay_s: the least until then."""
+        """Has the thread make the call `work`, and the owner one of the other calls. delay_s: the least until then."""
         with self._condition:
             self._count += 1
             call = _Call(key, self._count, time.monotonic() + delay_s, work, on_result, on_error)
@@ -201,7 +201,7 @@ class DeviceWorker:
             self._waiting = []
 
     def abandon(self) -> None:
-        """Makes no further call, and delivers nothing more; the one that is being made goes on."""
+        """Makes no further call, and delivers nothing more; the call that is being made goes on."""
         with self._condition:
             self._is_abandoned, self._waiting = True, []
             self._condition.notify()
@@ -359,7 +359,7 @@ def watch_devices(devices: Devices, lasers: LasersDevice, watch: DeviceWatch) ->
 
 
 class _Watched:
-    """A device whose attributes are those of another one, with its methods watched."""
+    """A device with the attributes of another device, whose methods are watched; of any kind, also a clock."""
 
     def __init__(self, device: object, name: str, watch: DeviceWatch) -> None:
         self._device, self._name, self._watch = device, name, watch

@@ -33,7 +33,7 @@ _FIRST_DARK_PICTURES = 4
 class Measurement:
     """Takes captures one after the other. devices: open ones, which the caller closes.
 
-    tell: called with what a user should know at once, such as a picture that was taken again. notes: all of that.
+    tell: called with news for a user, such as a picture that was taken again. notes: all of that.
     """
 
     def __init__(self, rig: RigDescription, devices: Devices, tell: TextCallback = lambda _: None) -> None:

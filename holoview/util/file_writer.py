@@ -3,10 +3,10 @@
 A library that writes a format makes the content in memory and never sees the disk. Its ways to fail on a full disk
 (exceptions of its own, half files, crashes) can't occur then.
 
-Locks on the names of files and folders that are being written, so that no two programs write one at a time.
-
-A lock is one of the operating system on a small file in the user's cache folder. It ends with the process that holds
-it, however that ends. Where the cache folder can't be written, or its disk has no locks, nothing is locked.
+Names of files and folders that are being written are locked (`OutputLocks`), so that no two programs write the same
+name at a time. A lock is one of the operating system on a small file in the user's cache folder. It ends with the
+process that holds it, however that ends. Where the cache folder can't be written, or its disk has no locks, nothing is
+locked.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
-"""The end of this program, and the beginning of others.
+"""Processes and threads: the end of this program, the beginning of others, the processors that they may use.
 
 Signals (Ctrl-C, SIGTERM, SIGHUP) ask the program to end; workers end with their parent; threads may still be at work
 when the program ends. The time at which a process began tells it apart from a later process with the same id.
 
-How many processors this process may use, and how its threads share them with other programs.
-
 process_cpu_count   processors of the affinity mask, fewer where a container grants less of their time
-group_folders       Linux's control groups, which limit what a process may take
+group_folders       Linux's control groups, which limit the resources of a process
 share_the_machine   how torch's threads wait for each other: to be set before torch is loaded
-
-A worker thread that runs only the latest request: one that still waits is dropped when another one comes.
+LatestTask          a worker thread that runs only the latest request
 """
 
 from __future__ import annotations

@@ -6,9 +6,8 @@ read_table                the values of a table whose keys have types, such as t
 read_record               a dataclass from the JSON text of its fields, by their annotations
 record_from_table         the same from the parsed table; typed_value: one value as an annotation says
 
-Types, sizes and bounds of the arrays and numbers of a file: readers check them, and tests make files from them.
-
-A reader compares the header of each array (type, sizes) before it allocates anything, and the values afterwards.
+`ArraySchema` and `NumberSchema` state types, sizes and bounds of arrays and numbers of a file. A reader compares the
+header of each array (type, sizes) before it allocates anything, and the values afterwards; tests make files from them.
 """
 
 from __future__ import annotations

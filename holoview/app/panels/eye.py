@@ -1,6 +1,6 @@
 """The panel of the eye: its pupil in the eyebox, its focus in dioptres, and which wavelength it sees in which plane.
 
-Widgets of the eye: a map of the eyebox with the pupil, its recorded path, a graph of its focus by wavelength.
+Its widgets: a map of the eyebox with the pupil, its recorded path, a graph of its focus by wavelength.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The panel for opening, saving and exporting files, and for background jobs.
-
-The panel of the undo history: a click on an edit goes back or forward to it.
-"""
+"""The panel of files and background jobs, and that of the undo history, where a click on an edit goes to it."""
 
 from __future__ import annotations
 

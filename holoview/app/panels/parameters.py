@@ -1,6 +1,6 @@
-"""The panel of the system's parameters; widgets are made from metadata, so that new parameters appear by themselves.
+"""The panels of the bench: the system's parameters, and a switch with sliders for each effect.
 
-The panel of effects: a switch for each deviation of a real bench, and sliders for its parameters.
+Widgets are made from metadata, so that new parameters and effects appear by themselves.
 """
 
 from __future__ import annotations

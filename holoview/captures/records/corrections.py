@@ -10,8 +10,8 @@ A correction names one wrong record and makes the captures as they should have b
     `power_order.PowerOrder`             powers of other captures
 
 Corrections are applied together in the order of `ORDER`: the exchange of the modulators' patterns is undone first, so
-that "modulator 1" means the one on the bench in every other correction. At the end of the file: which corrections are
-tried for given captures, alone and in pairs.
+that "modulator 1" means modulator 1 of the bench in every other correction. At the end of the file: which corrections
+are tried for given captures, alone and in pairs.
 """
 
 from __future__ import annotations
@@ -323,7 +323,7 @@ class ColumnCorrection(Correction):
 
 @dataclass(frozen=True)
 class ValueOrder(ColumnCorrection):
-    """The values of a column are mixed up: where the i-th smallest is recorded, the true one is the p[i]-th smallest.
+    """The values of a column are mixed up: where the i-th smallest is recorded, the true value is the p[i]-th smallest.
 
     permutation: p, counted from 0. values: the distinct values (m), ascending; others stay.
     """
@@ -475,7 +475,7 @@ def single_corrections(captures: Captures, screened: Sequence[int]) -> list[Corr
 
 
 def pairs(singles: Sequence[Correction]) -> list[Hypothesis]:
-    """Two corrections of different kinds; of the offsets those of all patterns alone, and the smaller ones."""
+    """Two corrections of different kinds; of the offsets only those of all patterns together, and small ones."""
     most = PAIRED_OFFSET
     few = [c for c in singles if not isinstance(c, PatternOffset) or c.is_plain or abs(c.offset) <= most]
     return [hypothesis(pair) for pair in combinations(few, 2) if pair[0].effect != pair[1].effect]

@@ -116,13 +116,13 @@ def find_power_order(captures: Captures, corrections: Hypothesis, effects: Value
         chance_log = float(f_distribution.logsf((spread / max(left, 1e-12)) ** 2, freedom, freedom)) + trials_log
         if left < POWER_LEFT * spread and chance_log < math.log(FALSE_ALARMS):
             passed.append((left, dataclasses.replace(order, spreads=(spread, left))))
-    # an order of many free numbers always leaves least; a simple one that leaves about as little explains it
+    # an order of many free numbers always leaves least; a simple order that leaves about as little explains the powers
     least = min((left for left, _ in passed), default=math.inf)
     return [order for left, order in passed if left <= 2 * least + POWER_SPREAD / 10][:1]
 
 
 def _log_gains(captures: Captures, effects: Values) -> Floats:
-    """Logarithm of the light seen over the light predicted of each capture; NaN of dark ones."""
+    """Logarithm of the light seen over the light predicted of each capture; NaN of dark captures."""
     data = prepare_captures(captures)
     seen = np.where(data.usable, data.light, 0.0).sum(axis=(1, 2), dtype=np.float64)
     predictor, expected = Predictor(captures, cache_mb=_CACHE_MB), np.empty(len(captures))
@@ -477,7 +477,7 @@ class _Search:
     def _is_better(self, score: TrialScore, base: TrialScore) -> bool:
         """Whether a hypothesis beats another by more than the best of all that were tried does by chance.
 
-        Where the tested captures don't decide, rougher ones are compared too: smooth speckle looks much the same at
+        Where the tested captures don't decide, rougher captures are compared too: smooth speckle looks much the same at
         another wavelength.
         """
         gain, sigmas = score.gain_over(base)

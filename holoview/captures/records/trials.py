@@ -219,8 +219,8 @@ class SpeckleComparison:
     def match(self, seen: Contrast, predicted: Contrast) -> Match:
         """The correlation at every shift of the seen picture.
 
-        torch multiplies the matrices, because its threads are chosen where the work is: numpy's, for as small ones as
-        these, wait for each other for most of the time where other programs run.
+        torch multiplies the matrices, because its threads are chosen where the work is: numpy's threads wait for each
+        other most of the time where arrays are as small as these and other programs run.
         """
         cross = torch.from_numpy(np.conj(predicted.spectra) * seen.spectra)
         correlation = (self._to_rows @ cross @ self._to_columns).real.double().numpy()
@@ -315,7 +315,7 @@ class Trials:
         return self._comparison(self.captures.shape).shift_count
 
     def coarseness(self, k: int) -> float:
-        """Mean squared spatial frequency of a picture's contrast: small for smooth ones, infinite without contrast."""
+        """Mean squared spatial frequency of a picture's contrast: small for smooth pictures, infinite for even ones."""
         power = self._contrast_seen((), k).powers[0]
         if not power.any():
             return np.inf

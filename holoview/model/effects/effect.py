@@ -22,9 +22,7 @@ order in which light meets them:
 
 Hooks on light take and return torch tensors, by tensor methods and the tools of their context (`hook_contexts`).
 
-Square grids of starting points for searches over two parameters.
-
-A parameter of an effect: unit, bounds, prior width, scan range, and the value at which the effect is off.
+`Parameter` has the unit, bounds, prior width and scan range of a parameter, and the value at which the effect is off.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """All effects by id, of `holoview.effects` and of users' files, and the field of a System with the active ones.
 
-Applies the active effects of a table to a System, to laser powers and to exposures; nothing here needs torch.
+`ActiveEffects` applies the effects of a table to a System, to laser powers and to exposures; nothing here needs torch.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def option_place(rig: RigDescription, spec: DeviceSpec) -> str:
 def parse_options(
     rig: RigDescription, spec: DeviceSpec, types: Mapping[str, Parse], required: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """The checked values of a device's options. Raises UserError for unknown, missing and wrong ones."""
+    """The checked values of a device's options. Raises UserError for unknown, missing and wrong keys."""
     where = option_place(rig, spec)
     noun = f'option of device = "{spec.kind}"'
     check_keys(spec.options, types, f"{where}.", required=required, expected=f"an {noun}", noun=noun)

@@ -1,4 +1,4 @@
-"""Lasers and a stage that a person sets: the device says what to set, and waits for Enter.
+"""Lasers and a stage that a person sets: the device prints the setting, and waits for Enter.
 
     [lasers]
     device = "manual"
@@ -33,7 +33,7 @@ def open_manual(rig: RigDescription, spec: DeviceSpec) -> Any:
 
 
 def ask_person(name: str, instruction: str) -> str:
-    """Says what to do, waits for a line and returns it. Raises DeviceError at the end of the input."""
+    """Prints a request, waits for a line and returns it. Raises DeviceError at the end of the input."""
     print(f"{name}: {instruction}, then press Enter", file=sys.stderr, flush=True)
     line = sys.stdin.readline()
     if not line:

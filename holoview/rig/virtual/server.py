@@ -247,8 +247,8 @@ class VirtualBench:
     """A bench with hidden effects. Sizes and nominal facts are those of the rig's description.
 
     Raises UserError for requests that no device can carry out. time_s: of the bench. exposure_s: of the next picture.
-    distance_m: where the camera is. laser: wavelength (m) and power of the one that is on, None if none is.
-    on_laser: called with "on" or "off" whenever one is switched.
+    distance_m: where the camera is. laser: wavelength (m) and power of the laser that is on, None if all are off.
+    on_laser: called with "on" or "off" whenever a laser is switched.
     """
 
     def __init__(

@@ -5,7 +5,7 @@
     FourierSLM(camera, slm).fourier_calibrate(array_shape=5, array_pitch=5)
 
 slmsuite knows no lasers, no stage and no clock of its own. The modulator switches a laser on while it is open, and time
-on the bench goes on with the time that passes between calls, so that what slmsuite waits for happens; computing the
+on the bench goes on with the time that passes between calls, so that slmsuite's waits end; computing the
 light takes no time there. With `live=False` only exposures and `wait` take time.
 """
 

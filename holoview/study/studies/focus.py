@@ -1,6 +1,6 @@
 """Does the display drive the eye's focus? Retinal contrast against accommodation, beside an incoherent scene.
 
-PSNR and speckle contrast through focus, in comparison with incoherent defocus.
+Also PSNR and speckle contrast through focus, in comparison with incoherent defocus.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """One modulator or two, without and with a penalty on an unevenly lit eyebox, and what the gain depends on.
 
-PSNR of modulators with few levels, and of binary ones in many frames.
-
-Colour multiplexing in its smallest case: two frames of two lasers, one laser a frame or both in both.
+Also modulators with few levels, binary modulators in many frames, and colour multiplexing in its smallest case: two
+frames of two lasers, one laser a frame or both in both.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Holograms seen by an eye whose pupil has another place or diameter than they were optimised for.
 
-Uniformity of the light in the eyebox against the number of wavelengths and frames.
+Also the uniformity of the light in the eyebox against the number of wavelengths and frames.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Comparisons of colour schemes: in turn or together, by the number of wavelengths, and beside source directions.
 
-Optimised wavelengths beside evenly spaced ones, and the number and spacing of the latter.
-
-Fidelity of pictures of more or less saturated colours with 3 and with 16 lasers.
+Also optimised wavelengths beside evenly spaced ones, the number and spacing of the latter, and the fidelity of more or
+less saturated colours with 3 and with 16 lasers.
 """
 
 from __future__ import annotations
