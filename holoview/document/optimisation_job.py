@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from holoview.document.document import Document
 from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.measure import luminance_of, measure_region
+from holoview.document.measurements import luminance_of, measure_region
 from holoview.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System

@@ -489,7 +489,7 @@ def _centre_error(g: Geometry, axis: str) -> float:
     return math.hypot(g.uncertainty(f"centre_{axis}"), _COMMON_ERROR_PX)
 
 
-def doubt(found: FoundGeometry) -> str | None:
+def misfit_warning(found: FoundGeometry) -> str | None:
     """A sentence where dots show that modulators or camera aren't as described."""
     if found.excess_px == 0:
         return None
