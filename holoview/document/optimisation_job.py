@@ -396,7 +396,7 @@ class RetinalCurves:
         return self._job.result if self._job is not None and self._is_current else None
 
     def start(self, pupils_m: Sequence[float] | None = None) -> RetinalCurveJob:
-        """Computes the curve in the background, for pupils of these diameters, else for those of natural ones.
+        """Computes the curve in the background, for pupils of these diameters, by default of natural diameters.
 
         Raises UserError without an eye, and as `pupils_of` does.
         """

@@ -479,7 +479,7 @@ def _measured(g: Geometry, name: str) -> Measured:
 
 
 def _unless_nominal(g: Geometry, name: str) -> Measured:
-    """A value that is measured; the nominal zero, as uncertain, where that is as likely."""
+    """A measured value; zero, its nominal value, with the same uncertainty where it doesn't differ significantly."""
     found = _measured(g, name)
     return found if found.is_significant else Measured(0.0, found.uncertainty)
 

@@ -300,7 +300,7 @@ REGION_PX = 128
 cost: captures of 128 × 96 pixels are compared whole."""
 
 MOST_CAPTURES = 64
-"""[captures] Of the middle of many captures that are considered. Evidence: the cost."""
+"""[captures] Of a larger number, those in the middle are considered. Evidence: the cost."""
 
 _MIN_SIDE_PX = 4
 """[px] Of a picture. Evidence: a reason: a grain of speckle and its surroundings; fewer have no contrast to compare."""
