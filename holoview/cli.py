@@ -55,7 +55,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs `holoview` with these arguments and returns the exit code, see `exit_codes`.
+    """Runs `holoview` with these arguments and returns its exit code.
 
     arguments: those of this process if None; then the viewer runs in a process of its own.
     """

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Dispatches to `calibrate_captures` or `calibrate_lut`."""
+    """Runs a calibration from captures or from a sweep of levels."""
     source: list[str] = args.source
     if source[0] == "lut" and len(source) == 2:
         _reject_foreign_options(args, _CAPTURES_OPTIONS, "holoview calibrate CAPTURES.h5")

@@ -76,8 +76,8 @@ class RegionConfig:
     which takes about as long as searching the middle."""
 
     max_picture_pixels: int = 5_000_000
-    """[px] Larger pictures are cut to so many. Evidence: measured: see `SplitConfig.max_pixels`; a set has a picture of
-    each wavelength."""
+    """[px] Larger pictures are cut to so many. Evidence: measured: see `capture_split.MAX_SET_PIXELS`; a set has a
+    picture of each wavelength."""
 
     max_grid_samples: int = 40_000_000
     """[samples] Of a padded field; larger modulators, and finer samples, are cut to so many. Evidence: measured: a

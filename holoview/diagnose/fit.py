@@ -9,7 +9,7 @@ refit_with_longer_steps, refine_hard_edges, search_along_axes, drop_negligible_v
                 each takes a fit and returns one that costs no more; only `drop_negligible_values` may return one that
                 costs slightly more, with fewer parameters
 
-The solvers are `numerics.least_squares` and `numerics.nelder_mead`.
+The solvers are those of `numerics.minimise`.
 """
 
 from __future__ import annotations

@@ -48,9 +48,9 @@ FINAL_ITERATIONS = 5  # [1] Iterations of the last joint fit.
 _LAST_ITERATIONS = 20
 """[1] Iterations of the last fit of a candidate near the floor. Evidence: measured: after the others, the two
 parameters of crosstalk were 11 and 21 % off with χ²/n 1.0196; with these 0.01 and 0.02 %, and 0.9935."""
-_LAST_TOLERANCE = 1e-6  # [1] Its tolerance. Evidence: as `last_iterations`.
+_LAST_TOLERANCE = 1e-6  # [1] Its tolerance. Evidence: as `_LAST_ITERATIONS`.
 TOLERANT_MIN_ERROR = 0.02
-"""[error] Below it no tolerant fit precedes the one with the noise's weights; paired with `NEAR_ERROR`."""
+"""[error] Below it no tolerant fit precedes the one with the noise's weights; paired with `_NEAR_ERROR`."""
 FAR_ERROR = 0.15
 """[error] A tolerant fit that leaves more isn't refined. Evidence: weights of the noise alone lead nowhere there."""
 _TOLERANT_ROUNDS = 6

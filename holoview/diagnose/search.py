@@ -71,7 +71,7 @@ _SUPERFLUOUS_COST = 2.0
 times as much as with it. Evidence: derivation: fewer causes come first within a tenth of the excess."""
 _JOINT_NO_SCAN_CHI2 = 2.0
 """[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; paired with
-`NO_SCAN_CHI2`."""
+`screening._NO_SCAN_CHI2`."""
 _WORTHWHILE_COST = 0.7
 """[1] A further cause that leaves less than this share of the base's excess is fitted jointly at once. Evidence: weak
 fringes beside a bandwidth left nothing of an excess of 0.23; with a share of the cost in place of the excess they were

@@ -1,6 +1,6 @@
 """Reads a rig's description: which devices it has, their facts, the safety limits, and the nominal bench.
 
-rig.toml has the tables of `bench.toml` (`captures.bench_tables`) with the devices' own keys, and three of its own:
+rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devices' own keys, and three of its own:
 
     name = "left arm"
     [slm1]                          # and [slm2]

@@ -15,7 +15,7 @@ with its pupil. They are then added first, M_λ·L for the light and M_λ·1 for
 hides the groups behind it as it would hide white light. Where each wavelength moves on its own, each is composited on
 its own, which multiplies the time by their number.
 
-`eye_targets` makes the targets of a bench whose eye moves: from a light field, or from a picture with depth.
+`moving_target` makes the targets of a bench whose eye moves: from a light field, or from a picture with depth.
 """
 
 from __future__ import annotations

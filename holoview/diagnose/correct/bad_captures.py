@@ -75,7 +75,7 @@ the model decorrelates rough patterns first, so that a good capture resembles it
 peers do."""
 
 MIN_PEERS = 2
-"""[captures] A capture with fewer peers isn't judged by them. Evidence: derivation: `min_captures` with itself."""
+"""[captures] A capture with fewer peers isn't judged by them. Evidence: derivation: `MIN_CAPTURES` with itself."""
 
 MIN_REACH = 0.5
 """[1] A picture whose correlation with its prediction, beyond that with other captures' predictions, is less than this

@@ -42,7 +42,7 @@ _PLANE_CAPTURES = 2
 """[captures] Of each plane that are predicted, the smoothest. Evidence: a second wavelength has other minima beside the
 true one."""
 _PLANE_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-"""[depths] Errors either way, in depths of field λ/NA². Evidence: as `defocus_depths`."""
+"""[depths] Errors either way, in depths of field λ/NA². Evidence: as `DEFOCUS_DEPTHS`."""
 _PLANE_FIRST_STEP = 0.2
 """[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next error that is
 tried."""

@@ -44,7 +44,7 @@ LINE_SEGMENTS = 8
 """[segments] The gain of a line is the median of so many parts of it, times their number. Evidence: a block of stuck
 pixels reaches over one part or two, and isn't taken for a line."""
 _PART_SEGMENTS = 3
-"""[segments] A part of a line, from one edge on, is looked for from so many on. Evidence: as for `line_segments`: the
+"""[segments] A part of a line, from one edge on, is looked for from so many on. Evidence: as for `LINE_SEGMENTS`: the
 median of three bears one that a block reaches over."""
 _END_MOVES = (-8, -4, -2, -1, 1, 2, 4, 8)
 """[pixels] By which the end of a part of a line is moved, again and again, while χ² falls. Evidence: derivation: gains

@@ -16,7 +16,7 @@
     device = "micromanager"
     config = "scope.cfg"
     label = "Z"
-    zero = "0.1 mm"                     # and reversed, tolerance: see `stage_axis`
+    zero = "0.1 mm"                     # and reversed, tolerance: see `AXIS_OPTIONS`
 
 Micro-Manager counts in ms and µm. Its calls are those of the class CMMCore.
 """

@@ -19,7 +19,7 @@ r"""Lasers and a stage at a serial line, whose commands rig.toml states.
     done = "ok"
     ask = "M114\n"                      # default: the position isn't asked for
     position = "X:([-+0-9.]+)"          # finds it in the answer, in mm
-    zero = "12.5 mm"                    # and reversed, tolerance: see `stage_axis`
+    zero = "12.5 mm"                    # and reversed, tolerance: see `AXIS_OPTIONS`
 
 A command is a template of Python's `str.format`, or a list of them, each of which is answered. Lasers know {number}
 (from 1, by wavelength), {nm} and {power}; a stage {mm}, {um} and {m}. Before one laser is switched on, all are switched
