@@ -17,7 +17,7 @@ from itertools import count
 import numpy as np
 
 from benchmarks.common import count_of, markdown_table, shape_of
-from holoview.document.target import example_target
+from holoview.document.target_builder import example_target
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import open_device
 from holoview.model import preset

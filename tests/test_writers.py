@@ -17,11 +17,11 @@ from holoview.captures import read_captures, write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
+from holoview.figures import png_figure
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.pictures import write_pattern, write_png
 from holoview.model import preset
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
-from holoview.report import png_figure
 from holoview.study.runner import ResultStore
 from holoview.study.study import JobResult, StudyJob
 from holoview.util.file_writer import WriteError
@@ -127,7 +127,7 @@ def test_on_a_disk_that_fills_a_file_is_whole_or_as_it_was(tmp_path: Path, name:
 _WRITES = {"write_text", "write_bytes", "savefig", "save_file", "imwrite", "mkstemp", "NamedTemporaryFile", "tofile"}
 _ALLOWED = {
     "util/file_writer.py",  # the one that does
-    "report.py",  # into memory
+    "figures.py",  # into memory
     "io/pictures.py",  # into memory
     "diagnose/worker_pool.py",  # memory that processes share, or a temporary file
     "app/desktop.py",  # a file for another program, in a folder for temporary files

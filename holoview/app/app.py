@@ -23,7 +23,7 @@ from holoview.app.theme import THEMES
 from holoview.app.tour import Tour
 from holoview.app.window import Window
 from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
-from holoview.document.files import show_example
+from holoview.document.file_loader import show_example
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model import preset

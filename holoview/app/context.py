@@ -22,9 +22,9 @@ from holoview.app import theme
 from holoview.app.user_input import Chord
 from holoview.app.window import Window
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import FileLoader
-from holoview.document.focus import PupilMotion
-from holoview.document.measure import LimitNotes, LiveMeasurement, LiveScore
+from holoview.document.file_loader import FileLoader
+from holoview.document.focus_edits import PupilMotion
+from holoview.document.measurements import LimitNotes, LiveMeasurement, LiveScore
 from holoview.document.optimisation_job import RetinalCurves
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore

@@ -11,7 +11,7 @@ from pathlib import Path
 from holoview.app.serve import Address, ServeOptions, require_serving_libraries
 from holoview.app.startup import Startup
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import FilesToOpen, new_session
+from holoview.document.file_loader import FilesToOpen, new_session
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
-from holoview.document.measure import ImageScore, image_psnr_db, sample_pixel
+from holoview.document.measurements import ImageScore, image_psnr_db, sample_pixel
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
 from holoview.render.page_images import SeenField
 from holoview.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side

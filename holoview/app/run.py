@@ -20,7 +20,7 @@ from holoview.app.panels.rig import open_rig
 from holoview.app.script import InputDriver, run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, ServeOptions, serve
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import NO_FILES, FilesToOpen, shows_example
+from holoview.document.file_loader import NO_FILES, FilesToOpen, shows_example
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore, state_folder
 from holoview.gpu.device import Device, DeviceLost
@@ -216,7 +216,7 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
         """Called on another thread, where the window's can't be waited for."""
         return not app.context.has_rig and (autosave is None or autosave.close() is None)
 
-    with handled_signals(interruption.ask) as take_signals, end_in_time(save):
+    with handled_signals(interruption.ask) as take_signals, ending_after_grace(save):
         loop.add_task(_close_at_signal, app, interruption, take_signals, name="signals")
         try:
             run()
@@ -307,10 +307,10 @@ GRACE_S = 2.0
 
 
 @contextmanager
-def end_in_time(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[None]:
+def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[None]:
     """While the block runs, a signal that asks the viewer to end does so after `grace_s`, if the block still runs then.
 
-    Only where this process may be left so (`util.threads.is_left`), and on its main thread. save: called on another
+    Only where this process may be left so (`util.processes.is_left`), and on its main thread. save: called on another
     thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching lasers
     off. Otherwise the block goes on.
     """

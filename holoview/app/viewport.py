@@ -15,7 +15,7 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.document.focus import SAME_PLANE_M, dioptres_text
+from holoview.document.focus_edits import SAME_PLANE_M, dioptres_text
 from holoview.engine.shader_structs import VIEWPORT
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch

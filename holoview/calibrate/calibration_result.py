@@ -57,11 +57,11 @@ from holoview.calibrate.train import (
 )
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
+from holoview.figures import png_figure
 from holoview.model import preset
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
 from holoview.model.system import System
-from holoview.report import png_figure
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback

@@ -46,8 +46,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
 from holoview.captures.dataset import Captures
+from holoview.figures import label, png_figure
 from holoview.model.system import System
-from holoview.report import label, png_figure
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

@@ -4,7 +4,6 @@ dataset               Captures: patterns, images and settings, with the nominal 
 validation            refuses impossible captures and hints at wrong units
 nominal_bench         the nominal bench as attributes of the file and as tables of TOML
 capture_file          reads and writes the HDF5 capture file, version 1
-summary               captures as numbers and as a contact sheet
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates captures of a bench with effects
 records               whether patterns, pictures and settings are recorded rightly

@@ -15,9 +15,9 @@ from holoview.captures import read_captures
 from holoview.commands.arguments import number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
+from holoview.figures import require_matplotlib
 from holoview.model import preset
 from holoview.optimise.parallel import limit_torch_threads
-from holoview.report import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder

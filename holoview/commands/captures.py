@@ -13,7 +13,7 @@ from holoview.calibrate.lut_fit import HEADROOM, ExposureLimits, ExposureSetting
 from holoview.captures import read_captures, write_captures
 from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
 from holoview.captures.records import find_record_errors
-from holoview.captures.summary import capture_sheet, summarise
+from holoview.captures.validation import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands.arguments import (
     add_effects,

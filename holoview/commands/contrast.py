@@ -20,6 +20,7 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import add_input, add_output
+from holoview.figures import figure_bytes, require_matplotlib
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import central_region, contrast_by_pupil, hologram_luminance, picture_luminance
 from holoview.metrics.speckle import (
@@ -29,7 +30,6 @@ from holoview.metrics.speckle import (
 )
 from holoview.model.focus import parse_plane
 from holoview.page.page import export_html
-from holoview.report import figure_bytes, require_matplotlib
 from holoview.study.plots import make_figure, retinal_figure, speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import file_format

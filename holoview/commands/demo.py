@@ -22,8 +22,9 @@ from holoview.commands.arguments import add_backend, check_adapter_applies, whol
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.optimise import optimise_with_progress
 from holoview.commands.output_files import add_output_folder, check_files
-from holoview.document.target import example_target
+from holoview.document.target_builder import example_target
 from holoview.engine.backend import open_executor
+from holoview.figures import CaptionedTile, contact_sheet
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_png
 from holoview.metrics.fidelity import PlaneScores
@@ -34,7 +35,6 @@ from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.hologram_job import RunOptions
 from holoview.optimise.settings import Settings
-from holoview.report import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError

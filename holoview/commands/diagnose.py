@@ -32,11 +32,11 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
 from holoview.experiment.rig_bench import KnownEffects
+from holoview.figures import require_matplotlib
 from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
-from holoview.report import require_matplotlib
 from holoview.rig.registration import read_registration
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file

@@ -14,7 +14,7 @@ from holoview.commands.console import print_json
 from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input
 from holoview.model import preset
-from holoview.model.summary import info_rows
+from holoview.model.derived_numbers import info_rows
 from holoview.optimise.memory import peak_bytes
 
 

@@ -42,7 +42,7 @@ from holoview.commands.output_files import (
 )
 from holoview.experiment.camera_loop import (
     STEP_RAD,
-    LoopState,
+    CameraLoopState,
     ModelUpdates,
     RigJob,
     RigOutcome,
@@ -619,7 +619,7 @@ def _save(args: argparse.Namespace, saver: ResultSaver, job: RigJob, output: Pat
 
 
 def _keep_best(
-    args: argparse.Namespace, job: RigJob, output: Path, hologram: Hologram, state: LoopState | None = None
+    args: argparse.Namespace, job: RigJob, output: Path, hologram: Hologram, state: CameraLoopState | None = None
 ) -> None:
     """Saves what there is before the program ends early."""
     print_stderr(f"the best so far is kept in {_save(args, ResultSaver(), job, output, hologram)}")

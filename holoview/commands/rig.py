@@ -12,11 +12,11 @@ from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
 from holoview.model.effects.registry import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.alignment import (
+from holoview.rig.align import (
     check_rig_records,
-    doubt,
     find_geometry,
     laser_for_alignment,
+    misfit_warning,
     registration_of,
     sentences,
 )
@@ -137,7 +137,7 @@ def _align(args: argparse.Namespace) -> int:
         print(f"{found.geometry.residual_px:.2g} pixels from where it puts them (r.m.s.)")
         for sentence in sentences(registration):
             print(sentence)
-        if doubtful := doubt(found):
+        if doubtful := misfit_warning(found):
             print(doubtful)
         known = registration.known_effects()
         if known:

@@ -10,9 +10,9 @@ from typing import Any
 from holoview.commands.arguments import number, parse_lengths, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_output_folder, hold_outputs
+from holoview.figures import require_matplotlib
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.model.fields import Shape
-from holoview.report import require_matplotlib
 from holoview.study.hologram_study import HologramStudy, write_live_page
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs

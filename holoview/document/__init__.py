@@ -3,11 +3,11 @@
 document              system, patterns, target and view settings as immutable data; undo and redo as a list of them
 editing_session       the document with undo, jobs, snapshots and messages, owned by one thread; choices of a user
 jobs                  background jobs with progress, pause and cancellation
-focus                 edits of the focal plane, of the eye, and of the pupil's recorded path
-target                what a hologram should show, built on a worker thread
-measure               measurements of an image; those of the displayed one, kept up to date
+focus_edits           edits of the focal plane, of the eye, and of the pupil's recorded path
+target_builder        the image that a hologram should show, built on a worker thread
+measurements          measurements of an image; those of the displayed one, kept up to date
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash
-files                 opens files: recognises, reads, and reloads them when they are rewritten
+file_loader           opens files: recognises, reads, and reloads them when they are rewritten
 received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from holoview.document.document import Document, HistoryStep, as_readonly_drive
 from holoview.document.editing_session import OptimisationChoices
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
-from holoview.document.target import TargetSpec, example_target
+from holoview.document.target_builder import TargetSpec, example_target
 from holoview.model import preset
 from holoview.model.focus import PupilPath
 from holoview.model.system import System

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.document.target import TargetSpec
+from holoview.document.target_builder import TargetSpec
 from holoview.model.system import System
 from holoview.render.scene import Drive, Scene, image_shape
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings

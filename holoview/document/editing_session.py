@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from holoview.document.document import Document, History, HistoryStep, is_same_document, middle_plane
 from holoview.document.jobs import JobManager
-from holoview.document.target import TargetBuilder, TargetSpec
+from holoview.document.target_builder import TargetBuilder, TargetSpec
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes

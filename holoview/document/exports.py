@@ -15,9 +15,10 @@ from PIL import Image
 
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
-from holoview.document.focus import dioptres_text, eye_of, eyebox_half_m, pupil_diameter_m
+from holoview.document.focus_edits import dioptres_text, eye_of, eyebox_half_m, pupil_diameter_m
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.measure import RegionMetrics, measure_region
+from holoview.document.measurements import RegionMetrics, measure_region
+from holoview.figures import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, png_texts, write_png
 from holoview.io.pupil_path_file import SUFFIX, save_pupil_path
@@ -27,7 +28,6 @@ from holoview.numerics.sampling import positions
 from holoview.page.page import export_html
 from holoview.render.planes import render_each, render_planes
 from holoview.render.tone_mapping import tone_map
-from holoview.report import CaptionedTile, contact_sheet, figure_bytes, label, new_figure, require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from holoview.document.document import Document
 from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
-from holoview.document.measure import luminance_of, measure_region
+from holoview.document.measurements import luminance_of, measure_region
 from holoview.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
@@ -396,7 +396,7 @@ class RetinalCurves:
         return self._job.result if self._job is not None and self._is_current else None
 
     def start(self, pupils_m: Sequence[float] | None = None) -> RetinalCurveJob:
-        """Computes the curve in the background, for pupils of these diameters, else for those of natural ones.
+        """Computes the curve in the background, for pupils of these diameters, by default of natural diameters.
 
         Raises UserError without an eye, and as `pupils_of` does.
         """

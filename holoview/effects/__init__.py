@@ -4,7 +4,7 @@ Effects of the same part of a display share a file; where one cause acts at two 
 place. An effect states its cause and its parameters, and overrides the hooks of the quantities that it changes; the
 framework is `holoview.model.effects`, whose registry finds every file of this package by itself.
 
-lasers           the power that is emitted for the one that was set (laser_power), wavelengths (wavelength_offset), a
+emission         the power that is emitted for the one that was set (laser_power), wavelengths (wavelength_offset), a
                  second line of each laser (second_line), the width of the lines (bandwidth)
 illumination     brightness over the first modulator (source_profile), angle (tilt), size of the source (source_extent)
 distance         the focal planes (distance), the gap between the modulators (gap)

@@ -5,7 +5,7 @@ frame              the sequence of stages from the laser to the intensity, indep
 torch_executor     the reference executor: PyTorch in complex64 or complex128, differentiable
 wgpu_executor      the WebGPU executor: fused kernels, and each stage by itself for comparison with PyTorch
 fused              records the fused kernels of a frame: the hooks with row and column FFTs
-kernels            generates the WGSL of the fused kernels and lists the variants that a plan needs
+fused_kernels      generates the WGSL of the fused kernels and lists the variants that a plan needs
 shader_structs     the structs that Python and WGSL share, filled from the numbers of a plan
 compositor         weighted sum of intensities in CIE XYZ, and 8-bit sRGB of it, on the device
 incremental        IncrementalRenderer: recomputes only what an edit has made stale; the FFT strategy it computes with

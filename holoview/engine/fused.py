@@ -13,7 +13,7 @@ is smaller than the second rows, `propagate` to the plane is split, so that othe
     image      × H to the plane → column IFFT              → rows at the plane
 
 Only rows that hold the field are stored between kernels, transformed along x, and of their frequencies only those that
-a relay passes (`kernels: FrameLayout`). H is the transfer function.
+a relay passes (`fused_kernels: FrameLayout`). H is the transfer function.
 
 Device buffers with the inputs of the fused kernels, and fingerprints that tell when a result is stale.
 
@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor, WeightedIntensity
-from holoview.engine.kernels import (
+from holoview.engine.fused_kernels import (
     FrameLayout,
     FusedKernels,
     KernelVariant,

@@ -44,7 +44,7 @@ from holoview.engine.fused import (
     field_keys,
     group_into_spans,
 )
-from holoview.engine.kernels import FusedKernels, KernelVariant, frame_shape
+from holoview.engine.fused_kernels import FusedKernels, KernelVariant, frame_shape
 from holoview.engine.shader_structs import ShaderInputs
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy

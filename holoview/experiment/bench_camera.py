@@ -27,7 +27,7 @@ _NO_SEED = (0, 0)
 
 
 @dataclass(frozen=True)
-class Shot:
+class PictureRequest:
     """One picture: the frame whose patterns are shown, the laser that is on, and the focal plane."""
 
     frame: int
@@ -61,7 +61,7 @@ class PictureSource(Protocol):
     def bench_s(self) -> float:
         """Seconds of bench time since the first one."""
 
-    def record(self, levels: NDArray[np.uint16], shots: Sequence[Shot]) -> list[Picture]:
+    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[Picture]:
         """The pictures of these shots, in their order. levels: grey levels (frame, modulator, y, x)."""
 
     def rest(self) -> None:
@@ -96,7 +96,7 @@ class BenchCamera:
     def __post_init__(self) -> None:
         self._camera = _CountingCamera(self.devices.camera)
         devices = dataclasses.replace(self.devices, camera=self._camera)
-        self._session = Measurement(self.rig, devices, self.tell)
+        self._measurement = Measurement(self.rig, devices, self.tell)
         self._dark: dict[float, NDArray[np.float32]] = {}
         self._began_s = devices.clock.now()
 
@@ -108,7 +108,7 @@ class BenchCamera:
     def bench_s(self) -> float:
         return self.devices.clock.now() - self._began_s
 
-    def record(self, levels: NDArray[np.uint16], shots: Sequence[Shot]) -> list[Picture]:
+    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[Picture]:
         """See `PictureSource`. Raises DeviceError, and UserError for settings that the safety limits don't allow."""
         narrow = [levels[frame].astype(self._levels_type) for frame in range(len(levels))]
         taken = {k: self._capture(narrow[shots[k].frame], shots[k]) for k in self._order(shots)}
@@ -125,7 +125,7 @@ class BenchCamera:
     def _levels_type(self) -> type[np.unsignedinteger]:
         return np.uint8 if max(slm.num_levels for slm in self.rig.bench.slms) <= 256 else np.uint16
 
-    def _order(self, shots: Sequence[Shot]) -> list[int]:
+    def _order(self, shots: Sequence[PictureRequest]) -> list[int]:
         """Plane by plane, since the stage is slowest; the nearest to where it is first."""
         distances = sorted({shot.distance_m for shot in shots})
         here = distances[0] if self._distance_m is None else self._distance_m
@@ -134,15 +134,15 @@ class BenchCamera:
         self._distance_m = distances[-1]
         return sorted(range(len(shots)), key=lambda k: (distances.index(shots[k].distance_m), shots[k].frame))
 
-    def _capture(self, levels: Levels, shot: Shot) -> Captures:
+    def _capture(self, levels: Levels, shot: PictureRequest) -> Captures:
         """A capture with the exposure of its wavelength, searched where that is too long."""
         exposure_s = self.exposures_s.get(shot.wavelength_m)
         power = self.rig.limits.power
         request = CaptureRequest(shot.wavelength_m, shot.distance_m, power, 0.0, _NO_SEED, exposure_s)
-        capture = self._session.take(request, levels)
+        capture = self._measurement.take(request, levels)
         share = range_share(capture.images[0], self.rig.bench.camera)
         if exposure_s is not None and share > _TOO_BRIGHT:
-            capture = self._session.take(dataclasses.replace(request, exposure_s=None), levels)
+            capture = self._measurement.take(dataclasses.replace(request, exposure_s=None), levels)
         self.exposures_s[shot.wavelength_m] = float(capture.exposure_s[0])
         return capture
 

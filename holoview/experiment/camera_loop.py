@@ -43,7 +43,7 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.diagnose.extended_model import extended_system
 from holoview.diagnose.pipeline import diagnose
-from holoview.experiment.bench_camera import BenchCamera, Picture, PictureSource, Shot
+from holoview.experiment.bench_camera import BenchCamera, Picture, PictureRequest, PictureSource
 from holoview.experiment.camera_problem import (
     PROBE_SIGMAS_PX,
     CameraCalibration,
@@ -90,7 +90,7 @@ _FORMAT = TensorFormat(
 
 
 @dataclass(frozen=True)
-class LoopState:
+class CameraLoopState:
     """The state after an iteration.
 
     iteration, iterations: number of this one, from 0, and of the last. loss, psnr_db: measured, as those of
@@ -157,7 +157,7 @@ class CameraLoop:
             self._resume(resume)
         self.problem = CameraProblem(self.system, stack, settings, rig, device)
 
-    def states(self) -> Iterator[LoopState]:
+    def states(self) -> Iterator[CameraLoopState]:
         """Runs the loop; it may be left at any time."""
         began, before = time.perf_counter(), self.progress
         self._calibrate(from_pictures=self.calibration is None)
@@ -185,10 +185,10 @@ class CameraLoop:
         amplitudes = np.array(hologram.system.amplitudes)
         return self.problem.evaluate(self._path_m(drive), amplitudes, EvaluationRequest())
 
-    def _state(self, evaluation: LossEvaluation, iteration: int) -> LoopState:
+    def _state(self, evaluation: LossEvaluation, iteration: int) -> CameraLoopState:
         progress = self.progress
         assert self.best is not None
-        return LoopState(
+        return CameraLoopState(
             iteration=iteration,
             iterations=self.settings.iterations,
             loss=evaluation.loss,
@@ -263,7 +263,7 @@ class CameraLoop:
         """Pictures of random patterns, by plane, wavelength and pattern."""
         levels = probe_levels(self.rig, self.settings.seed, sigmas_px)
         wavelengths, planes = lasers_of(self.system, self.rig), self.system.planes_m
-        shots = [Shot(p, λ, float(z)) for z in planes for λ in wavelengths for p in range(len(levels))]
+        shots = [PictureRequest(p, λ, float(z)) for z in planes for λ in wavelengths for p in range(len(levels))]
         return self.camera.record(levels, shots)
 
     def _fit_calibration(self) -> CameraCalibration:
@@ -500,8 +500,8 @@ class RigJob:
 class RigOutcome:
     """The first and the latest state of a loop, and the PSNR of the best hologram in fresh pictures."""
 
-    first: LoopState | None = None
-    latest: LoopState | None = None
+    first: CameraLoopState | None = None
+    latest: CameraLoopState | None = None
     fresh_psnr_db: float | None = None
 
 
@@ -551,6 +551,6 @@ def run_on_rig(
             outcome.fresh_psnr_db = loop.measure(outcome.latest.best).psnr_db
 
 
-def _progress_note(state: LoopState) -> str:
+def _progress_note(state: CameraLoopState) -> str:
     measured = f"measured PSNR {state.psnr_db:.2f} dB, best {state.best_psnr_db:.2f} dB, {state.pictures} pictures"
     return f"{measured} in {state.bench_s:.0f} s"

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from holoview.captures.patterns import random_levels
 from holoview.diagnose.starts.picture import measure_displacement
-from holoview.experiment.bench_camera import Picture, Shot
+from holoview.experiment.bench_camera import Picture, PictureRequest
 from holoview.experiment.rig_bench import lasers_of
 from holoview.model.system import System
 from holoview.numerics.sampling import Region, region_slices
@@ -171,10 +171,12 @@ class CameraProblem(Problem):
         self._views: list[CameraSampling] = []
 
     @property
-    def shots(self) -> list[Shot]:
+    def shots(self) -> list[PictureRequest]:
         """The pictures that an evaluation needs, plane by plane, in each in the order of `lasers`."""
         wavelengths = lasers_of(self.system, self._rig)
-        return [Shot(frame, wavelengths[λ], float(z)) for z in self.system.planes_m for frame, λ in self.lasers]
+        return [
+            PictureRequest(frame, wavelengths[λ], float(z)) for z in self.system.planes_m for frame, λ in self.lasers
+        ]
 
     @property
     def sample_pitch_m(self) -> float:

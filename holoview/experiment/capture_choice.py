@@ -549,7 +549,7 @@ def _refitted(prediction: ProposalPrediction, leader: Hypothesis, rival: Hypothe
 
 
 def _as_levels(drive: NDArray[np.float64], levels: Levels, taken: Captures) -> Levels:
-    """Levels of the patterns, in the middle of those of the proposal where they are its middle."""
+    """Levels of a drive. A drive of the modulators' middle replaces the middle of the proposal's levels."""
     result = levels.copy()
     rows, columns = central_slices(levels.shape[1:], (drive.shape[1], drive.shape[2]))
     for own, pattern, slm in zip(result, drive, taken.slms, strict=True):

@@ -142,7 +142,7 @@ class ClosedLoop:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
         self._options: dict[str, Any] = {**diagnosis_options(rig.registration), **options}
-        self._session, self._time = Measurement(rig, devices), BenchTime.of(devices)
+        self._measurement, self._time = Measurement(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
 
@@ -199,7 +199,7 @@ class ClosedLoop:
         clock, proposal = self._devices.clock, choice.proposal
         start = clock.now()
         try:
-            capture = self._session.take(proposal.request, proposal.levels)
+            capture = self._measurement.take(proposal.request, proposal.levels)
         finally:
             self._devices.lasers.switch_off()
         seconds = clock.now() - start

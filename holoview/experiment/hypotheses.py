@@ -67,7 +67,7 @@ FURTHER_CAUSE = 0.1
 """Odds of one cause more, before any capture."""
 _SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several times
 _MAX_FITTED = 6  # hypotheses that are kept fitted, beside the nominal bench
-_REFITTED = 4  # of them, that are fitted again to every further capture
+_REFITTED = 4  # of these hypotheses: they are fitted again to every further capture
 _MAX_OPEN = 4  # effects beside the leader that take part in a choice
 _NEW_SEARCH = 1.5  # times the captures of the last search, after which unexplained captures are searched again
 _LEADS = 0.9  # probability from which effects beside the leader are looked at
@@ -142,7 +142,7 @@ class Belief:
 def fitted_hypothesis(
     fit: CandidateFit, comparison: Comparison, context: SearchContext, temperature: float
 ) -> Hypothesis:
-    """A fit, whose cost is that in this comparison, with its evidence."""
+    """A fit as a hypothesis, with its evidence. fit: its cost is of this comparison."""
     effects = [context.effects[name] for name in fit.causes]
     free = free_parameters_of(effects, fit.values)
     x, slopes = free.pack(fit.values), slopes_of(free, fit.values, comparison, context)

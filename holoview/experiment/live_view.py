@@ -262,7 +262,7 @@ class LiveDiagnosis:
             self._start([captures[k] for k in chosen], count)
 
     def start(self, captures: Sequence[Captures]) -> None:
-        """Diagnoses all these captures, each a session of one, in place of those that are being diagnosed."""
+        """Diagnoses all these captures, one in each element, in place of those that are being diagnosed."""
         self._start(list(captures), len(captures))
 
     def cancel(self) -> None:

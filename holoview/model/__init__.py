@@ -12,7 +12,7 @@ focus        the planes on which the eye of a system is focused
 passband     the frequencies that stops and pupils pass, as rows of integers
 plan         `Plan`: grid, transfer functions, weights and colours, derived in float64
 validity     when the model stops being true: each limit with its threshold
-summary      numbers that follow from a bench, as text
+derived_numbers  cut-offs, sampling, angles and limits of a bench, as text
 effects      the framework of imperfections of real displays; the imperfections are in `holoview.effects`
 
 Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`, `effects.learned_maps`).

@@ -1,7 +1,7 @@
 """A hologram as one HTML file, live in the reader's browser.
 
 page        writes the file, and reads it again as data
-contents    what the page knows of a hologram: its bench in numbers, its patterns; a frame as buffers, pipelines and
+recording   what the page knows of a hologram: its bench in numbers, its patterns; a frame as buffers, pipelines and
             dispatches, for a program without Python to replay
 link        the state of a page as the end of its address, applied to a hologram
 

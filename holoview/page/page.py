@@ -1,6 +1,6 @@
 """A hologram as one HTML file that any browser with WebGPU shows live: `export_html` writes it, `read_page` reads it.
 
-The file holds the frame recording of each hologram (`contents`), the numbers from which its tables are computed
+The file holds the frame recording of each hologram (`recording`), the numbers from which its tables are computed
 (`document`), the scripts beside this file, pictures of each plane for browsers without WebGPU, and the hologram itself.
 It loads nothing: a content security policy in the file allows its own script and style and nothing else.
 """
@@ -34,7 +34,7 @@ from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
 from holoview.model.system import System
 from holoview.numerics.sampling import Region
-from holoview.page.contents import observer_table, page_document, read_document
+from holoview.page.recording import observer_table, page_document, read_document
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

@@ -12,7 +12,7 @@ virtual         a virtual bench in a process of its own
 
 dots            patterns that make dots (lenslets with a carrier, gratings); dots in pictures, their bias; where dots
                 fall, and the fit of the geometry
-alignment       from the first dot to the geometry, the registration and its check
+align           from the first dot to the geometry, the registration and its check
 
 capture_plan    which captures are taken: patterns, wavelength, distance, power, exposure; how long they take
 camera_pictures pictures that measurements can rely on: exposed, checked, dark; how fast a modulator settles

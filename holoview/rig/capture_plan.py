@@ -122,7 +122,7 @@ def read_plan(path: str | os.PathLike[str], rig: RigDescription) -> CapturePlan:
 
 
 def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
-    """The captures of these values; those of a key that is missing are the default."""
+    """The captures of a table of values; a missing key has its default."""
     seed, each = int(values.get("seed", 0)), int(values.get("each", 8))
     powers = values.get("power", np.array([0.5, 1.0]) * rig.limits.power)
     sigmas = values.get("blur", np.array(BLUR_SIGMAS_PX))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.figures import figure_bytes, new_figure
 from holoview.metrics.speckle import RetinalCurve, independent_patterns, speckle_density, speckle_histogram
 from holoview.numerics.sampling import Region, region_slices
-from holoview.report import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 import holoview as hv
 from holoview.commands.arguments import default_output
+from holoview.figures import figure_bytes, label, new_figure
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_png
-from holoview.report import figure_bytes, label, new_figure
 from holoview.util.errors import UserError
 
 Run = Callable[..., Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import holoview as hv
-from holoview.model.summary import info_rows
+from holoview.model.derived_numbers import info_rows
 from holoview.optimise.memory import peak_bytes
 
 

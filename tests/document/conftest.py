@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import target_from_pixels
-from holoview.document.target import TargetSpec
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.target_builder import TargetSpec
 from holoview.model.bench_parts import Modulator
 from holoview.model.system import System
 

@@ -19,7 +19,7 @@ import tests.document.conftest as bench
 from holoview.document.archive import SessionArchive, SessionData
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import Preferences, SessionStore
-from holoview.document.target import TargetSpec
+from holoview.document.target_builder import TargetSpec
 from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
@@ -29,7 +29,7 @@ _PROGRAM = """
 import sys, time
 from pathlib import Path
 from holoview.document.session_store import SessionStore
-from holoview.document.files import target_from_pixels
+from holoview.document.file_loader import target_from_pixels
 from holoview.document.editing_session import EditingSession
 from tests.document.conftest import small_system
 import numpy as np

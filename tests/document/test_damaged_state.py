@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import tests.document.conftest as bench
 from holoview.document.archive import view_settings_from_table, view_settings_table
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import target_from_pixels
+from holoview.document.file_loader import target_from_pixels
 from holoview.document.session_store import Preferences, SessionStore
 from holoview.model.focus import PupilPath
 from holoview.render.view_settings import ViewSettings

@@ -9,7 +9,7 @@ import pytest
 
 from holoview.document.document import MAX_STEPS, MERGE_WITHIN_S, Document, History, HistoryStep, fit_drive
 from holoview.document.editing_session import Change, EditingSession
-from holoview.document.target import TargetSpec
+from holoview.document.target_builder import TargetSpec
 from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from tests.document.conftest import small_system

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import (
+from holoview.document.file_loader import (
     EXAMPLE_PRESET,
     FileLoader,
     new_session,

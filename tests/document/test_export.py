@@ -24,10 +24,10 @@ from holoview.document.exports import (
     save_view,
     scale_bar_length,
 )
-from holoview.document.files import target_from_image_bytes
+from holoview.document.file_loader import target_from_image_bytes
 from holoview.document.optimisation_job import NAMES as SIDES
 from holoview.document.optimisation_job import start_scheme_comparison
-from holoview.document.target import TargetSpec
+from holoview.document.target_builder import TargetSpec
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.page.page import read_page

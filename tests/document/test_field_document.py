@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import FileLoader, read_content
-from holoview.document.focus import focus_at, focus_range_m, look_on_other_side
+from holoview.document.file_loader import FileLoader, read_content
+from holoview.document.focus_edits import focus_at, focus_range_m, look_on_other_side
 from holoview.document.optimisation_job import start_optimisation
 from holoview.render.page_images import phase_turns
 from holoview.util.errors import UserError

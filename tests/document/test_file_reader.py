@@ -12,7 +12,13 @@ from PIL import Image
 
 import tests.document.conftest as bench
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import FileLoader, FileWatcher, read_content, target_from_image_bytes, target_from_pixels
+from holoview.document.file_loader import (
+    FileLoader,
+    FileWatcher,
+    read_content,
+    target_from_image_bytes,
+    target_from_pixels,
+)
 from holoview.io.hologram import Hologram
 from holoview.io.pictures import write_pattern
 from holoview.model import preset

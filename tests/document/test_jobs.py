@@ -17,7 +17,7 @@ from holoview.document.optimisation_job import (
     start_quick_optimisation,
     with_superpixels,
 )
-from holoview.document.target import TargetSpec
+from holoview.document.target_builder import TargetSpec
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
 

@@ -13,7 +13,7 @@ import pytest
 
 from holoview.colour import D65_WHITE
 from holoview.document.editing_session import EditingSession
-from holoview.document.measure import ImageMeasurements, LiveMeasurement, measure_image
+from holoview.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
 from holoview.util.processes import LatestTask
 
 
@@ -46,7 +46,7 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
         assert goes_on.wait(20)
         return measure_image(*args)
 
-    monkeypatch.setattr("holoview.document.measure.measure_image", slow)
+    monkeypatch.setattr("holoview.document.measurements.measure_image", slow)
     means: list[float] = []
     live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
     live.request(session.document, np.ones((48, 64, 3)))

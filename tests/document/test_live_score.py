@@ -11,7 +11,7 @@ import pytest
 
 from holoview.colour import D65_WHITE, xyz_to_linear_srgb
 from holoview.document.editing_session import EditingSession
-from holoview.document.measure import ImageScore, LiveScore, image_psnr_db
+from holoview.document.measurements import ImageScore, LiveScore, image_psnr_db
 from holoview.metrics.perceptual import flip, ms_ssim
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from holoview.app.panels import gamut
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.document.measure import contrast_by_wavelength, line_profile, measure_region, sample_pixel
+from holoview.document.measurements import contrast_by_wavelength, line_profile, measure_region, sample_pixel
 from holoview.metrics.speckle import independent_pattern_count, laser_luminances
 from holoview.util.errors import UserError
 from tests.document.conftest import small_system

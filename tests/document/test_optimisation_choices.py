@@ -11,8 +11,8 @@ import pytest
 
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession, OptimisationChoices
-from holoview.document.files import target_from_pixels
-from holoview.document.focus import toggle_eye
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.focus_edits import toggle_eye
 from holoview.document.optimisation_job import OptimisationRequest, chosen_optimisation, start_optimisation
 from holoview.document.session_store import SessionStore
 from holoview.optimise.eyes import OptimisedEyes

@@ -12,8 +12,8 @@ from PIL import Image
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
 from holoview.document.exports import save_path, save_path_animation, save_path_pictures
-from holoview.document.files import FileLoader
-from holoview.document.focus import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
+from holoview.document.file_loader import FileLoader
+from holoview.document.focus_edits import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
 from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
 from holoview.model.focus import PupilPath, system_at
 from holoview.render.tone_mapping import tone_map

@@ -7,8 +7,8 @@ from queue import SimpleQueue
 import numpy as np
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import target_from_pixels
-from holoview.document.target import TargetBuilder
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.target_builder import TargetBuilder
 from holoview.model import preset
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from holoview.optimise.settings import Settings
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import target_from_pixels
+from holoview.document.file_loader import target_from_pixels
 from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.document.session_store import SessionStore
 from tests.document.conftest import small_system

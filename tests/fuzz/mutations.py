@@ -190,7 +190,7 @@ def damaged_web_page(rng: Random) -> Case:
     link = f"page.html#{'&'.join(parts)}" if rng.random() < 0.3 else "page.html"
 
     def read() -> None:
-        from holoview.document.files import read_content
+        from holoview.document.file_loader import read_content
 
         read_content(link, small_system())
 

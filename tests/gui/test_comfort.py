@@ -20,7 +20,7 @@ from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import NO_FILES
+from holoview.document.file_loader import NO_FILES
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from tests.gui.conftest import SIZE, Gui, small_bench

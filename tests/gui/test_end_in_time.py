@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from holoview.app.run import end_in_time
+from holoview.app.run import ending_after_grace
 from holoview.util.processes import handled_signals
 
 SECONDS = 60.0
@@ -28,7 +28,7 @@ def _work_in_a_library(folder: Path, saves: bool) -> None:
         (folder / "saved").touch()
         return saves
 
-    with handled_signals(lambda _: None), end_in_time(save, _GRACE_S):
+    with handled_signals(lambda _: None), ending_after_grace(save, _GRACE_S):
         (folder / "begun").touch()
         hashlib.pbkdf2_hmac("sha256", b"", b"", 6_000_000)
     (folder / "went on").touch()
@@ -63,7 +63,7 @@ def test_it_goes_on_where_the_work_cant_be_saved_so(tmp_path: Path) -> None:
 def test_a_process_that_nobody_supervises_is_left_alone() -> None:
     before = signal.set_wakeup_fd(-1)
     try:
-        with end_in_time(lambda: False, _GRACE_S):
+        with ending_after_grace(lambda: False, _GRACE_S):
             assert signal.set_wakeup_fd(-1) == -1, "this process isn't supervised: its signals are its own"
     finally:
         signal.set_wakeup_fd(before)

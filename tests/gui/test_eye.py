@@ -14,8 +14,8 @@ from holoview.app.panels.eye import EyePanel
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.image import ImagePanel
-from holoview.document.focus import dioptres_of, dioptres_text, eyebox_half_m, focus_at, move_pupil
-from holoview.document.target import TargetSpec
+from holoview.document.focus_edits import dioptres_of, dioptres_text, eyebox_half_m, focus_at, move_pupil
+from holoview.document.target_builder import TargetSpec
 from holoview.model.focus import PupilPath
 from holoview.render.page_images import eyebox_xyz
 from holoview.render.view_settings import ACHROMATIC, NOW, TARGET

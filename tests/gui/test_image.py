@@ -10,7 +10,7 @@ import pytest
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
 from holoview.colour import srgb_encode, xyz_to_linear_srgb
-from holoview.document.files import target_from_pixels
+from holoview.document.file_loader import target_from_pixels
 from holoview.render.tone_mapping import colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from tests.gui.conftest import Gui

@@ -60,6 +60,6 @@ def test_limits_are_found_out_once_for_each_bench(
 ) -> None:
     gui = make_gui(small_bench(upsample=1))
     notes = gui.context.limit_notes.notes()
-    monkeypatch.setattr("holoview.document.measure.make_plan", lambda *_: pytest.fail("planned again"))
+    monkeypatch.setattr("holoview.document.measurements.make_plan", lambda *_: pytest.fail("planned again"))
     gui.draw_frames(3)
     assert gui.context.limit_notes.notes() is notes

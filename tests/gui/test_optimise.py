@@ -12,8 +12,8 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
-from holoview.document.files import target_from_pixels
-from holoview.document.focus import toggle_eye
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.focus_edits import toggle_eye
 from holoview.document.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
 from tests.gui.conftest import Gui
 

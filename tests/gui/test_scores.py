@@ -10,8 +10,8 @@ import pytest
 
 from holoview.app.readout import describe_image
 from holoview.colour import xyz_to_linear_srgb
-from holoview.document.files import target_from_pixels
-from holoview.document.target import _TargetRequest
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.target_builder import _TargetRequest
 from holoview.metrics.perceptual import flip, ms_ssim
 from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui

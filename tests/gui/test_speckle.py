@@ -10,8 +10,8 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.speckle import SpecklePanel
-from holoview.document.files import target_from_pixels
-from holoview.document.measure import measure_region
+from holoview.document.file_loader import target_from_pixels
+from holoview.document.measurements import measure_region
 from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 

@@ -14,10 +14,10 @@ from holoview.app.app import App
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.document.editing_session import EditingSession
-from holoview.document.files import EXAMPLE_PRESET, FilesToOpen, new_session
+from holoview.document.file_loader import EXAMPLE_PRESET, FilesToOpen, new_session
 from holoview.document.optimisation_job import running_optimisation
 from holoview.document.session_store import SessionStore
-from holoview.document.target import example_target
+from holoview.document.target_builder import example_target
 from holoview.gpu.device import Device
 from holoview.model import preset
 from holoview.render.view_settings import NOW

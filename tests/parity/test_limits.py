@@ -17,8 +17,8 @@ from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
+from holoview.model.derived_numbers import info_rows
 from holoview.model.plan import make_plan
-from holoview.model.summary import info_rows
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError

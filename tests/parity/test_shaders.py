@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import shader_structs
-from holoview.engine.kernels import KERNELS, FrameLayout, FrameShape, FusedKernels, KernelVariant, make_transform
+from holoview.engine.fused_kernels import KERNELS, FrameLayout, FrameShape, FusedKernels, KernelVariant, make_transform
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.gpu.recorder import CommandRecorder, Dispatch

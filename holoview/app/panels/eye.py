@@ -15,7 +15,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, draw_fields, number_field, tooltip
 from holoview.app.theme import laser_colour
-from holoview.document.focus import (
+from holoview.document.focus_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
     eye_of,

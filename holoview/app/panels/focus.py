@@ -10,7 +10,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.viewport import PlaneStrip
-from holoview.document.focus import (
+from holoview.document.focus_edits import (
     dioptres_text,
     focus_at,
     focus_at_next_plane,

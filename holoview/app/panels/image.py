@@ -11,7 +11,7 @@ from holoview.app.panel import Panel
 from holoview.app.panels.eye import draw_path, draw_pupil, handle_pupil
 from holoview.app.readout import draw_centred_text, draw_label, draw_readout, readout_height, side_labels, waiting_text
 from holoview.app.viewport import PlaneSheet, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
-from holoview.document.focus import eyebox_half_m, focus_on, step_focus
+from holoview.document.focus_edits import eyebox_half_m, focus_on, step_focus
 from holoview.render.scene import DeviceImage
 from holoview.render.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 

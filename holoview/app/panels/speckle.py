@@ -10,7 +10,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.plots import draw_retinal_curve, draw_retinal_state
-from holoview.document.measure import ContrastCurve, ImageMeasurements, LineProfile
+from holoview.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 from holoview.metrics.speckle import SpeckleHistogram
 

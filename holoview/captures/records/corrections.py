@@ -84,7 +84,7 @@ def hypothesis(corrections: Iterable[Correction]) -> Hypothesis:
 
 
 def apply_corrections(captures: Captures, corrections: Hypothesis) -> Captures:
-    """The captures as they should have been recorded, without a note of it."""
+    """The captures as they should have been recorded; they don't name the corrections."""
     for correction in corrections:
         captures = correction.apply(captures)
     return captures
@@ -437,7 +437,7 @@ def cyclic_orders(captures: Captures, column: Column) -> list[ValueOrder]:
 
 
 def exchanges(captures: Captures, column: Column, indices: Sequence[int]) -> list[Correction]:
-    """The exchanges of the values that these captures have with each other value."""
+    """Each value that these captures have, exchanged with each of the column's other values."""
     values = column_values(captures, column)
     own = set(value_indices(captures, column, indices))
     pairs = {(min(i, j), max(i, j)) for i in own for j in range(len(values)) if i != j}

@@ -300,7 +300,7 @@ REGION_PX = 128
 cost: captures of 128 × 96 pixels are compared whole."""
 
 MOST_CAPTURES = 64
-"""[captures] Of the middle of many captures that are considered. Evidence: the cost."""
+"""[captures] Of a larger number, those in the middle are considered. Evidence: the cost."""
 
 _MIN_SIDE_PX = 4
 """[px] Of a picture. Evidence: a reason: a grain of speckle and its surroundings; fewer have no contrast to compare."""
@@ -330,7 +330,7 @@ def find_record_errors(
     began, units = time.monotonic(), units_of_lengths(captures)
     captures = apply_corrections(captures, units)
     region = central_region(captures, region_px)
-    found = _Search(central_captures(region, most_captures), effects or {}).run()
+    found = _CorrectionSearch(central_captures(region, most_captures), effects or {}).run()
     changes = [_without_ends(c) if len(captures) > most_captures else c for c in found.corrections]
     power = find_power_order(region, hypothesis(changes), effects or {})
     corrections = hypothesis([*units, *changes, *power])
@@ -346,7 +346,7 @@ def _labels(score: TrialScore) -> list[str]:
     return [correction.label for correction in score.hypothesis]
 
 
-class _Search:
+class _CorrectionSearch:
     """The search on captures whose units are plausible."""
 
     def __init__(self, captures: Captures, effects: Values) -> None:
@@ -467,7 +467,7 @@ class _Search:
         blur = max(scores, key=lambda s: float(s.significance.max())).best_blur
         merit = np.zeros((count, count))
         for step, score in enumerate(scores):
-            weighted = score.z[:, blur] * np.sqrt(score.grains[:, blur])
+            weighted = score.fisher_z[:, blur] * np.sqrt(score.grains[:, blur])
             np.add.at(merit, (recorded, (recorded + step) % count), weighted)
         permutation = tuple(int(j) for j in linear_sum_assignment(merit, maximize=True)[1])
         if permutation == tuple(range(count)):
@@ -490,7 +490,7 @@ class _Search:
         return all(self._improves_every_value(score, c) for c in score.hypothesis if isinstance(c, ValueOrder))
 
     def _chance_sigmas(self, score: TrialScore) -> float:
-        trials = self._tried * score.z.shape[1] * self.trials.shift_count
+        trials = self._tried * score.fisher_z.shape[1] * self.trials.shift_count
         return float(norm.isf(FALSE_ALARMS / trials))
 
     def _improves_every_value(self, score: TrialScore, order: ValueOrder) -> bool:
@@ -501,7 +501,7 @@ class _Search:
         without = hypothesis([c for c in score.hypothesis if c is not order])
         base = self.trials.score([without], self._chosen.tested)[0]
         recorded = np.array(value_indices(self.trials.captures, order.column, self._chosen.tested))
-        gain = score.z[:, score.best_blur] - base.z[:, score.best_blur]
+        gain = score.fisher_z[:, score.best_blur] - base.fisher_z[:, score.best_blur]
         moved = [i for i, p in enumerate(order.permutation) if i != p]
         return all(gain[recorded == i].mean() > 0 for i in moved)
 
@@ -523,7 +523,7 @@ class _Search:
                 ends = np.flatnonzero(c.wrapped(len(self.trials.captures))).tolist()
                 score = self.trials.score([best.hypothesis], ends)[0]
                 blur = best.best_blur
-                if score.z[:, blur].mean() < 0.5 * best.z[:, blur].mean():
+                if score.fisher_z[:, blur].mean() < 0.5 * best.fisher_z[:, blur].mean():
                     c = c.without_ends()
             result.append(c)
         return tuple(result)

@@ -181,7 +181,7 @@ class Contrast:
 class Match:
     """z = atanh ρ of one picture at every blur and shift, (blur, dy, dx); grains: G at each blur."""
 
-    z: Floats
+    fisher_z: Floats
     grains: Floats
 
 
@@ -238,19 +238,19 @@ class SpeckleComparison:
 class TrialScore:
     """How well some captures are predicted under a hypothesis.
 
-    z: atanh of the correlation of each capture at the common shift that fits all of them best, (capture, blur).
+    fisher_z: atanh of the correlation of each capture at the common shift that fits all of them best, (capture, blur).
     grains: independent speckle grains, (capture, blur).
     """
 
     hypothesis: Hypothesis
-    z: Floats
+    fisher_z: Floats
     grains: Floats
 
     @property
     def significance(self) -> Floats:
         """Mean z in standard deviations of unrelated pictures, for each blur."""
         total = self.grains.sum(axis=0)
-        return (self.z * self.grains).sum(axis=0) / np.sqrt(total)
+        return (self.fisher_z * self.grains).sum(axis=0) / np.sqrt(total)
 
     @property
     def best_blur(self) -> int:
@@ -260,7 +260,7 @@ class TrialScore:
     @property
     def correlation(self) -> float:
         """Mean correlation at the best blur."""
-        return float(np.tanh(self.z[:, self.best_blur].mean()))
+        return float(np.tanh(self.fisher_z[:, self.best_blur].mean()))
 
     def gain_over(self, other: TrialScore) -> tuple[float, float]:
         """(mean gain in z, the same in standard deviations) over another hypothesis on the same captures.
@@ -269,12 +269,12 @@ class TrialScore:
         """
         blur = self.best_blur
         weight = 1.0 / (1.0 / self.grains[:, blur] + 1.0 / other.grains[:, blur])
-        gain = float(((self.z[:, blur] - other.z[:, blur]) * weight).sum() / weight.sum())
+        gain = float(((self.fisher_z[:, blur] - other.fisher_z[:, blur]) * weight).sum() / weight.sum())
         return gain, gain * float(np.sqrt(weight.sum()))
 
     def gains_over(self, other: TrialScore) -> Floats:
         """The gain of each capture and blur in standard deviations, (capture, blur)."""
-        return (self.z - other.z) / np.sqrt(1.0 / self.grains + 1.0 / other.grains)
+        return (self.fisher_z - other.fisher_z) / np.sqrt(1.0 / self.grains + 1.0 / other.grains)
 
 
 class Trials:
@@ -409,7 +409,7 @@ def _stack(rows: Sequence[Captures]) -> Captures:
 
 
 def _at_common_shift(hypothesis: Hypothesis, matches: Sequence[Match]) -> TrialScore:
-    z, grains = np.stack([m.z for m in matches]), np.stack([m.grains for m in matches])
+    z, grains = np.stack([m.fisher_z for m in matches]), np.stack([m.grains for m in matches])
     total = np.einsum("kbyx,kb->byx", z, grains)
     best = total.reshape(total.shape[0], -1).argmax(axis=1)
     at_best = np.take_along_axis(z.reshape(*z.shape[:2], -1), best[None, :, None], axis=2)[..., 0]

@@ -11,12 +11,12 @@ from PIL import Image
 
 from holoview.diagnose.extended_model import add_effect_values, extended_system
 from holoview.diagnose.likelihood import Values
+from holoview.figures import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.metrics.fidelity import psnr
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.report import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.targets.target import target_for
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir

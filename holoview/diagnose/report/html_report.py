@@ -19,7 +19,7 @@ from holoview.diagnose.judge import Verdict
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.report.display_gain import DisplayGain
 from holoview.diagnose.report.error_places import FreeMapFit, PixelMap
-from holoview.report import figure_bytes, new_figure
+from holoview.figures import figure_bytes, new_figure
 from holoview.util.file_writer import write_file
 from holoview.util.progress import ProgressCallback
 from holoview.util.units import format_rounded

@@ -108,7 +108,7 @@ _FAULTS |= dict.fromkeys((*PICTURE_FAULTS, *MESSAGE_FAULTS), _SHARE)
 
 @dataclass(frozen=True)
 class FaultSettings:
-    """shares: how often each fault happens, of pictures or of messages; those that are missing never do."""
+    """shares: how often each fault happens, of pictures or of messages; missing faults never happen."""
 
     seed: int = 0
     shares: Mapping[str, float] = field(default_factory=dict)
@@ -155,7 +155,7 @@ _KEYS: dict[str, ValueType] = {
 class VirtualSettings:
     """effects: {id: {parameter: value}}. settle_s: time constant of the modulators. readout_s: of a picture.
 
-    finer: factor by which light is computed finer than a model of the captures would. seed: of all that is random.
+    finer: factor by which light is computed finer than a model of the captures would. seed: of all random numbers.
     slm_turns: how the pattern of each modulator arrives on the bench. camera_turn: how the picture is recorded.
     """
 

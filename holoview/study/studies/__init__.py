@@ -7,7 +7,7 @@ modulators        one modulator or two, and what the gain of the second depends 
 speckle           speckle contrast by the number of wavelengths, on the retina, and its memory effect
 eye               through a human eye with chromatic aberration, and the best spacing of wavelengths for it
 pupil             a pupil beside the axis, small and large; penalty on an unevenly lit eyebox
-focus             whether the display drives the eye's focus; through focus, beside incoherent light
+accommodation     whether the display drives the eye's focus; through focus, beside incoherent light
 model_vs_capture  predicted captures before and after a diagnosis
 """
 

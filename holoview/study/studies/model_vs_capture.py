@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
+from holoview.figures import greyscale_pixels
 from holoview.model import preset
-from holoview.report import greyscale_pixels
 from holoview.study.hologram_study import SHOWN, mean_number, table_row
 from holoview.study.plots import bar_chart
 from holoview.study.study import (

@@ -27,8 +27,8 @@ def test_unrelated_pictures_scatter_as_the_grains_say(grain_px: float) -> None:
     squares = []
     for _ in range(PAIRS):
         match = comparison.match(*(comparison.contrast(_speckle(rng, grain_px)) for _ in range(2)))
-        middle = match.z.shape[1] // 2
-        squares.append(match.z[:, middle, middle] ** 2 * match.grains)
+        middle = match.fisher_z.shape[1] // 2
+        squares.append(match.fisher_z[:, middle, middle] ** 2 * match.grains)
     assert np.mean(squares, axis=0) == pytest.approx(1.0, abs=UNRELATED_TOLERANCE)
 
 
@@ -52,9 +52,9 @@ def test_neither_a_beam_nor_a_power_nor_a_small_shift_lowers_the_correlation() -
     y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in SHAPE), indexing="ij")
     seen = np.roll(40 * light * np.exp(-(y**2 + x**2) / 2), (3, -2), (0, 1))
     match = comparison.match(comparison.contrast(seen), comparison.contrast(light))
-    reach = match.z.shape[1] // 2
-    assert np.tanh(match.z[0].max()) > 0.9
-    peak = np.unravel_index(match.z[0].argmax(), match.z[0].shape)
+    reach = match.fisher_z.shape[1] // 2
+    assert np.tanh(match.fisher_z[0].max()) > 0.9
+    peak = np.unravel_index(match.fisher_z[0].argmax(), match.fisher_z[0].shape)
     assert tuple(int(p) - reach for p in peak) == (3, -2)
 
 
@@ -62,4 +62,4 @@ def test_a_dark_picture_correlates_with_nothing() -> None:
     comparison = SpeckleComparison(SHAPE)
     dark, lit = comparison.contrast(np.zeros(SHAPE)), comparison.contrast(_speckle(np.random.default_rng(0), 2.0))
     match = comparison.match(dark, lit)
-    assert np.abs(match.z).max() < 1e-6 and np.isfinite(match.grains).all()
+    assert np.abs(match.fisher_z).max() < 1e-6 and np.isfinite(match.grains).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.bench_camera import BenchCamera, Shot
+from holoview.experiment.bench_camera import BenchCamera, PictureRequest
 from holoview.rig.devices import Counts
 from tests.experiment.camera_loop.conftest import SHAPE, BenchHere, MakeRig
 
@@ -28,8 +28,8 @@ class _Lamp(BenchHere):
         return np.clip(np.rint(picture), 0, 4095).astype(np.uint16)
 
 
-def _shot(distance_m: float = 0.0, frame: int = 0) -> Shot:
-    return Shot(frame, Λ, distance_m)
+def _shot(distance_m: float = 0.0, frame: int = 0) -> PictureRequest:
+    return PictureRequest(frame, Λ, distance_m)
 
 
 def test_light_is_what_comes_above_the_dark_picture_per_second_and_power(make_rig: MakeRig) -> None:

@@ -9,7 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.experiment.bench_camera import Picture, Shot
+from holoview.experiment.bench_camera import Picture, PictureRequest
 from holoview.experiment.camera_problem import (
     CameraCalibration,
     CameraProblem,
@@ -236,7 +236,7 @@ def _probes(rig: RigDescription, **options: object) -> tuple[torch.Tensor, list[
     bench = nominal.edit(options.pop("bench", {}))  # type: ignore[arg-type]
     camera = ModelCamera(bench, rig, scale=SEEN_SCALE, **options)  # type: ignore[arg-type]
     levels = probe_levels(rig, 0)
-    shots = [Shot(p, λ, PLANE_M) for λ in lasers_of(nominal, rig) for p in range(len(levels))]
+    shots = [PictureRequest(p, λ, PLANE_M) for λ in lasers_of(nominal, rig) for p in range(len(levels))]
     pictures = camera.record(levels, shots)
     problem = CameraProblem(nominal, target_on(nominal), Settings(), rig)
     strokes = torch.tensor([m.stroke_m for m in nominal.modulators])[:, None, None]

@@ -11,7 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.experiment import camera_loop as loop_module
-from holoview.experiment.camera_loop import CameraLoop, LoopState, ModelUpdates, UpdatedModel, load_loop_checkpoint
+from holoview.experiment.camera_loop import (
+    CameraLoop,
+    CameraLoopState,
+    ModelUpdates,
+    UpdatedModel,
+    load_loop_checkpoint,
+)
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -128,7 +134,7 @@ def test_updates_of_the_model_see_random_patterns_and_holograms_and_change_the_m
         return UpdatedModel(present.edit(WRONG), "found it")
 
     monkeypatch.setattr(loop_module, "update_model", update)
-    states: list[LoopState] = [*_loop(rig, camera, 4, updates=ModelUpdates(2)).states()]
+    states: list[CameraLoopState] = [*_loop(rig, camera, 4, updates=ModelUpdates(2)).states()]
     assert seen == [8 + 1, 8 + 2] and camera.rested == 2
     assert states[2].notes == ("the model is updated: found it",) and states[3].notes == ()
     assert states[-1].checkpoint().present.effect_values == system.edit(WRONG).effect_values

@@ -10,7 +10,7 @@ import pytest
 
 from holoview.captures.dataset import ORIENTATIONS
 from holoview.rig import read_rig
-from holoview.rig.alignment import doubt, find_geometry, find_roughly, registration_of, sentences
+from holoview.rig.align import find_geometry, find_roughly, misfit_warning, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
 from holoview.rig.dots import flat_levels, optics_of
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
@@ -52,7 +52,7 @@ def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path:
     hidden = Hidden("two", (40, 48), camera="flip_x", faults={"crosstalk": {"sigma": 0.5}})
     found = find_geometry(hidden.write(tmp_path), devices_of(read_rig(tmp_path / "rig.toml", is_registered=False))[0])
     assert found.excess_px > 0
-    sentence = doubt(found)
+    sentence = misfit_warning(found)
     assert sentence is not None and "aren't what rig.toml says" in sentence
     registration = registration_of(read_rig(tmp_path / "rig.toml", is_registered=False), found)
     assert (registration.camera_turn, registration.slm2_turn) == hidden.expected_turns()

@@ -200,9 +200,9 @@ Image = NDArray[np.floating]
 class ImageMeasurements:
     """Measurements of an image; each is None where it wasn't requested or isn't possible.
 
-    document: what the image shows. region, histogram: of the measured region. profile: luminance along the line of the
-    view settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why those of
-    the region are missing, e.g. because it is dark. retinal: the region as cones see it, with an eye.
+    document: of the image. region, histogram: of the measured region. profile: luminance along the line of the view
+    settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why measurements
+    of the region are missing, e.g. because the region is dark. retinal: the region as cones see it, with an eye.
     """
 
     document: Document
@@ -381,7 +381,7 @@ class LimitNotes:
         return self._notes
 
     def notes(self) -> tuple[str, ...]:
-        """Each limit as a sentence; for a bench that can't be computed or displayed at all, that alone."""
+        """Each limit as a sentence; for a bench that can't be computed or displayed, only the reason."""
         try:
             document = self._session.displayed_document
         except UserError as error:  # such as of lasers all of which are muted

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from holoview import colour
 from holoview.engine.compositor import Compositor
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
-from holoview.engine.kernels import frame_shape
+from holoview.engine.fused_kernels import frame_shape
 from holoview.engine.shader_structs import BLEND_TERM, MODULATOR, PLANE_WAVE, PROPAGATION, SRGB_ENCODING, ShaderInputs
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device

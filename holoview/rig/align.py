@@ -479,7 +479,7 @@ def _measured(g: Geometry, name: str) -> Measured:
 
 
 def _unless_nominal(g: Geometry, name: str) -> Measured:
-    """A value that is measured; the nominal zero, as uncertain, where that is as likely."""
+    """A measured value; zero, its nominal value, with the same uncertainty where it doesn't differ significantly."""
     found = _measured(g, name)
     return found if found.is_significant else Measured(0.0, found.uncertainty)
 
@@ -489,7 +489,7 @@ def _centre_error(g: Geometry, axis: str) -> float:
     return math.hypot(g.uncertainty(f"centre_{axis}"), _COMMON_ERROR_PX)
 
 
-def doubt(found: FoundGeometry) -> str | None:
+def misfit_warning(found: FoundGeometry) -> str | None:
     """A sentence where dots show that modulators or camera aren't as described."""
     if found.excess_px == 0:
         return None

@@ -24,7 +24,7 @@ from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
-from holoview.document.target import TargetSpec, example_target
+from holoview.document.target_builder import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
 from holoview.io.load_field import open_hologram
 from holoview.io.pictures import read_pattern
