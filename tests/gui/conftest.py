@@ -142,12 +142,18 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
 
 
 @pytest.fixture
-def golden(device: Device, tmp_path: Path) -> Callable[[str, NDArray[np.uint8]], None]:
-    """Compares pixels (y, x, 3) with a kept picture; HOLOVIEW_GOLDEN=write keeps new ones. On lavapipe only."""
+def golden(device: Device, tmp_path: Path, request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Compares pixels (y, x, 3) with a kept picture; HOLOVIEW_GOLDEN=write keeps new ones. On lavapipe only, and with
+    the seeds with which it was made: a kept picture shows the speckle of random patterns.
 
-    def check(name: str, pixels: NDArray[np.uint8]) -> None:
+    is_dark: whether the picture shows none.
+    """
+
+    def check(name: str, pixels: NDArray[np.uint8], *, is_dark: bool = False) -> None:
         if "llvmpipe" not in device.info.name:
             pytest.skip("kept pictures are of lavapipe")
+        if request.config.getoption("reseed") and not is_dark:
+            pytest.skip("the kept picture shows the speckle of patterns of other seeds")
         path = GOLDEN / f"{name}.png"
         if os.environ.get("HOLOVIEW_GOLDEN") == "write":
             path.parent.mkdir(exist_ok=True)

@@ -51,7 +51,7 @@ def test_the_window_looks_as_it_did(
     gui: Gui, golden: Callable[..., None], name: str, prepare: Callable[..., None]
 ) -> None:
     prepare(gui)
-    golden(name, _drawn(gui))
+    golden(name, _drawn(gui), is_dark=name in ("keys", "light"))
 
 
 def test_every_sign_that_is_written_has_a_glyph(gui: Gui) -> None:

@@ -123,9 +123,12 @@ def test_the_adjoint_in_single_precision_is_near_that_in_double(
     opd_m, target = _opd(plan, noise).float(), _target(plan, noise).float()
     expected = _run(ForwardModel(plan, double=True), opd_m.double(), target.double(), chromatic=True)
     found = _run(ForwardModel(plan), opd_m, target, chromatic=True)
-    # Measured 5e-7, 1.1e-6, and 3e-6: the wavelength's gradient is a small sum of large terms of both signs.
-    for name, tolerance in (("intensity", 1e-6), ("gradient", 2e-6), ("chromatic", 1e-5)):
+    for name, tolerance in (("intensity", 1e-6), ("gradient", 2e-6)):  # 5e-7 and 9e-7 at most, with 100 random patterns
         assert float((found[name] - expected[name]).norm()) <= tolerance * float(expected[name].norm()), name
+    # The wavelength's gradient is a sum of terms of both signs, among them −Σ gradient·opd/λ. By Cauchy and Schwarz an
+    # error of 2e-6 of the gradient makes one of 2e-6·|gradient|·|opd|/λ; of the sum itself it may be any share.
+    terms = float(expected["gradient"].norm() * opd_m.norm()) / float(plan.system.wavelengths_m[LASER])
+    assert float((found["chromatic"] - expected["chromatic"]).norm()) <= 2e-6 * terms
 
 
 def test_the_model_sees_what_the_executor_simulates(case: str, plan_of: Callable[[str], Plan], noise: Noise) -> None:

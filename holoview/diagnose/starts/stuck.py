@@ -252,6 +252,7 @@ class _StuckSearch:
         comparison = self._comparison(self._context.split.fine, places)
         self._settled.clear()
         places = self._rounds(places, comparison, self._gains_beside(places, comparison))
+        places = self._with_joined_pixels(places, comparison)
         places = self._with_best_looks(self._a_wave_off(places, comparison), comparison)
         places = self._without_superfluous(places, comparison)
         if len(places) <= MAX_FREE_ENTRIES:
@@ -377,6 +378,25 @@ class _StuckSearch:
         self._settled.add(one.key)
         return places
 
+    def _with_joined_pixels(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """A part of a line in place of the pixels of the line, where there are so many of them that the line could have
+        been seen, and the part predicts about as well."""
+        for axis in (0, 1):  # columns, along which rows are counted, and rows
+            for number in {place.key[1 - axis] for place in places if not place.is_line}:
+                pixels = [p for p in places if not p.is_line and p.key[1 - axis] == number]
+                along, count = sorted(p.key[axis] or 0 for p in pixels), self._whole[axis]
+                if len(pixels) * LINE_SEGMENTS < _PART_SEGMENTS * count:
+                    continue
+                level = float(np.median([float(p.level) for p in pixels]))
+                others, key = [p for p in places if p not in pixels], (None, number) if axis == 0 else (number, None)
+                spans = ((along[0], count - 1), (0, along[-1]))
+                tried = [[*others, DeadPlace(*key, level, span=span)] for span in spans]
+                joined = self._with_fitted_levels(self._cheapest(tried, comparison), comparison)
+                joined = self._with_best_spans(joined, comparison)
+                if not self._gains_enough(comparison, joined, places):
+                    places = joined
+        return places
+
     def _with_best_looks(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
         """Lines that show an earlier pattern in place of a level, or a level in place of a pattern, where this lowers
         χ², unless the noise is reached."""
@@ -384,8 +404,11 @@ class _StuckSearch:
         if noise_alone.chi2_per_pixel(self.values(places)) >= FLOOR_CHI2:
             for line in [place for place in places if place.is_line]:
                 others = [one for one in places if one is not line]
-                earlier = [DeadPlace(line.row, line.column, shows=shows) for shows in (Shows.FIRST, Shows.BEFORE)]
-                places = self._cheapest([[*others, one] for one in (line, *earlier)], comparison)
+                looks = [DeadPlace(line.row, line.column, shows=shows) for shows in (Shows.FIRST, Shows.BEFORE)]
+                if not line.has_level:
+                    looks += [DeadPlace(line.row, line.column, float(level)) for level in LEVELS]
+                places = self._cheapest([[*others, one] for one in (line, *looks)], comparison)
+            places = self._with_fitted_levels(places, comparison)
         return self._with_best_spans(places, comparison)
 
     def _with_best_spans(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
