@@ -183,11 +183,16 @@ def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:
 
 @dataclass(frozen=True)
 class Shown:
-    """A system and the drive that it shows; None of a preset. read: what was read of files, for JSON; else empty."""
+    """A system and the drive that it shows; None of a preset.
+
+    read: what was read of files, for JSON; else empty. other_side: the system and the drive of the conjugate field,
+    where its image is clearly sharper.
+    """
 
     system: System
     drive: Any
     read: dict[str, Any] = field(default_factory=dict)
+    other_side: tuple[System, Any] | None = None
 
 
 def shown_by_args(args: argparse.Namespace) -> Shown:
@@ -204,8 +209,13 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
         raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
     effects = parse_effects(getattr(args, "switched_on", []))  # first: a bench may name effects of the user's files
     opened = open_files(names, args)
-    system = with_changes(with_effects(opened.hologram.system, effects), args.changes)
-    return Shown(system, Hologram(opened.hologram.drive, system).drive, reading_as_json(opened, names))
+
+    def changed(hologram: Hologram) -> tuple[System, Any]:
+        system = with_changes(with_effects(hologram.system, effects), args.changes)
+        return system, Hologram(hologram.drive, system).drive
+
+    other = None if opened.other_side is None else changed(opened.other_side)
+    return Shown(*changed(opened.hologram), reading_as_json(opened, names), other)
 
 
 def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:

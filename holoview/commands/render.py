@@ -155,24 +155,22 @@ def run(args: argparse.Namespace) -> int:
     output = args.output or default_output(system.name, "", ".png")
     check_suffix(output, ".png")
     paths = _plane_paths(output, planes_m)
-    check_files(args, {"-o": paths})
+    beside = [] if shown.other_side is None else [path_with_suffix(path, "other-side") for path in paths]
+    check_files(args, {"-o": [*paths, *beside]})
     check_adapter_applies(args)
     started = time.perf_counter()
-    with progress_bar("rendering") as progress:
-        view = simulate(
-            system,
-            drive,
-            planes_m,
-            args.backend,
-            adapter=args.adapter,
-            progress=lambda done, total: progress(done, total, "wavelengths"),
-        )
+    view = _simulated(args, system, drive, planes_m)
     seconds = time.perf_counter() - started
     warn_of_limits(view.notes)
     saver = ResultSaver()
     space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
     stops = _stops(args.exposure, view, system)
     files = _write_planes(view.exposed(stops), system, paths, stops, space, saver)
+    if shown.other_side is not None:
+        other = _simulated(args, *shown.other_side, planes_m)
+        own_stops = _stops(args.exposure, other, system)
+        sharper = _write_planes(other.exposed(own_stops), shown.other_side[0], beside, own_stops, space, saver)
+        files += [entry | {"other_side": True} for entry in sharper]
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
         read = {"read": shown.read} if shown.read else {}
@@ -184,8 +182,23 @@ def run(args: argparse.Namespace) -> int:
         for entry in files:
             contrast = entry["speckle_contrast"]
             speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
-            print(f"{entry['plane']}: {entry['file']}{speckle}")
+            side = ", with the other sign of the phase" if "other_side" in entry else ""
+            print(f"{entry['plane']}{side}: {entry['file']}{speckle}")
     return saver.exit_code
+
+
+def _simulated(
+    args: argparse.Namespace, system: System, drive: NDArray[np.float32], planes_m: NDArray[np.float64]
+) -> View:
+    with progress_bar("rendering") as progress:
+        return simulate(
+            system,
+            drive,
+            planes_m,
+            args.backend,
+            adapter=args.adapter,
+            progress=lambda done, total: progress(done, total, "wavelengths"),
+        )
 
 
 def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64]) -> int:

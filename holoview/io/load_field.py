@@ -28,13 +28,15 @@ class OpenedHologram:
 
     provenance: where each property of a field of another program is known from; empty for files of holoview.
     notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
-    planes count; 0 for a field in its own plane.
+    planes count; 0 for a field in its own plane. other_side: the hologram of the conjugate field, seen in the same way,
+    where its image is clearly sharper: the file's phase or distance may have the other sign.
     """
 
     hologram: Hologram
     provenance: tuple[Provenance, ...] = ()
     notes: tuple[str, ...] = ()
     moved_m: float = 0.0
+    other_side: Hologram | None = None
 
 
 def load_field(
@@ -107,6 +109,7 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
+    from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
     from holoview.wavefield.imaging import image_field  # slow start: it imports torch
 
     reading = read_wavefield(paths, request)
@@ -124,7 +127,11 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
             *notes,
             "an eye doesn't see all of its wavelengths: they are shown in grey, as a camera sees them",
         )
-    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0)
+    other = None
+    if reading.recording is None and is_sharper_on_other_side(field):
+        other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), request.propagation)[0])
+        notes = (*notes, "the image is sharper with the other sign of the phase (--conjugate) or of the distance")
+    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0, other)
 
 
 def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from holoview.numerics.fourier import dft_matrix
 from holoview.numerics.sampling import positions, taper
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
+from holoview.wavefield.focus import is_sharper_on_other_side
 from holoview.wavefield.reading import Recording
 from holoview.wavefield.wavefield import Wavefield
 
@@ -50,6 +52,12 @@ class Order:
         """The order on the other side, which holds the conjugate field."""
         return replace(self, carrier=(-self.carrier[0], -self.carrier[1]))
 
+    def describe(self) -> str:
+        """The order in words."""
+        found = "tilt from its peak" if self.is_sharp else "centred on its middle"
+        y, x = self.carrier
+        return f"order at {x:.4f}, {y:.4f} cycles a pixel (x, y), radius {self.radius:.4f}, {found}"
+
 
 @dataclass(frozen=True, eq=False)
 class Demodulated:
@@ -64,13 +72,43 @@ class Demodulated:
     steps_rad: NDArray[np.float64] | None = None
     report: tuple[str, ...] = ()
 
+    def conjugate(self, reason: str) -> Demodulated:
+        """The conjugate field, which is that of the other orders, and of phase steps in the other direction.
+
+        reason: why it is taken, a sentence of the report.
+        """
+        orders = tuple(order.conjugate() for order in self.orders)
+        kept = self.report[: len(self.report) - len(orders)]
+        return Demodulated(
+            replace(self.field, values=np.conj(self.field.values)),
+            orders,
+            None if self.steps_rad is None else -self.steps_rad,
+            (*kept, *(order.describe() for order in orders), reason),
+        )
+
 
 def field_of_recording(recording: Recording) -> Demodulated:
     """The field of a recording of any kind, by the function for its kind.
 
     An in-line recording of two pictures has the background as the second. Where the kind isn't known, it is taken for
-    off-axis if an order is found in its spectrum, else for in-line. Raises UserError as these functions do.
+    off-axis if an order is found in its spectrum, else for in-line.
+
+    A recording holds its field and the conjugate of it, focused on the other side of the camera: two orders, or phase
+    steps in one of two directions. If the recording doesn't say which one is wanted, that one is taken whose image is
+    clearly sharper at the recording's distance (`is_sharper_on_other_side`).
+
+    Raises UserError as these functions do.
     """
+    found = _field_of_kind(recording)
+    if recording.conjugated:
+        return found.conjugate("conjugated, as asked for")
+    if recording.conjugated is None and is_sharper_on_other_side(found.field):
+        distance = units.format_rounded(recording.distance_m, "mm")
+        return found.conjugate(f"conjugated, as the image at {distance} is sharper then")
+    return found
+
+
+def _field_of_kind(recording: Recording) -> Demodulated:
     if recording.kind == "phase-shifting":
         return phase_shifting_field(recording)
     if recording.kind == "in-line":
@@ -167,12 +205,7 @@ def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodu
     values = np.empty(pictures.shape, np.complex64)
     for frame, index in np.ndindex(*pictures.shape[:2]):
         values[frame, index] = demodulate_picture(pictures[frame, index], chosen[index])
-    words = [
-        f"order at {order.carrier[1]:.4f}, {order.carrier[0]:.4f} cycles a pixel (x, y), radius {order.radius:.4f}, "
-        f"{'tilt from its peak' if order.is_sharp else 'centred on its middle'}"
-        for order in chosen
-    ]
-    return Demodulated(_wavefield(recording, values), orders=chosen, report=tuple(words))
+    return Demodulated(_wavefield(recording, values), orders=chosen, report=tuple(order.describe() for order in chosen))
 
 
 def demodulate_picture(picture: Floats, order: Order) -> Complexes:

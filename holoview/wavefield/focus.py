@@ -39,6 +39,11 @@ _MOST_STEPS = 150
 _MOST_SAMPLES = 1024
 _KEPT = 2  # distances of each side and measure that are searched with more samples
 _BETWEEN = 4  # distances on each side of one that is kept
+_CLEARLY_SHARPER: dict[Measure, float] = {"edge sparsity": 1.1, "normalised variance": 2.0}
+"""[1] A picture is clearly sharper than another if each of its measures is so many times as large. Evidence: of 13
+simulated holograms (off-axis, phase-shifting, phase patterns, complex fields) in focus on one side, the measures are
+1.12 to 2.3 and 2.2 to 55 times those of the other side; of holograms that are the same on both, 0.99 to 1.01."""
+_MOST_COMPARED = 1 << 24  # samples of a field both sides of which are compared unasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +104,27 @@ def default_range_m(field: Wavefield) -> tuple[float, float]:
         return 0.5 * expected, 1.5 * expected
     farthest = 2 * farthest_by_spectrum(field)
     return farthest / 100, farthest
+
+
+def is_sharper_on_other_side(field: Wavefield) -> bool:
+    """Whether the image is clearly sharper at minus the field's distance than at the distance, by both measures.
+
+    Then the phase, or the distance, was stated with the other sign. False without a distance, where one transform would
+    alias, and for fields of more than 2²⁴ samples.
+    """
+    distance_m = field.distance_m
+    if distance_m == 0 or field.shape[0] * field.shape[1] > _MOST_COMPARED:
+        return False
+    near, far = sorted((abs(distance_m), 1.001 * abs(distance_m)))
+    try:
+        view = _View.of(field, near, far)
+    except UserError:
+        return False
+    here, there = (view.at(sign * distance_m, min(view.side, _MOST_SAMPLES)) for sign in (1, -1))
+    return all(
+        measure(there) > _CLEARLY_SHARPER[name] * measure(here)
+        for name, measure in zip(MEASURES, (edge_sparsity, normalised_variance), strict=True)
+    )
 
 
 def find_focus(

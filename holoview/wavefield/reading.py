@@ -55,7 +55,7 @@ class Recording:
 
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
     background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels.
-    kind: as given, None if unknown.
+    kind, conjugated: as given, None if unknown; conjugated: whether the conjugate of its field is wanted.
     """
 
     pictures: NDArray[np.float32]
@@ -64,6 +64,7 @@ class Recording:
     distance_m: float
     kind: RecordingKind | None
     name: str
+    conjugated: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +152,7 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
         final = _finished(values, request, arrangement)
         field = Wavefield(final, coarse, in_medium, distance, radius, name)
     else:
-        kind = request.recording
-        recording = Recording(values, coarse, in_medium, distance, kind, name)
+        recording = Recording(values, coarse, in_medium, distance, request.recording, name, request.conjugated)
     return Reading(
         field,
         recording,

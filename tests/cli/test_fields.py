@@ -50,6 +50,37 @@ def test_a_field_is_rendered_at_its_distance_and_json_says_what_was_read_and_why
     assert all(entry["reason"] for entry in result["read"]["properties"])
 
 
+def test_where_the_other_sign_is_sharper_both_are_shown(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    arguments = ("render", "lens.npy", *KNOWN, "--plane=-1cm", *TORCH, "-o", "seen.png", "--json")
+    done = holoview(*arguments)
+    assert done.code == 0 and "--conjugate" in done.err
+    files = json.loads(done.out)["planes"]
+    assert [(Path(entry["file"]).name, entry.get("other_side", False)) for entry in files] == [
+        ("seen.png", False),
+        ("seen-other-side.png", True),
+    ]
+    assert _brightest("seen-other-side.png") == POINT
+    assert len(json.loads(holoview(*arguments, "--conjugate").out)["planes"]) == 1
+
+
+def test_of_an_off_axis_recording_the_order_is_taken_whose_image_is_sharp_at_the_distance(holoview: Run) -> None:
+    fringes = np.exp(2j * np.pi * (np.indices((64, 64)) * np.array([0.21, 0.27])[:, None, None]).sum(axis=0))
+    image = np.zeros((64, 64), complex)
+    image[POINT] = 1
+    frequency = np.fft.fftfreq(64, PITCH_M)
+    back = np.exp(1j * np.pi * λ * Z_M * (frequency[:, None] ** 2 + frequency[None, :] ** 2))
+    wave = np.fft.ifft2(np.fft.fft2(image) * back * (np.hypot(*np.meshgrid(frequency, frequency)) < 1.1e4))
+    wave /= np.abs(wave).max()
+    for reference in (fringes, fringes.conj()):
+        np.save("fringes.npy", np.abs(wave + reference).astype(np.float32) ** 2)
+        recorded = ("render", "fringes.npy", "--recording", "off-axis", *KNOWN, *TORCH, "-o", "seen.png")
+        for plane, name in (("1cm", "object"), ("-1cm", "conjugate")):
+            assert holoview(*recorded, f"--plane={plane}").code == 0
+            # the tilt that an order's centre of gravity leaves moves the image by a few samples
+            assert np.abs(np.subtract(_brightest("seen.png"), POINT)).max() <= 4, name
+
+
 def test_notes_say_what_a_dump_of_bare_numbers_is(holoview: Run) -> None:
     _lens().astype("<c8").tofile("lens.bin")
     layout = ("--file-note", "binary.dtype=complex64", "binary.shape=[64, 64]")
