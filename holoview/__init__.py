@@ -16,7 +16,7 @@ numerics    FFT lengths, Zernike polynomials, resampling, least squares
 colour      cone fundamentals, CIE XYZ, sRGB, white balance
 gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
 model       the display as data: `System`, presets, colour schemes, `Plan`; the framework of effects
-effects     imperfections of real displays, one physical cause in each file
+effects     imperfections of real displays: physical causes
 optics      source, modulator, propagation and pupil as torch functions; effects applied to light
 wavefield   complex fields without a modulator: files of other programs, recordings of cameras
 targets     pictures with depth as focal stacks with natural defocus
@@ -26,12 +26,16 @@ view        `simulate`: what an observer sees of a hologram
 metrics     PSNR, colour difference, speckle contrast, eyebox uniformity
 optimise    patterns, laser amplitudes and wavelengths for a focal stack
 captures    measured data, virtual measurements, and the expected camera images
+page        a hologram as a web page
 diagnose    which imperfections explain captures, with intervals
 calibrate   maps and tables learned from captures
 benchmark   timings
+figures     contact sheets
+rig         hardware: devices, their registration, measuring
+render      images of a document, kept up to date
+document    the document that a viewer edits: undo, background jobs, files
 study       the figures of the HoloChrome paper as jobs
-report      contact sheets
-session     what a viewer edits: document, undo, background jobs
+experiment  the next capture, camera in the loop, a rig beside a document
 app         the viewer; `show` in a notebook
 commands    the subcommands of the command line, which `cli` parses
 """

@@ -1,9 +1,9 @@
 """Measured data: the patterns sent to the modulators, the camera's images, and the nominal geometry of the bench.
 
-dataset               Captures: patterns, images and settings, with the nominal bench
-validation            refuses impossible captures and hints at wrong units
+dataset               Captures: patterns, images and settings, with the nominal bench; mirrored and turned pictures
+validation            refuses impossible captures and hints at wrong units; a summary as numbers and a contact sheet
 nominal_bench         the nominal bench as attributes of the file and as tables of TOML
-capture_file          reads and writes the HDF5 capture file, version 1
+capture_file          reads and writes the HDF5 capture file, version 1; imports a folder of images
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates captures of a bench with effects
 records               whether patterns, pictures and settings are recorded rightly

@@ -18,11 +18,14 @@ bench         time frames and edits
 bench_report  `bench --report`: one file with all measurements; needs fewer libraries than `bench`
 study         reproduce a figure of the paper
 contrast      measure speckle contrast
+focus         find the distance at which a hologram is sharpest
+conformance   check propagation against closed forms and other programs
 demo          optimise, render and compare two displays
 
 What they share:
 
 arguments     arguments of several subcommands, and the bench that they describe
+hologram_files  FILE… of the commands that show a hologram, and what was read
 output_files  files that are read and written: declared, checked before the work, saved at the end
 console       exit codes, messages, progress bars, JSON and signals
 supervisor    the viewer in a process of its own, started again after a crash

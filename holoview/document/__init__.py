@@ -6,8 +6,8 @@ jobs                  background jobs with progress, pause and cancellation
 focus_edits           edits of the focal plane, of the eye, and of the pupil's recorded path
 target_builder        the image that a hologram should show, built on a worker thread
 measurements          measurements of an image; those of the displayed one, kept up to date
-optimisation_job      optimises patterns as a job with preview; goes on with it after a crash
-file_loader           opens files: recognises, reads, and reloads them when they are rewritten
+optimisation_job      optimises patterns as a job with preview; goes on with it after a crash; jobs that measure speckle
+file_loader           opens files: recognises, reads, and reloads them when they are rewritten; the shipped example
 received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session

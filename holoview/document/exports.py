@@ -112,7 +112,7 @@ def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
         write_file(path, figure_bytes(figure, path.suffix.lower().removeprefix(".")))
         return path
 
-    return session.jobs.start("Figure", work, lambda written: session.messages.post(f"figure written to {written}"))
+    return _start(session, "Figure", work)
 
 
 def _draw(document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics) -> Figure:
@@ -186,9 +186,7 @@ def save_sweep(session: EditingSession, path: Path, *, frames: int = 24, seconds
         write([*forward, *forward[-2:0:-1]], png_metadata(document))
         return path
 
-    return session.jobs.start(
-        "Focal sweep", work, lambda written: session.messages.post(f"focal sweep written to {written}")
-    )
+    return _start(session, "Focal sweep", work)
 
 
 def _sweep_frames(document: Document, count: int, control: JobControl) -> Iterator[Pixels]:
@@ -251,6 +249,8 @@ def save_path_pictures(session: EditingSession, path: Path, *, frames: int = 24)
 
 
 def _start(session: EditingSession, title: str, work: Callable[[JobControl], Path]) -> BackgroundJob:
+    """Runs `work` in the background; then a message names the path that it returned."""
+
     def report(written: Path) -> None:
         session.messages.post(f"{title.lower()} written to {written}")
 
@@ -344,7 +344,7 @@ def save_page(session: EditingSession, path: Path) -> BackgroundJob:
         name = document.system.name or file.stem
         return export_html(file, {name: hologram}, plane_m=document.view_settings.plane_m, progress=progress)
 
-    return session.jobs.start("Page", work, lambda written: session.messages.post(f"page written to {written}"))
+    return _start(session, "Page", work)
 
 
 # --- Suffixes of the files that are written: a default one, and a check ---

@@ -8,8 +8,8 @@ preset       TOML files of systems, with inheritance
 shorthand    shorthands of presets and edits (white balance, frames, a grid of sources) as plain fields
 scheme       the colour schemes of the HoloChrome paper, applied to a system
 eye          `Eye`: eyepiece, pupil, accommodation, chromatic aberration; published formulas of the human eye
-focus        the planes on which the eye of a system is focused
-passband     the frequencies that stops and pupils pass, as rows of integers
+focus        the planes on which the eye of a system is focused; `PupilPath`: a pupil that moves through the eyebox
+passband     the frequencies that stops and pupils pass, as rows of integers; propagation over a distance
 plan         `Plan`: grid, transfer functions, weights and colours, derived in float64
 validity     when the model stops being true: each limit with its threshold
 derived_numbers  cut-offs, sampling, angles and limits of a bench, as text

@@ -2,8 +2,8 @@
 
 scene                 what an image is rendered from; an image on the device
 view_settings         how an image is shown: focal plane, exposure, channel, comparison, measured region
-progressive_renderer  a quick image at once, the full one when editing pauses
-planes                images of focal planes on a job's thread, for exports and comparisons; their previews
+progressive_renderer  a quick image at once, the full one when editing pauses; one renderer for each compared side
+planes                images of focal planes and along a pupil's path; previews of planes
 page_images           the phase of a pattern; a complex field; the eyebox
-tone_mapping          XYZ to 8-bit sRGB; colour maps of single channels
+tone_mapping          XYZ to 8-bit sRGB; colour maps of single channels; pictures of complex fields
 """

@@ -1,9 +1,9 @@
 """Target images: pictures, depth maps and focal stacks as linear sRGB, on a bench's planes and grid.
 
 target         from a bench and a picture to the focal stack that is optimised for
-focal_stack    `Target`; focal stacks rendered here with incoherent defocus, or read from files
+focal_stack    `Target`; focal stacks rendered here with incoherent defocus, or read from files; films
 defocus        light cones, their blur kernels (square or disc), layers of a scene, FFT convolution without wrap-around
-light_field    views from a grid of viewpoints, also from a folder, and what a pupil sees of them
+light_field    a scene through a pupil; views from a grid of viewpoints, also from a folder
 moving_pupil   a picture from any place of the pupil, blurred once and then moved; targets of a bench whose eye moves
 picture        a picture or a depth map as linear light of sRGB primaries, its saturation, and resizing to the grid
 image_reader   decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes

@@ -3,12 +3,15 @@
 errors            `UserError`, the exception for a user's mistake, and suggestions of similar words
 units             text with units such as "8 um" to SI numbers and back, without losing a digit
 text              text from files: a line that is safe to show, a plain name of a file
-tables            tables of TOML and JSON from unknown sources: their keys, and the types of their values
+tables            tables of TOML and JSON from unknown sources: their keys, and the types of their values; the same of
+                  arrays of files
 files             folders of shaders, presets, assets and caches; regular files as input
-file_writer       files written whole or not at all; `WriteError` for a disk that fails; another place for a result
+file_writer       files written whole or not at all, under locks; `WriteError` for a disk that fails; another place for
+                  a result
 safetensors_file  named tensors with metadata in safetensors files; comparison of a checkpoint with its run
 memory_limit      how much memory may be taken, and the refusal of more
-processes         signals that ask the program to end, its end beside working threads, when a process began
+processes         signals that ask the program to end, its end beside working threads, when a process began; how many
+                  processors there are; a thread for the latest request
 packages          version of the installed package; imports of libraries that a plain installation leaves out
 progress          types of functions that report progress
 """

@@ -1,4 +1,4 @@
-"""The panels of the viewer, one module each (those of a rig share one); their order is that of the tabs in a dock."""
+"""The panels of the viewer, those of one subject in a module; their order is that of the tabs in a dock."""
 
 from __future__ import annotations
 

@@ -90,6 +90,15 @@ def find_class(path: str, where: str) -> Any:
     return found_class
 
 
+def open_or_close(line: Any, wrap: Callable[[], Any]) -> Any:
+    """The device that `wrap` makes of an open line or driver, which is closed if the device doesn't fit or answer."""
+    try:
+        return wrap()
+    except UserError:
+        line.close()
+        raise
+
+
 def require_shape(name: str, found: Any, expected: tuple[int, int]) -> None:
     """Raises DeviceError unless a device has so many rows and columns. name: its table in rig.toml."""
     if tuple(found) != expected:

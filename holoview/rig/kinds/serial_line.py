@@ -40,6 +40,7 @@ from holoview.rig.kinds.checks import (
     AXIS_OPTIONS,
     Parse,
     StageAxis,
+    open_or_close,
     option_place,
     parse_options,
     require_device,
@@ -198,7 +199,7 @@ def _open_lasers(rig: RigDescription, spec: DeviceSpec) -> SerialLasers:
     where, fields = option_place(rig, spec), _laser_fields(1, rig.wavelengths_m[0], 0.5)
     _check_templates(where, options, {"start": {}, "off": {}, "on": fields})
     line = SerialLine(spec.name, options)
-    return _or_close(line, lambda: SerialLasers(rig, options, line))
+    return open_or_close(line, lambda: SerialLasers(rig, options, line))
 
 
 def _open_stage(rig: RigDescription, spec: DeviceSpec) -> SerialStage:
@@ -214,7 +215,7 @@ def _open_stage(rig: RigDescription, spec: DeviceSpec) -> SerialStage:
     if groups != 1:
         raise UserError(f"{where}.position", f"has {groups} groups", expected="one in parentheses, the position in mm")
     line = SerialLine(spec.name, options)
-    return _or_close(line, lambda: SerialStage(rig, options, line))
+    return open_or_close(line, lambda: SerialStage(rig, options, line))
 
 
 def _laser_fields(number: int, wavelength_m: float, power: float) -> dict[str, float]:
@@ -235,12 +236,3 @@ def _check_templates(where: str, options: Mapping[str, Any], fields: Mapping[str
                 expected = f"a template that knows {', '.join(f'{{{name}}}' for name in known) or 'no fields'}"
                 found = f"{template!r} can't be filled: {type(error).__name__}: {error}"
                 raise UserError(f"{where}.{key}", found, expected=expected) from error
-
-
-def _or_close(line: SerialLine, open_device: Any) -> Any:
-    """The device at an open line, which is closed if the device doesn't answer."""
-    try:
-        return open_device()
-    except UserError:
-        line.close()
-        raise

@@ -32,6 +32,7 @@ from holoview.rig.devices import Counts, Levels, call_device
 from holoview.rig.kinds.checks import (
     Parse,
     find_class,
+    open_or_close,
     option_place,
     parse_options,
     require_bits,
@@ -129,14 +130,16 @@ class SlmsuiteCamera:
 def _open_modulator(rig: RigDescription, spec: DeviceSpec) -> SlmsuiteModulator:
     options = parse_options(rig, spec, _SLM, required=("class",))
     slm = _instance(rig, spec, options, "set_phase")
-    return _or_close(slm, lambda: SlmsuiteModulator(rig, spec.name, slm, options.get("settle"), options.get("cells")))
+    return open_or_close(
+        slm, lambda: SlmsuiteModulator(rig, spec.name, slm, options.get("settle"), options.get("cells"))
+    )
 
 
 def _open_camera(rig: RigDescription, spec: DeviceSpec) -> SlmsuiteCamera:
     options = parse_options(rig, spec, _CAMERA, required=("class",))
     camera = _instance(rig, spec, options, "get_image")
     timeout_s, flush = options.get("timeout", _TIMEOUT_S), options.get("flush", True)
-    return _or_close(camera, lambda: SlmsuiteCamera(rig, camera, timeout_s, flush))
+    return open_or_close(camera, lambda: SlmsuiteCamera(rig, camera, timeout_s, flush))
 
 
 def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], method: str) -> Any:
@@ -149,12 +152,3 @@ def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], me
         raise UserError(where, f'"{options["class"]}" has no `{method}`', expected=f"{kind} of slmsuite")
     arguments = options.get("arguments", {})
     return call_device(spec.name, "open", _REMEDY, lambda: device_class(**arguments))
-
-
-def _or_close(device: Any, wrap: Any) -> Any:
-    """The device that `wrap` makes of an open one; the open one is closed if it doesn't fit."""
-    try:
-        return wrap()
-    except UserError:
-        device.close()
-        raise
