@@ -79,9 +79,9 @@ def small() -> Captures:
 
 @pytest.fixture(scope="session")
 def trained() -> TrainedCalibration:
-    """A calibration of 25 epochs, trained on 17 of 21 captures."""
+    """A calibration of 40 epochs, trained on 17 of 21 captures."""
     captures = session()
     split = split_captures(captures)
     layout = map_layout_for(captures, split.train)
-    states = list(train(captures, {}, split, layout, CalibrationSettings(epochs=25, batch=2)))
+    states = list(train(captures, {}, split, layout, CalibrationSettings(epochs=40, batch=2)))
     return TrainedCalibration(TRUTH, captures, split, layout, states)

@@ -21,18 +21,27 @@ def _sweep(stroke_pi: float, gamma: float, seed: int, noise: float = 0.01, contr
     return EfficiencySweep(LEVELS, power + np.random.default_rng(seed).normal(0, 2000 * noise, len(x)))
 
 
-@pytest.mark.parametrize(("stroke_pi", "gamma"), [(1.5, 0.8), (2.6, 1.4), (3.4, 1.0)])
-def test_a_known_stroke_is_inside_its_interval_and_the_table_follows_the_truth(stroke_pi: float, gamma: float) -> None:
+STROKES = pytest.mark.parametrize(("stroke_pi", "gamma"), [(1.5, 0.8), (2.6, 1.4), (3.4, 1.0)])
+
+
+@STROKES
+def test_a_known_stroke_is_inside_its_interval(stroke_pi: float, gamma: float) -> None:
     lut = fit_lut(_sweep(stroke_pi, gamma, seed=3))
     low, high = (bound / np.pi for bound in lut.stroke_interval)
     # four half intervals: beyond 7.8 sigma chance is nil; a wrong branch is off by π
     assert lut.fit.stroke / np.pi == pytest.approx(stroke_pi, abs=4 * (high - low) / 2)
-    assert high - low < 0.1
-    assert lut.fit.relative_rms < 0.015  # the noise is 0.01 of full power
+    assert lut.fit.relative_rms < 0.015  # the noise is 0.01 of full power; of 128 readings it scatters by 6 %
+
+
+@STROKES
+def test_with_little_noise_the_table_follows_the_truth(stroke_pi: float, gamma: float) -> None:
+    lut = fit_lut(_sweep(stroke_pi, gamma, seed=3, noise=1e-4))
+    low, high = (bound / np.pi for bound in lut.stroke_interval)
     truth = (LEVELS / LEVELS[-1]) ** gamma
-    assert (
-        np.abs(lut.stroke_fractions - truth).max() < 0.05
-    )  # the phase has no slope at extrema: noise^½ = 0.1 rad of 5
+    # Where the phase is an extremum of the power it has no slope: noise^½ = 0.01 rad of 5. Curves through 16 knots
+    # leave 0.007 near the steep beginning of x^0.8; the interval includes those through 12 and 24.
+    assert np.abs(lut.stroke_fractions - truth).max() < 0.02
+    assert high - low < 0.1
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
