@@ -5,5 +5,6 @@ hologram_study  the job that most studies share (optimise a hologram and measure
 plots           charts that studies share
 runner          runs jobs in this process, in several, or on a Dask cluster, and keeps their results
 report          the report as HTML, CSV and figures
+demonstration   two displays rendered, scored and shown beside the target, for `holoview demo`
 studies         the studies, by question
 """
