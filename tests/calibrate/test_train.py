@@ -33,8 +33,8 @@ SHAPE, PITCH = (36, 48), 8e-6
 def test_held_out_captures_are_predicted_to_the_noise(trained: Any) -> None:
     first, last = trained.states[0], trained.states[-1]
     assert first.validation_chi2 > 100
-    # 4 captures of 3900 pixels: χ²/n scatters by 0.011. Maps that have nearly come to rest leave 0.02 to 0.08 with eight
-    # draws, 0.05 ± 0.02; 1.5 is twenty times that scatter away.
+    # 4 captures of 3900 pixels: χ²/n scatters by 0.011. Maps that have nearly come to rest leave 0.02 to 0.08 with
+    # eight draws, 0.05 ± 0.02; 1.5 is twenty times that scatter away.
     assert last.best_chi2 < 1.5
     assert last.best_chi2 == min(state.validation_chi2 for state in trained.states)
 

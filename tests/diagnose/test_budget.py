@@ -134,9 +134,10 @@ def test_derivatives_of_very_many_fields_are_left_out_where_another_effect_expla
 def test_no_further_effect_is_tried_alone_far_beyond_the_budget(
     make_context: MakeContext, budget: float, batches: int
 ) -> None:
-    """Two effects, each a batch of its own."""
+    """Two effects, each a batch of its own, which are scanned over their ranges at once: the error is large."""
     config = SearchConfig(budget=BudgetConfig(effects_per_batch=1))
-    faulty = make_context({"stroke": {"stroke_error": 0.3}})
+    faulty = make_context({"stroke": {"stroke_error": 0.7}})
+    assert faulty.relative_model_error({}) > screening.LOCAL_MAX_ERROR
     context = dataclasses.replace(faulty, field_budget=budget, config=config)
     effects = [listed_effects()[name] for name in ("camera_black", "camera_gamma")]
     stages = [len(list(stage)) for stage in screen_effects(context, {}, effects, lambda *_: None, "")]
@@ -193,4 +194,4 @@ def test_the_end_does_not_depend_on_workers() -> None:
     alone = diagnose(captures, effects, workers=1, free_maps=False, config=config).as_json()
     shared = diagnose(captures, effects, workers=3, free_maps=False, config=config, progress=count_processes).as_json()
     assert json.dumps(_without_seconds(alone)) == json.dumps(_without_seconds(shared))
-    assert max(processes) == 3
+    assert max(processes) > 1  # as many as there are jobs at a time, of at most three

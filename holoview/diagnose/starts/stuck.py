@@ -164,6 +164,20 @@ def as_values(places: Sequence[DeadPlace]) -> dict[str, Any]:
     return values
 
 
+def _without_neighbours(places: Sequence[DeadPlace]) -> list[DeadPlace]:
+    """The places but for pixels beside an earlier one."""
+    kept: list[DeadPlace] = []
+    for place in places:
+        if not any(_are_neighbours(place.key, other.key) for other in kept):
+            kept.append(place)
+    return kept
+
+
+def _are_neighbours(a: Key, b: Key) -> bool:
+    """Whether both are pixels, side by side or corner to corner."""
+    return all(p is not None and q is not None and abs(p - q) <= 1 for p, q in zip(a, b, strict=True))
+
+
 def spans_near(span: tuple[int, int], count: int, steps: Sequence[int]) -> Iterator[tuple[int, int]]:
     """Spans of a line of `count` pixels whose inner end is moved by each of the steps; the other is at the edge."""
     first, last = span
@@ -295,24 +309,41 @@ class _StuckSearch:
             fresh = [place for place in standing_out(gains, places) if place.key not in self._settled]
             if not fresh or len(places) + len(fresh) > _MAX_PLACES:
                 continue
-            kept = [place for place in places if not any(place.stands_for(line) for line in fresh)]
-            known = {place.key: place for place in kept}
-            wider = list({place.key: place for place in (*fresh, *kept)}.values())
-            for place in fresh:
-                if place.key in known:
-                    wider = self._with_best_level(wider, known[place.key], comparison)
-            wider = self._with_best_spans(self._with_fitted_levels(wider, comparison), comparison)
+            wider = self._with_fresh(places, fresh, comparison)
+            apart = _without_neighbours(fresh)
+            if len(apart) < len(fresh):  # a neighbour of a dead place may seem dead too, and lead both levels astray
+                fewer = self._with_fresh(places, apart, comparison)
+                first = next(place for place in fewer if place.key == apart[0].key)
+                fewer = self._with_fitted_levels(self._with_best_level(fewer, first, comparison), comparison)
+                wider = wider if self._gains_enough(comparison, fewer, wider) else fewer
             if self._gains_enough(comparison, places, wider):
                 return wider
         return None
 
+    def _with_fresh(self, places: list[DeadPlace], fresh: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
+        """The places and others that stand out beside them, with fitted levels and ends; one that was known before
+        takes the level of lowest χ²."""
+        kept = [place for place in places if not any(place.stands_for(line) for line in fresh)]
+        known = {place.key: place for place in kept}
+        wider = list({place.key: place for place in (*fresh, *kept)}.values())
+        for place in fresh:
+            if place.key in known:
+                wider = self._with_best_level(wider, known[place.key], comparison)
+        return self._with_best_spans(self._with_fitted_levels(wider, comparison), comparison)
+
     def _lines(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
-        """Columns and rows that stand out, with the level, or the earlier pattern, that gains most."""
+        """Columns and rows that stand out, the clearest first, with the level or earlier pattern that gains most."""
         (top, left) = self._first_pixel
         columns, rows = (self._line_significance(gains, axis) for axis in (1, 2))
         threshold = max(MIN_LINE_SIGMAS, _NEAR_BEST * max(columns.max(), rows.max()))
-        found = [self._line(gains[:, :, x], columns[:, x], column=left + int(x)) for x in _peaks(columns, threshold)]
-        return found + [self._line(gains[:, y], rows[:, y], row=top + int(y)) for y in _peaks(rows, threshold)]
+        found = [
+            (columns[:, x].max(), self._line(gains[:, :, x], columns[:, x], column=left + int(x)))
+            for x in _peaks(columns, threshold)
+        ]
+        found += [
+            (rows[:, y].max(), self._line(gains[:, y], rows[:, y], row=top + int(y))) for y in _peaks(rows, threshold)
+        ]
+        return [line for _, line in sorted(found, key=lambda pair: -pair[0])]
 
     def _line_significance(self, gains: Floats, axis: int) -> Floats:
         return line_significance(gains, axis, LINE_SEGMENTS, _PART_SEGMENTS)
@@ -332,7 +363,7 @@ class _StuckSearch:
         return replace(place, span=span)
 
     def _pixels(self, gains: Floats, known: list[DeadPlace]) -> list[DeadPlace]:
-        """Pixels that stand out, beside the known lines."""
+        """Pixels that stand out, the clearest first, beside the known lines."""
         (top, left) = self._first_pixel
         pixels = significance(gains[:_LEVEL_COUNT])
         for line in (p for p in known if p.is_line):
@@ -343,7 +374,8 @@ class _StuckSearch:
         found = np.argwhere(best >= max(_MIN_PIXEL_SIGMAS, _NEAR_BEST_PIXELS * best.max()))
         if len(found) > _MAX_PIXELS:
             return []
-        return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in found]
+        clearest_first = sorted(found, key=lambda place: -best[tuple(place)])
+        return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in clearest_first]
 
     def _a_wave_off(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
         """The places with levels that are a wave higher or lower where this lowers χ², unless the noise is reached. At
@@ -390,7 +422,7 @@ class _StuckSearch:
                 level = float(np.median([float(p.level) for p in pixels]))
                 others, key = [p for p in places if p not in pixels], (None, number) if axis == 0 else (number, None)
                 spans = ((along[0], count - 1), (0, along[-1]))
-                tried = [[*others, DeadPlace(*key, level, span=span)] for span in spans]
+                tried = [[*others, DeadPlace(key[0], key[1], level, span=span)] for span in spans]
                 joined = self._with_fitted_levels(self._cheapest(tried, comparison), comparison)
                 joined = self._with_best_spans(joined, comparison)
                 if not self._gains_enough(comparison, joined, places):
