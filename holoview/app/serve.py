@@ -5,7 +5,7 @@ the viewer, unless it is served to look at. Therefore it is served to this machi
 given; requests under other names are refused, and so are WebSocket connections from pages of other sites, although the
 browser would send them the cookie with the token. docs/security.md has the whole threat model.
 
-Lets requests pass to the served viewer that name it rightly, have the token and come from its own page.
+Only requests pass that name the viewer rightly, have the token and come from the viewer's own page:
 
     HostGuard ─▶ TokenGuard ─▶ the page and its scripts, or the application
 

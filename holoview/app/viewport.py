@@ -1,6 +1,7 @@
 """Draws images of the device into a texture as the view settings say: zoom, tone, colour map, comparison, grid.
 
-Clickable tiles with pictures of focal planes: a strip of all planes, and a sheet as large as the image panel.
+`PlaneStrip` and `PlaneSheet` are clickable tiles with pictures of focal planes: a strip of all planes, and a sheet as
+large as the image panel.
 """
 
 from __future__ import annotations

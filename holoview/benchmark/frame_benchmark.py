@@ -4,11 +4,10 @@
 `device_time`          a frame by the device's own clock, and its share of the memory bandwidth
 `first_image_timings`  from the start of a process to its first image
 
-A frame as the fastest loops in PyTorch, with which the shaders are compared.
-
-`TorchBaseline` has every advantage that a program for one fixed bench can have: transfer functions are computed in
-advance, in float64, for all wavelengths; fields are complex64 and modified in place; the grid is periodic; there are
-one on-axis source and one frame. `PrunedTorchBaseline` computes, moreover, only what stops of the first order pass.
+The shaders are compared with the fastest loops in PyTorch. `TorchBaseline` has every advantage that a program for one
+fixed bench can have: transfer functions are computed in advance, in float64, for all wavelengths; fields are complex64
+and modified in place; the grid is periodic; there are one on-axis source and one frame. `PrunedTorchBaseline` computes,
+moreover, only what stops of the first order pass.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ the report and the next one begins.
 `time_case`  frames and edits at a size, a number of wavelengths, a strategy, and so many wavelengths in a dispatch
 `ReportRun`  all measurements of a device
 
-Compares each stage of the shaders with torch in complex128, on small benches that use every branch of the stages.
+`stage_errors` compares each stage of the shaders with torch in complex128, on small benches that use every branch of
+the stages.
 """
 
 from __future__ import annotations

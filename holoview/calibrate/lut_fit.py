@@ -19,7 +19,8 @@ through equidistant knots (Fritsch & Carlson, SIAM J. Numer. Anal. 17, 238 (1980
 sin² doesn't distinguish φ from 2π − φ, so the least-squares problem has many local minima. It is started from the
 monotone path of phases with the lowest cost among all, which dynamic programming finds exactly.
 
-Chooses laser power and exposure time for each wavelength so that captures fill the camera's range unclipped.
+`plan_exposures` chooses laser power and exposure time for each wavelength so that captures fill the camera's range
+unclipped.
 
 The camera is linear: the 99.9th percentile of an image above the black level grows in proportion to power · exposure.
 From first captures of any brightness,

@@ -5,7 +5,7 @@ unit. HDF5 can store data in other files (external storage, virtual datasets) an
 (external and soft links): a file from a stranger could make a reader read any file of its user. Such files are refused
 (`open_plain_hdf5`, `DatasetReader`), and data are read within the memory that is allowed.
 
-Imports a folder of images: `captures.csv` lists the captures, `bench.toml` gives the nominal geometry.
+`import_folder` reads a folder of images: `captures.csv` lists the captures, `bench.toml` gives the nominal geometry.
 
 captures.csv has one line per capture; lengths carry their unit, exposures are in seconds:
 

@@ -3,7 +3,7 @@
 The nominal bench is the bench that the laboratory believes in. Diagnosis and calibration find out how the real bench
 differs from it.
 
-The eight ways in which a picture can be mirrored or turned without resampling, as operations on arrays.
+`turned` and `undone` mirror or turn a picture in one of the eight ways that need no resampling.
 
 A turned picture has its first row at the top; `rotate_90` is anticlockwise. Positions are (y, x) from the centre.
 """

@@ -2,7 +2,7 @@
 
 Errors name the dataset or attribute of the capture file (`docs/captures.md`).
 
-Summary of captures: as numbers for `holoview captures check`, and as a contact sheet.
+`summarise` and `capture_sheet` show captures as numbers, for `holoview captures check`, and as a contact sheet.
 """
 
 from __future__ import annotations

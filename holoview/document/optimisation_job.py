@@ -1,6 +1,7 @@
 """Optimises the patterns of a session as a job with a preview, and goes on with it after a crash of the viewer.
 
-Jobs that measure speckle: on the retina, against the diameter of the pupil, and with both ways to make colours.
+Two jobs measure speckle: `RetinalCurveJob` on the retina, against the diameter of the pupil, and
+`SchemeComparisonJob` with both ways to make colours.
 
 The ways to make colours, simultaneous colour and HoloChrome, are compared on the same system and target. Both get
 random patterns, or the same number of optimisation iterations from the same seed; the result says which.

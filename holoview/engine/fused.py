@@ -15,7 +15,7 @@ is smaller than the second rows, `propagate` to the plane is split, so that othe
 Only rows that hold the field are stored between kernels, transformed along x, and of their frequencies only those that
 a relay passes (`fused_kernels: FrameLayout`). H is the transfer function.
 
-Device buffers with the inputs of the fused kernels, and fingerprints that tell when a result is stale.
+`DeviceTables` holds the inputs of the kernels in device buffers, with fingerprints that tell when a result is stale.
 
 The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
 if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes, and

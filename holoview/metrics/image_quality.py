@@ -4,11 +4,10 @@ measure_image_quality   of a view beside its target
 eyebox_uniformity_of    of a hologram's light in the eyebox
 score_hologram          all scores at the planes and between them; score_places: from places of the eye's pupil
 
-Uniformity of the light in the eyebox, the area in the pupil plane from which the image can be seen.
-
-PSNR alone is misleading: a smooth phase sends the light through a small spot in the middle of the eyebox, which avoids
-speckle and gains several decibels, but the image disappears when the eye moves, and it hardly blurs out of focus. A
-hologram is better only if its PSNR is higher at equal uniformity.
+The eyebox is the area in the pupil plane from which the image can be seen. PSNR alone is misleading: a smooth phase
+sends the light through a small spot in the middle of the eyebox, which avoids speckle and gains several decibels, but
+the image disappears when the eye moves, and it hardly blurs out of focus. A hologram is better only if its PSNR is
+higher at equal uniformity.
 
 The eyebox of a diffuse hologram is itself speckled, so that the intensity at a point says nothing. The measures are of
 means over blocks; a mean of n independent samples of fully developed speckle still has a relative deviation of 1/√n.

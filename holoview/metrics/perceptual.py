@@ -2,9 +2,10 @@
 
 `measure_score` computes them by their names in `holoview.metrics.perceptual_scores`.
 
-Contrast of an image in a band of visual spatial frequencies.
+`band_contrast` is the contrast of an image in a band of visual spatial frequencies.
 
-How near a complex field, such as a compressed hologram, is to another, and a view of it to that of the other.
+`field_snr`, `field_ssim` and `view_scores` tell how near a complex field, such as a compressed hologram, is to another
+one, and its views to those of the other.
 
 In the plane of the hologram JPEG Pleno's test conditions take SNR and SSIM, in views PSNR and SSIM; none of them agrees
 well with what people see (Ahar et al., arXiv 2010.11306).

@@ -1,6 +1,7 @@
 """Where the eye of a system is focused: its planes at its reference wavelength, and their shift at the others.
 
-The path of a pupil through the eyebox: where it is, how wide it is, and where its eye is focused, against time.
+`PupilPath` is the path of a pupil through the eyebox: where it is, how wide it is, and where its eye is focused,
+against time.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 Symbols as in `holoview.model.plan`: λ wavelength, P padded samples, u samples along each side of a modulator pixel,
 k signed frequency index, df frequency step; a direction sine is λ·df·k.
 
-The propagation of one wavelength over one distance, as numbers in float64 from which both executors evaluate it.
+`Transfer` is the propagation of one wavelength over one distance, as numbers in float64 from which both executors
+evaluate it.
 """
 
 from __future__ import annotations

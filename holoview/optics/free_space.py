@@ -24,7 +24,8 @@ Appl. Opt. 48, 6132 (2009)), for the far side of z = N·dx²/λ, where the first
 where a field that has to be lit by a spherical wave of radius R, as a Fourier hologram, has the equivalent distance
 1/c = R·z/(R − z), and z = R is a plain Fourier transform: what a lens of focal length R shows.
 
-The field in a window that is turned out of the plane across the axis, from its spectrum in the window's own frame.
+`tilted_propagate` gives the field in a window that is turned out of the plane across the axis, from its spectrum in
+the window's own frame.
 
 A plane wave of frequencies f = (f_x, f_y, f_z), |f| = 1/λ, has the frequencies g = (f·a_x, f·a_y) along the axes a_x,
 a_y of the window, so that the field at X·a_x + Y·a_y from its centre c is

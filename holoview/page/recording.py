@@ -1,6 +1,7 @@
 """What a page knows of a hologram: its bench in numbers, its patterns, and the frame recording.
 
-A frame as data: every buffer, pipeline and dispatch that computes it, for a program without Python to replay.
+`record_frames` turns a frame into data: every buffer, pipeline and dispatch that computes it, for a program without
+Python to replay.
 
 `RecordingDevice` stands where an open device stands, and keeps what is asked of it instead of doing it. What the engine
 allocates, compiles and dispatches on it is the *frame recording*, a JSON object, and contents of buffers:

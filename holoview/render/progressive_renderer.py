@@ -10,7 +10,7 @@ The simplified system has one sample for each modulator pixel and no padding, wh
 less: light of higher diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other.
 If that isn't fast enough it has three lasers only, with amplitudes that preserve the mean colour.
 
-The images of the sides of a comparison, each kept up to date on the device: now, target, snapshots, presets.
+`SideRenderers` has a renderer for each side of a comparison: now, target, snapshots, presets.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ A single channel is shown in grey or through a colour map of 256 colours.
 grey: linear in the sRGB code. cubehelix: perceived brightness rises monotonically while the hue rotates (Green, Bull.
 Astr. Soc. India 39, 289, 2011). hue: cyclic, for phases. signed: diverging, white in the middle, blue below, red above.
 
-Pictures of a complex field: amplitude, phase, real and imaginary part, colour for phase, and its spectrum.
+`field_picture` draws a complex field: amplitude, phase, real and imaginary part, colour for phase, or its spectrum.
 """
 
 from __future__ import annotations

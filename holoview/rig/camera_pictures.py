@@ -8,7 +8,8 @@ Noise makes two pictures of the same scene differ, which tells repeated and torn
 pixels with normal noise of standard deviation σ are equal with a probability of at most 1/(2√π·σ); the product over the
 pixels that are equal to those of the picture before says how improbable it is that they were taken anew.
 
-Measures how fast a modulator settles: patterns take turns, and a picture is taken ever later after the change.
+`measure_settling` finds how fast a modulator settles: patterns take turns, and a picture is taken ever later after
+the change.
 
     r(t) = ⟨I₊(t) − I₋(t), I₊ − I₋⟩ / |I₊ − I₋|² = a·exp(−t/τ)
 

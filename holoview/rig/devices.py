@@ -7,8 +7,7 @@ protocols           ModulatorDevice, CameraDevice, LasersDevice, StageDevice, Be
 Devices             the open devices of a rig, which are closed with the lasers off first
 Wrapped…            a device in the place of another one, which it uses: base of limits, checks and safeguards
 call_device         what a vendor's library raises becomes a DeviceError
-
-Lasers, camera and stage that can't leave the safety limits of a rig, whatever a plan asks for.
+limit_devices       lasers, camera and stage that can't leave the safety limits of a rig, whatever a plan asks for
 """
 
 from __future__ import annotations

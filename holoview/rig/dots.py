@@ -8,7 +8,8 @@ lies doesn't depend on how the modulator's phase follows its levels, only how br
 Neighbouring dots, orders of the pixels and stops move the centroid of a dot by some tenths of a pixel. The same
 pattern, simulated by the model of captures on the bench as it was found, moves its dots by the same (`dot_bias`).
 
-Where dots fall on the camera, as a function of all that is unknown, and its fit with uncertainties.
+`predicted_px` tells where dots fall on the camera, as a function of all that is unknown; `fit_geometry` fits it, with
+uncertainties.
 
     r' = (1 + m₂)·R(ρ₂)·T₂·r + d₂           place of a block of modulator 2, r in what it displays (modulator 1: r' = r)
     ν' = R(ρ₂)·T₂·ν / (1 + m₂)

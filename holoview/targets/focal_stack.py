@@ -14,7 +14,7 @@ blurred edge is translucent. The division by the coverage compensates for light 
 Limits: the masks of different layers count as statistically independent, surfaces as matt (a reflection is blurred by
 the mirror's distance, not by that of the mirrored things), and occluded parts of the scene are guessed.
 
-The pictures of a film: a video file, read by PyAV, or a folder of pictures in the natural order of their names.
+`Film` has the pictures of a video file, read by PyAV, or of a folder in the natural order of their names.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ that the mean has the true occlusion of a finite pupil.
 Limits: out of focus by Δz, neighbouring views lie spacing·Δz/f apart. Beyond a sample or two, edges show this step.
 Views are moved by fractions of a sample by linear interpolation.
 
-A target as it is seen through a round pupil: perhaps off the axis, and in focus elsewhere at each wavelength.
+`ViewingPupil` shows a target as it is seen through a round pupil: perhaps off the axis, and in focus elsewhere at each
+wavelength.
 
 A pupil passes the directions |s − c| ≤ NA, where s is a direction's sine in y and x. Its blur is a disc of diameter
 2·NA·Δz, moved by c·Δz. An eye with longitudinal chromatic aberration focuses each wavelength at a distance of its own.

@@ -13,7 +13,8 @@ speckle grains, and z = atanh ρ (Fisher) has the variance 1/G for any ρ.
 `SpeckleComparison` compares two pictures, `TrialScore` holds the comparisons of one hypothesis, and `Trials` predicts
 the captures under each hypothesis, every prediction once.
 
-The middle of captures: large modulators and many captures then cost no more to compare than small ones.
+`central_captures` cuts captures to their middle: large modulators and many captures then cost no more to compare than
+small ones.
 
 In the near field light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much
 margin around the compared pixels, a crop is predicted like the whole. On a Fourier bench every camera pixel sees all of

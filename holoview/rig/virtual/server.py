@@ -3,7 +3,7 @@
 It reads a token from stdin, prints the port of a local socket that it listens on, and serves whoever sends the token
 first. It ends when stdin is closed, which is when the process that started it ends, however that ended.
 
-A virtual bench: its hidden effects, and the light from patterns, lasers, stage and camera to counts.
+`VirtualBench` computes the light from patterns, lasers, stage and camera to counts, with its hidden effects.
 
 The bench has a clock of its own, which only waiting, moving and exposing advance: measuring, which on a real bench
 waits for minutes, takes as long as computing the light. Hidden effects and faults stand in a file that rig.toml names,
