@@ -78,7 +78,7 @@ def run_offscreen(
     """Draws an off-screen window of `size` (x, y) pixels, opens `files`, runs a script and writes a screenshot.
 
     where: names the script in errors. picture: the path of the screenshot; None for none. rig: rig.toml of the devices
-    to open. Raises UserError also where the lasers of these may be on at the end.
+    to open. Raises UserError for files that can't be opened, and where the lasers of the devices may be on at the end.
     """
     from rendercanvas.offscreen import OffscreenRenderCanvas
 
@@ -88,6 +88,8 @@ def run_offscreen(
         driver.draw_frames(3)
         if files.names:
             app.context.loader.open(files.names, files.request)
+            wait_until_idle(driver)
+            _raise_error_of(session)
         if rig is not None:
             open_rig(app.context, rig)
         wait_until_idle(driver)
@@ -99,6 +101,13 @@ def run_offscreen(
         app.close()
     if app.danger:
         raise UserError("rig", app.danger)
+
+
+def _raise_error_of(session: EditingSession) -> None:
+    """Raises UserError with the first error that a session has told: off the screen nobody reads its messages."""
+    for message in session.messages.all:
+        if message.kind == "error":
+            raise UserError("", message.text)
 
 
 def run_on_screen(

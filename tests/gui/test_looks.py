@@ -183,3 +183,11 @@ def test_wrong_arguments_are_refused_in_a_line(
     assert cli.main(["view", *arguments]) == 2
     error = capsys.readouterr().err
     assert complaint in error and error.count("\n") == 1
+
+
+def test_off_the_screen_a_file_that_cant_be_opened_ends_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong, picture = tmp_path / "wrong.dat", tmp_path / "seen.png"
+    wrong.write_text("no hologram")
+    small = ["--set", "shape=[16, 16]", "--size", "640x400", "--offscreen"]
+    assert cli.main(["view", "holochrome-8", str(wrong), *small, "--screenshot", str(picture)]) == 2
+    assert "wrong.dat: isn't a file that can be opened" in capsys.readouterr().err and not picture.exists()
