@@ -16,6 +16,7 @@ from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
 from holoview.io.hologram import Hologram
 from holoview.model.bench_parts import Modulator, Relay, Source
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.eye import sample_degrees
 from holoview.model.focus import focused_planes, parse_planes
 from holoview.model.plan import make_plan
@@ -203,10 +204,11 @@ def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
 def as_field(hologram: Hologram) -> Hologram:
     """The field behind the last modulator of a hologram, with the bench from there to the eye: it shows the same.
 
-    hologram: patterns lit by one plane wave, without effects; a field is returned as it is.
+    hologram: patterns lit by one wave; a field is returned as it is. Effects on the transmission of modulators and on
+    the light before them, such as `source_field`, are in the field.
 
     Returns a `Hologram` whose drive is the field (frame, wavelength, y, x), at the samples of the simulation. Raises
-    UserError for several directions of the source, whose fields don't interfere, and for effects.
+    UserError for several directions of the source, whose fields don't interfere, and for other effects.
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
@@ -217,9 +219,11 @@ def as_field(hologram: Hologram) -> Hologram:
     system = hologram.system
     if system.is_field:
         return hologram
-    if len(system.source.directions_rad) > 1 or system.effects:
-        found = "effects" if system.effects else f"{len(system.source.directions_rad)} directions of the source"
-        raise UserError("field", found, expected="one direction and no effects", remedy="take them away with --set")
+    if len(system.source.directions_rad) > 1 or not _ends_at_modulators(system):
+        count = len(system.source.directions_rad)
+        found = f"{count} directions of the source" if count > 1 else "effects on lasers or relays"
+        expected = "one direction, and no effects but those on modulators and the light before them"
+        raise UserError("field", found, expected=expected, remedy="take them away with --set")
     from holoview.engine.torch_executor import stage_field  # slow start: importing torch takes a second
 
     upsample, modulator, relay = system.sampling.upsample, system.modulators[-1], system.relay2
@@ -237,8 +241,15 @@ def as_field(hologram: Hologram) -> Hologram:
         relay1=Relay(),
         relay2=relay if square is None else replace(relay, square=square),
         sampling=replace(system.sampling, upsample=1),
+        effects=(),
     )
     return Hologram(values, behind)
+
+
+def _ends_at_modulators(system: System) -> bool:
+    """Whether all effects are on the transmission of modulators or the light before them."""
+    active, plain = ActiveEffects(system.effect_values), system.edit({"effects": {}})
+    return not active.with_hooks("pupil") and active.as_built(system) == plain
 
 
 def simulate(

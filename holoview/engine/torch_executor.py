@@ -30,6 +30,7 @@ from holoview.optics.bench import (
     spectrum_of_pixels,
 )
 from holoview.optics.frame_inputs import FrameInputs
+from holoview.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError, suggest_matches
 
 
@@ -261,9 +262,10 @@ def stage_field(
     plan = make_plan(seen, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     frame *= len(plan.moments)
-    light = executor.illuminate(laser, source)
-    field = light if stage == "light" else _behind_modulators(executor, light, stage, frame, laser)
     λ = float(plan.system.wavelengths_m[laser])
+    if stage == "light":
+        return _by_place(stage, executor, TorchField(_light(executor, laser, source)), λ)
+    field = _behind_modulators(executor, executor.illuminate(laser, source), stage, frame, laser)
     if stage in stages[: stages.index("stop")]:
         return _by_place(stage, executor, field, λ)
     spectrum = executor.spectrum(field, len(plan.system.modulators) - 1)
@@ -280,6 +282,13 @@ def _by_place(stage: str, executor: TorchExecutor, field: TorchField, wavelength
     pitch_m = executor.plan.grid.pitch_m
     values = executor.download_field(field).astype(np.complex128)
     return StageField(stage, values, (pitch_m, pitch_m), False, wavelength_m)
+
+
+def _light(executor: TorchExecutor, laser: int, source: int) -> torch.Tensor:
+    """The light before the first modulator, (y, x): a plane wave with the effects on the source."""
+    wave = plane_wave(executor.plan, laser, source, torch.complex128, torch.device("cpu"))
+    transmissions = executor.inputs.sampled_transmissions
+    return transmissions.source_light(wave, laser) if isinstance(transmissions, SampledTransmissions) else wave
 
 
 def _behind_modulators(executor: TorchExecutor, light: TorchField, stage: str, frame: int, laser: int) -> TorchField:

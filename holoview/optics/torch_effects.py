@@ -142,6 +142,12 @@ class SampledTransmissions:
         context = self.context(modulator, wavelength)
         return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor, before, first))
 
+    def source_light(self, wave: Tensor, wavelength: int) -> Tensor:
+        """The light before the first modulator: a plane wave (y, x) of the source with the effects on the source."""
+        pairs = [pair for pair in self.effects.on_modulator(0, "transmission") if "source" in pair[0].acts_on]
+        light: Tensor = self.effects.applied("transmission", wave, self.context(0, wavelength), pairs=pairs)
+        return light
+
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
         """The context of the hooks on a modulator at the wavelength of an index."""
         return modulator_context(self.plan, modulator, wavelength, self._laser_number(wavelength))

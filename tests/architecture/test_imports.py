@@ -61,6 +61,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
+    ("holoview.effects.source_field", "holoview.optics.free_space"): SLOW,
+    ("holoview.effects.source_field", "torch"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.report.html_report"): SLOW,

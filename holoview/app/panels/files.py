@@ -35,8 +35,9 @@ from holoview.render.tone_mapping import compose_comparison
 from holoview.render.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
 from holoview.util.text import plain_name
+from holoview.wavefield.readers.registry import all_readers
 
-_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".csv")
+_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".csv", ".html")
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,8 @@ class FilesPanel(Panel):
         add("Open…", lambda: self._open(context), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
         for save in self._saves:
             add(f"{save.name}…", partial(self._save, context, save), "File", save.keys, save.help)
+        light = partial(self._ask_light, context)
+        add("Light from a field…", light, "File", help="A complex field in place of the plane wave before modulator 1.")
         add("Copy image", lambda: _copy(context), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
         add("Paste picture", lambda: _paste(context), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
 
@@ -155,11 +158,23 @@ class FilesPanel(Panel):
         _draw_jobs(context)
 
     def _open(self, context: AppContext) -> None:
-        self.dialog.ask(FileRequest("Open", _OPEN_SUFFIXES, lambda path: context.loader.open(path), takes_folders=True))
+        suffixes = (*_OPEN_SUFFIXES, *_field_suffixes())
+        self.dialog.ask(FileRequest("Open", suffixes, lambda path: context.loader.open(path), takes_folders=True))
+
+    def _ask_light(self, context: AppContext) -> None:
+        def use(path: Path) -> None:
+            context.change("Light from a field", "effects.source_field.file", str(path.resolve()))
+
+        self.dialog.ask(FileRequest("Light from a field", _field_suffixes(), use))
 
     def _save(self, context: AppContext, save: _Save) -> None:
         name = f"{plain_name(context.session.system.name, 'hologram')}{save.suffixes[0]}"
         self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
+
+
+def _field_suffixes() -> tuple[str, ...]:
+    """Of all files that may hold a complex field."""
+    return tuple(sorted({suffix for reader in all_readers() for suffix in reader.suffixes}))
 
 
 def _draw_watch(context: AppContext) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from imgui_bundle import imgui
@@ -16,11 +17,11 @@ from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field, tooltip
 from holoview.model import fields as describe
 from holoview.model.effects.effect import Effect, Parameter
-from holoview.model.effects.registry import listed_effects, unmet_requirement
+from holoview.model.effects.registry import get_effect, listed_effects, unmet_requirement
 from holoview.model.fields import Integer, Number, Shape
 from holoview.model.system import System
 from holoview.util import units
-from holoview.util.text import printable_lines
+from holoview.util.text import printable, printable_lines
 
 _ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source", "eye")
 _LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
@@ -116,6 +117,7 @@ class BenchPanel(Panel):
         if imgui.button("One source"):
             context.attempt(context.session.change, "One source", {"source": {}})
         _tilt(context, system)
+        _draw_light(context, system)
 
     def _apply_grid(self, context: AppContext) -> None:
         source = {"grid": list(self._grid), "spacing": units.format_exact(self._spacing_rad, "mrad")}
@@ -153,6 +155,23 @@ def _tilt(context: AppContext, system: System) -> None:
             moved = directions.copy()
             moved[:, axis] += edited.value - middle[axis]
             context.change(name.capitalize(), "source.directions", moved, is_held=edited.is_held)
+
+
+def _draw_light(context: AppContext, system: System) -> None:
+    """Draws the complex field that lights the first modulator, where there is one."""
+    effect, values = get_effect("source_field"), system.effect_values.get("source_field")
+    if values is None:
+        return
+    imgui.text_disabled(f"× the field of {printable(Path(values['file']).name)}")
+    tooltip(f"{effect.cause}\n{printable_lines(values['file'])}")
+    for parameter in effect.parameters[1:]:
+        edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
+        if edited is not None:
+            context.change("Light", f"effects.source_field.{parameter.name}", edited.value, is_held=edited.is_held)
+    if imgui.button("Plane waves alone"):
+        without = {name: table for name, table in system.effect_values.items() if name != effect.id}
+        context.change("Plane waves alone", "effects", without)
+    context.record_item_rect("plane waves alone")
 
 
 def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
