@@ -16,10 +16,10 @@ numerics    FFT lengths, Zernike polynomials, resampling, least squares
 colour      cone fundamentals, CIE XYZ, sRGB, white balance
 gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
 model       the display as data: `System`, presets, colour schemes, `Plan`; the framework of effects
-effects     imperfections of real displays: physical causes
 optics      source, modulator, propagation and pupil as torch functions; effects applied to light
-wavefield   complex fields without a modulator: files of other programs, recordings of cameras
 targets     pictures with depth as focal stacks with natural defocus
+wavefield   complex fields without a modulator: files of other programs, recordings of cameras
+effects     imperfections of real displays: physical causes
 engine      the graph of stages of a frame, evaluated by torch and by shaders; incremental rendering
 io          files of holograms, pictures and modulator patterns
 view        `simulate`: what an observer sees of a hologram

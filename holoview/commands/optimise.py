@@ -53,6 +53,7 @@ from holoview.experiment.camera_loop import (
 from holoview.experiment.camera_problem import require_camera_settings
 from holoview.experiment.rig_bench import on_rig, system_of_rig
 from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.load_field import is_field_file, open_hologram
 from holoview.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
 from holoview.model.focus import parse_plane, plane_label, required_eye
@@ -85,6 +86,8 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import Interruption
+from holoview.wavefield.field_target import FieldTarget
+from holoview.wavefield.request import ReadRequest
 
 _DEFAULTS = Settings()
 _NEXT_ITERATIONS = 20
@@ -182,7 +185,8 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "target",
         metavar="TARGET",
         help="a picture (PNG, JPEG, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field (a folder "
-        "with views.toml), or a film (MP4 and others): each of its holograms begins with the last one",
+        "with views.toml), a complex field (its light in the planes), or a film (MP4 and others), of whose holograms "
+        "each begins with the last one",
     )
     group.add_argument("--film", action="store_true", help="the folder TARGET holds the pictures of a film")
     group.add_argument(
@@ -196,7 +200,8 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--at",
         metavar="DISTANCE",
-        help="where a picture without depth stands, or views have no disparity; the middle plane if absent",
+        help="where a picture without depth stands, or views have no disparity; the middle plane if absent; of a field "
+        "its plane, the last modulator if absent",
     )
     group.add_argument(
         "--near",
@@ -442,6 +447,8 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
         saturation=args.saturation,
         space=args.space,
     )
+    if is_field_file(Path(args.target)):
+        return TargetSource(system, file, _note, reach_m, _field_scene(args))
     if file.is_stack and (args.depth is not None or args.at is not None or file.grid is not None):
         raise UserError("--depth/--at/--views", "with a focal stack", expected="a picture, or none of them")
     if file.has_views:
@@ -452,6 +459,17 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
         at_m, near_m, far_m = (_parse_length(args, flag) for flag in ("at", "near", "far"))
         file = replace(file, placement=Placement(at_m, args.depth, near_m, far_m))
     return TargetSource(system, file, _note, reach_m)
+
+
+def _field_scene(args: argparse.Namespace) -> FieldTarget:
+    """The light of the field in the target's file. Raises UserError for options that don't suit it."""
+    for flag in ("depth", "views"):
+        if getattr(args, flag) is not None:
+            raise UserError(f"--{flag}", "with a field", expected="a picture, or --at for the field's plane")
+    opened = open_hologram([args.target], ReadRequest(propagation="asm"))
+    for note in opened.notes:
+        _note(f"{args.target}: {note}")
+    return opened.hologram.scene(_parse_length(args, "at") or 0.0)
 
 
 def _parse_length(args: argparse.Namespace, flag: str) -> float | None:

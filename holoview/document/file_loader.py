@@ -26,7 +26,7 @@ from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.document.target_builder import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
-from holoview.io.load_field import open_hologram
+from holoview.io.load_field import is_field_file, open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
@@ -142,6 +142,12 @@ class FileLoader:
         system = self._session.system
         work = partial(read_content, names, system, request)
         return self._session.jobs.start(f"Open {_title(names)}", lambda control: work(), self.apply)
+
+    def open_field_as_target(self, path: Path) -> None:
+        """Makes the light of a field, whose plane is that of the last modulator, the target. Raises UserError."""
+        if not is_field_file(path):
+            raise UserError(str(path), "isn't a complex field", expected="a file that `holoview info` calls a field")
+        self.apply(FileContent("picture", path.name, target_spec=TargetSpec(path, path.name), path=path))
 
     def paste(self, picture: NDArray[np.uint8] | bytes) -> None:
         """Makes 8-bit sRGB pixels (y, x, 3 or 4), or the bytes of a picture file, the target. Raises UserError."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.jobs import CallOnOwner
+from holoview.io.load_field import is_field_file, open_hologram
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target
@@ -18,18 +19,20 @@ from holoview.targets.light_field import LightField, is_light_field, read_light_
 from holoview.targets.moving_pupil import StacksAt
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.target import Placement, scene_depth
-from holoview.targets.target_source import TargetContent
+from holoview.targets.target_source import Scene, TargetContent
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.util.processes import LatestTask
+from holoview.wavefield.request import ReadRequest
 
 
 @dataclass(frozen=True, eq=False)
 class TargetSpec:
     """The target of a hologram, independent of the system that shows it.
 
-    source: a picture in linear light, or the path of a rendered focal stack or of a folder of views. brightness: a
-    factor on linear light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
+    source: a picture in linear light, or the path of a rendered focal stack, a folder of views, or a complex field,
+    which lies in the plane of the last modulator unless its placement has a distance. brightness: a factor on linear
+    light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
     is_example: whether it is `example_target()`, which nobody chose: a hologram that is opened removes it.
     """
 
@@ -44,11 +47,14 @@ class TargetSpec:
     @property
     def is_stack(self) -> bool:
         """Whether it is a rendered stack, which has pictures for the system's own planes only."""
-        return isinstance(self.source, Path) and not is_light_field(self.source)
+        return isinstance(self.source, Path) and not (is_light_field(self.source) or is_field_file(self.source))
 
     def _content(self, system: System) -> TargetContent:
-        source: Picture | LightField | Path = self.source
-        if isinstance(source, Path) and not self.is_stack:
+        source: Picture | LightField | Path | Scene = self.source
+        if isinstance(source, Path) and is_field_file(source):
+            opened = open_hologram([source], ReadRequest(propagation="asm", accept_guesses=True))
+            source = opened.hologram.scene(self.placement.at_m or 0.0)
+        elif isinstance(source, Path) and not self.is_stack:
             source = read_light_field(system, source, saturation=self.saturation, space=self.space)
         return TargetContent(source, self.placement, self.brightness, self.saturation, self.space)
 
@@ -70,7 +76,7 @@ class TargetSpec:
     def depth_at(self, system: System, row: int, column: int) -> float:
         """Distance (m) behind the last modulator of the scene that the target shows at a sample of the simulation grid.
 
-        Raises UserError for a focal stack and for views, whose pictures don't tell, and as `target_for` does.
+        Raises UserError for a focal stack, views and a field, whose pictures don't tell, and as `target_for` does.
         """
         if isinstance(self.source, Path):
             raise UserError(

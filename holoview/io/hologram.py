@@ -13,19 +13,23 @@ from __future__ import annotations
 import os
 import tomllib
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model import preset
 from holoview.model.system import System
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat, format_of, metadata_of
 from holoview.util.tables import ArraySchema
 from holoview.wavefield.field_bench import bench_of_field, lit_field
 from holoview.wavefield.field_file import FIELD_FORMAT, read_field, save_field
 from holoview.wavefield.wavefield import Wavefield
+
+if TYPE_CHECKING:
+    from holoview.wavefield.field_target import FieldTarget
 
 FORMAT, VERSION = "holoview-hologram", "1"
 _MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
@@ -115,6 +119,23 @@ class Hologram:
         planes_m = system.planes_m
         distance_m = float(planes_m[len(planes_m) // 2])
         return Wavefield(self.drive, (pitch_m, pitch_m), system.wavelengths_m, distance_m, name=system.name)
+
+    def scene(self, at: float | str = 0.0) -> FieldTarget:
+        """The light of a hologram that is a field, for another hologram to show: a target of `iterate`.
+
+        at: the plane of the field behind the last modulator of the other display, metres or text such as "5 mm".
+
+        Returns a `FieldTarget`, whose `images` are the focal stack for a display. Raises UserError as `field` does.
+
+        >>> import holoview as hv, numpy as np
+        >>> field = hv.load_field(np.ones((48, 64), np.complex64), pitch="8 um", wavelengths=["532 nm"])
+        >>> system = hv.load("holochrome-8").with_(shape=[48, 64], planes=["5 mm"])
+        >>> field.scene("5 mm").images(system, system.planes_m).shape
+        (1, 96, 128, 3)
+        """
+        from holoview.wavefield.field_target import FieldTarget  # slow start: it imports torch
+
+        return FieldTarget(self.field(), self.system.amplitudes, units.parse(at, "at"))
 
     def save(self, path: str | os.PathLike[str], *, as_uint8: bool = False) -> None:
         """Writes the hologram to a file, atomically.

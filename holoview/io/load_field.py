@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.io.hologram import FORMAT, Hologram, load_hologram
+from holoview.targets.image_reader import file_format
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
+from holoview.wavefield.interpret.remembered import notes_path
+from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest, read_wavefield
 from holoview.wavefield.wavefield import Provenance, Wavefield
 
@@ -134,9 +138,20 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0, other)
 
 
+def is_field_file(path: Path) -> bool:
+    """Whether a file holds a field: holoview's own, one that another program's reader recognises, or a picture whose
+    notes say so."""
+    if not path.is_file():
+        return False
+    if notes_path(path).exists() or format_of(path) == FIELD_FORMAT:
+        return True
+    return not file_format(path) and format_of(path) != FORMAT and is_readable(path)
+
+
 def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:
     """A hologram of holoview with the distance of a request, if that states one. Raises UserError for anything else."""
-    if replace(request, distance_m=None, accept_guesses=False) != ReadRequest():
+    known = replace(request, distance_m=None, accept_guesses=False)
+    if known not in (ReadRequest(), ReadRequest(propagation="asm")):  # its own plane is what it is shown in
         raise UserError(
             "pitch, wavelength, quantity …",
             "of a file of holoview",

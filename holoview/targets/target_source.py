@@ -1,16 +1,20 @@
-"""A target file that is read once and built for any planes and places of the pupil: picture, stack or light field."""
+"""A target file that is read once and built for any planes and places of the pupil.
+
+It is a picture, a focal stack, a light field, or a scene that computes its own pictures, such as a complex field.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.eye import Eye
-from holoview.model.focus import required_eye
+from holoview.model.focus import focused_planes, required_eye
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target, is_stack, target_from_stack
 from holoview.targets.light_field import LightField, ViewGrid, is_light_field, read_light_field
@@ -21,8 +25,9 @@ from holoview.targets.moving_pupil import (
     target_from_views,
     views_of_picture,
 )
-from holoview.targets.picture import Picture, read_picture
+from holoview.targets.picture import Picture, check_saturation, read_picture, scale_saturation
 from holoview.targets.target import Placement, target_for
+from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
 
 
@@ -55,14 +60,28 @@ class TargetFile:
         return not self.has_views and is_stack(self.path)
 
 
+class Scene(Protocol):
+    """A scene that computes its pictures for any system, such as `holoview.wavefield.field_target.FieldTarget`."""
+
+    @property
+    def source(self) -> str:
+        """Its name."""
+
+    def images(self, system: System, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Its pictures (plane, y, x, 3), linear sRGB, in planes (plane,) m, on the samples of the system's simulation.
+
+        Raises UserError for a system that can't show it.
+        """
+
+
 @dataclass(frozen=True, eq=False)
 class TargetContent:
-    """A picture, views of a light field, or the path of a focal stack, from which targets of any system are built.
+    """A picture, views of a light field, the path of a focal stack, or a scene, from which targets are built.
 
     placement: of a picture. brightness, saturation, space: as of `TargetFile`; views have their saturation already.
     """
 
-    source: Picture | LightField | Path
+    source: Picture | LightField | Path | Scene
     placement: Placement = field(default_factory=Placement)
     brightness: float = 1.0
     saturation: float = 1.0
@@ -79,18 +98,27 @@ class TargetContent:
             return target_from_stack(
                 system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
             )
+        if not isinstance(self.source, Picture):
+            return self._of_scene(self.source, system, focused_planes(system) if planes_m is None else planes_m)
         return target_for(
             system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
         )
 
+    def _of_scene(self, scene: Scene, system: System, planes_m: NDArray[np.float64]) -> Target:
+        check_saturation(self.saturation)
+        stack = np.stack([scale_saturation(image, self.saturation) for image in scene.images(system, planes_m)])
+        return Target.from_stack(stack, planes_m, scene.source, self.brightness)
+
     def moving(self, radius_m: float, system: System) -> StacksAt:
         """The focal stacks from any places of the pupil within a radius; not of a focal stack.
 
-        Raises UserError as `moving_target` and `moving_target_from_views` do.
+        Raises UserError for a scene, and as `moving_target` and `moving_target_from_views` do.
         """
         if isinstance(self.source, LightField):
             return moving_target_from_views(system, self.source, self.brightness)
-        assert isinstance(self.source, Picture), "a focal stack has no other views"
+        assert not isinstance(self.source, Path), "a focal stack has no other views"
+        if not isinstance(self.source, Picture):
+            raise UserError(self.source.source, "a field", expected="a picture or views for places of the pupil")
         return moving_target(system, self.source, self.placement, radius_m, self.brightness, saturation=self.saturation)
 
 
@@ -102,17 +130,24 @@ class TargetSource:
     viewpoints. A target that is a focal stack (`is_stack`) has its own planes.
 
     reach_m: how far from its place the eye's pupil is moved, at most; views cover it unless their spacing is given.
-    tell: called once with each note on the files.
+    tell: called once with each note on the files. scene: what the file holds, where it isn't a picture or pictures.
 
     Raises UserError for files that can't be read.
     """
 
-    def __init__(self, system: System, file: TargetFile, tell: TextCallback, reach_m: float = 0.0) -> None:
+    def __init__(
+        self,
+        system: System,
+        file: TargetFile,
+        tell: TextCallback,
+        reach_m: float = 0.0,
+        scene: Scene | None = None,
+    ) -> None:
         self._system, self._file, self._tell = system, file, tell
         self._told: set[str] = set()
         self._built: dict[Hashable, Target] = {}
-        self.is_stack = file.is_stack
-        source = self._read(reach_m)
+        self.is_stack = scene is None and file.is_stack
+        source = scene or self._read(reach_m)
         self._content = TargetContent(source, file.placement, file.brightness, file.saturation, file.space)
 
     def _read(self, reach_m: float) -> Picture | LightField | Path:

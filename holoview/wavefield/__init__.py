@@ -9,6 +9,7 @@ imaging     far images brought near, for a bench to show
 field_bench the bench that shows a field
 field_file  holoview's own file of a field
 exchange    fields from other running programs: a listener on this machine and `push`
+field_target  a field as the target of a hologram: its light at any plane
 propagation  a field at any distance, by a method that is chosen by a stated criterion
 focus        the distance of best focus by two published measures, with its curve
 demodulation  the field of a camera's recording: off-axis, in-line, phase-shifting sets

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import holoview as hv
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession
 from holoview.document.file_loader import FileLoader, read_content
@@ -79,6 +80,27 @@ def test_a_session_with_a_field_comes_back_from_its_archive(shown: EditingSessio
     assert again.present.system == shown.system
     np.testing.assert_array_equal(again.present.drive, shown.drive)
     assert again.present.drive is again.snapshots["field"].drive  # steps share what is stored once
+
+
+def test_a_field_can_be_the_target_and_is_read_again_with_the_session(tmp_path: Path) -> None:
+    session = EditingSession(small_system())
+    field = hv.load_field(_values(), pitch="8 um", wavelengths=["638 nm", "532 nm"])
+    field.save(tmp_path / "light.safetensors")
+    loader = FileLoader(session, quick=False)
+    loader.open_field_as_target(tmp_path / "light.safetensors")
+    spec = session.target_spec
+    assert spec is not None and not spec.is_stack
+    expected = field.scene().images(session.system, session.system.planes_m)
+    np.testing.assert_array_equal(spec.build(session.system).stack, expected)
+    data = SessionData(session.history, session.history_position, {})
+    SessionArchive(tmp_path / "session").write(data, {})
+    again = read_session(tmp_path / "session")[0].present.target_spec
+    assert again is not None
+    np.testing.assert_array_equal(again.build(session.system).stack, expected)
+    with pytest.raises(UserError, match="isn't a complex field"):
+        loader.open_field_as_target(next((tmp_path / "session").glob("*.json")))
+    loader.close()
+    session.close()
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,9 @@ Y, X = np.mgrid[-89:91, -89:91] * PITCH_M - PITCH_M / 2  # positions count from 
 
 @pytest.fixture
 def system() -> System:
-    return hv.load("holochrome-8").with_(shape=[24, 32], planes=["5 mm"], wavelengths=["450 nm", "620 nm"], amplitudes=[[1.0, 1.0]])
+    return hv.load("holochrome-8").with_(
+        shape=[24, 32], planes=["5 mm"], wavelengths=["450 nm", "620 nm"], amplitudes=[[1.0, 1.0]]
+    )
 
 
 def lit_by(system: System, path: Path, values: NDArray[Any], distance: str = "0 mm") -> System:

@@ -77,6 +77,13 @@ class FilesPanel(Panel):
             add(f"{save.name}…", partial(self._save, context, save), "File", save.keys, save.help)
         light = partial(self._ask_light, context)
         add("Light from a field…", light, "File", help="A complex field in place of the plane wave before modulator 1.")
+        target = partial(self._ask_target, context)
+        add(
+            "Target from a field…",
+            target,
+            "File",
+            help="The light of a complex field is what the hologram should show.",
+        )
         add("Copy image", lambda: _copy(context), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
         add("Paste picture", lambda: _paste(context), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
 
@@ -166,6 +173,9 @@ class FilesPanel(Panel):
             context.change("Light from a field", "effects.source_field.file", str(path.resolve()))
 
         self.dialog.ask(FileRequest("Light from a field", _field_suffixes(), use))
+
+    def _ask_target(self, context: AppContext) -> None:
+        self.dialog.ask(FileRequest("Target from a field", _field_suffixes(), context.loader.open_field_as_target))
 
     def _save(self, context: AppContext, save: _Save) -> None:
         name = f"{plain_name(context.session.system.name, 'hologram')}{save.suffixes[0]}"
