@@ -21,6 +21,8 @@ OUT ?= out/demo
 TESTS_AT_ONCE ?= 2
 RESEED ?= 0
 export TORCH_INDEX TESTS_AT_ONCE RESEED
+# Where the environment forbids them, each of the programs that tests start would compile the whole package anew.
+export PYTHONDONTWRITEBYTECODE =
 
 PYTEST := $(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder --reseed $(RESEED)
 

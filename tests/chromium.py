@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.patience import PATIENCE_S
+
 CHROMIUM = shutil.which("chromium")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-SECONDS = 60
 _PICTURES = """images => images.map(image => {
     const place = image.getBoundingClientRect()
     return [place.left, place.right, image.naturalWidth]
@@ -48,7 +49,7 @@ class Browser:
         size = {"viewport": {"width": width, "height": height}} if width else {"no_viewport": True}
         self._contexts.append(self._chromium.new_context(**size))
         page = self._contexts[-1].new_page()
-        page.set_default_timeout(SECONDS * 1000)
+        page.set_default_timeout(PATIENCE_S * 1000)
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("console", lambda line: self.problems.append(line.text) if line.type == "error" else None)
         page.on("requestfailed", self._on_failed_request)
@@ -83,7 +84,7 @@ def started_browser() -> Iterator[Browser]:
         browser.close()
 
 
-def wait_until(is_so: Callable[[], bool], seconds: float = SECONDS) -> None:
+def wait_until(is_so: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
     """Waits for something; the test fails where it doesn't come about."""
     until = time.monotonic() + seconds
     while not is_so():

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import holoview
+from tests.patience import PATIENCE_S
 
 PACKAGE = Path(holoview.__file__).resolve().parent
 CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
@@ -231,4 +232,4 @@ def test_imports_are_absolute() -> None:
 def test_describing_a_bench_loads_neither_torch_nor_webgpu_nor_a_gui(program: str) -> None:
     check = f"import sys; {program}; loaded = {sorted(ENGINES)!r} & sys.modules.keys(); assert not loaded, loaded"
     check = check.replace(f"{sorted(ENGINES)!r} &", f"set({sorted(ENGINES)!r}) &")
-    subprocess.run([sys.executable, "-c", check], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", check], check=True, timeout=PATIENCE_S)

@@ -24,6 +24,7 @@ from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
 from holoview.util.processes import Interruption
+from tests.patience import PATIENCE_S
 
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")
@@ -164,7 +165,9 @@ for measurement in measurements_of(run):
         run.make(measurement)
 print(json.dumps(run.data["results"]))
 """
-    done = subprocess.run([sys.executable, "-c", program, *TORCH, *WHEELS], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", program, *TORCH, *WHEELS], capture_output=True, text=True, timeout=PATIENCE_S
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert "result" in found[PARITY][0] and "result" in found[FRAMES][0]

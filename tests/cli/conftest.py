@@ -15,6 +15,7 @@ from PIL import Image
 
 from holoview.cli import main
 from tests.child_process import child_process
+from tests.patience import PATIENCE_S
 
 SHAPE = (24, 32)
 
@@ -69,7 +70,7 @@ def interrupted(tmp_path: Path, pytestconfig: pytest.Config) -> Callable[..., Ou
                 seen = process.stderr.readline()
                 assert seen, f"ended without the line {line!r}"
             process.send_signal(number)
-            out, err = process.communicate(timeout=60)
+            out, err = process.communicate(timeout=PATIENCE_S)
         return Outcome(process.returncode, out, err)
 
     return run

@@ -16,6 +16,7 @@ from holoview.commands.console import deferred_interrupt
 from holoview.io.hologram import load_hologram
 from holoview.optimise.solve import iterate
 from holoview.util import processes
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
@@ -115,7 +116,7 @@ sys.exit(run())
 )
 def test_an_interrupt_at_any_import_is_quiet(module: str) -> None:
     program = _AT_IMPORT.format(module=module)
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 130 and done.stdout == "" and done.stderr in ("", "holoview: interrupted\n")
 
 

@@ -15,6 +15,7 @@ import pytest
 from holoview import __version__
 from holoview.cli import COMMANDS, main
 from holoview.model import preset
+from tests.patience import PATIENCE_S
 
 Run = Callable[..., Any]
 
@@ -141,7 +142,11 @@ def test_help_lists_the_commands_and_version_says_which_one(capsys: pytest.Captu
 
 def _program(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[Any]:
     return subprocess.run(
-        [sys.executable, "-m", "holoview.cli", *arguments], stderr=subprocess.PIPE, timeout=60, check=False, **kwargs
+        [sys.executable, "-m", "holoview.cli", *arguments],
+        stderr=subprocess.PIPE,
+        timeout=PATIENCE_S,
+        check=False,
+        **kwargs,
     )
 
 

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from holoview.io.hologram import load_hologram
-
-PATIENCE_S = 60.0
+from tests.patience import PATIENCE_S
 
 
 def _command(picture: Path, output: Path, *more: object) -> list[str]:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from holoview.cli import main
 from holoview.commands.console import PrintableStream, SafeStream, console_streams
 from holoview.util.text import printable_lines
+from tests.patience import PATIENCE_S
 
 SMALL = ["--set", "shape=[24,32]"]
 
@@ -83,7 +84,7 @@ def test_output_that_goes_nowhere_makes_no_traceback(redirection: str, code: int
     if "full" in redirection and not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
     command = f"set -o pipefail; {sys.executable} -m holoview info holochrome-8 {redirection}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=PATIENCE_S)
     assert (done.returncode, done.stderr) == (code, told)
 
 
@@ -106,7 +107,9 @@ def test_warnings_of_libraries_don_t_precede_the_message() -> None:
         "def main(): warnings.warn('a bomb'); import logging; logging.getLogger('tifffile').warning('odd'); return 3\n"
     )
     program += "cli.main = main; sys.exit(run())"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
     assert (done.returncode, done.stderr) == (3, "")
-    done = subprocess.run([sys.executable, "-W", "default", "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-W", "default", "-c", program], capture_output=True, text=True, timeout=PATIENCE_S
+    )
     assert done.returncode == 3 and "a bomb" in done.stderr

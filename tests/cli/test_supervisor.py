@@ -16,8 +16,7 @@ import pytest
 
 from holoview.commands.console import EXIT_DEVICE_LOST
 from holoview.commands.supervisor import MOST_CRASHES, is_crash, is_supervised, supervise
-
-SECONDS = 60
+from tests.patience import PATIENCE_S
 
 
 def _program(words: Sequence[str]) -> int:
@@ -38,7 +37,7 @@ def _end(folder: Path, words: Sequence[str]) -> int:
     ends = (folder / "ends").read_text(encoding="utf-8").split()
     end = ends[min(len(_calls(folder)), len(ends)) - 1]
     if end == "wait":
-        time.sleep(SECONDS)
+        time.sleep(PATIENCE_S)
     elif int(end) < 0:
         os.kill(os.getpid(), -int(end))
     return 0 if end == "wait" else int(end)
@@ -113,7 +112,7 @@ def _start(folder: Path) -> tuple[subprocess.Popen[bytes], psutil.Process]:
         f"sys.exit(supervise(_program, ['view', {str(folder)!r}]))"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
-    until = time.monotonic() + SECONDS
+    until = time.monotonic() + PATIENCE_S
     while not _calls(folder):
         assert time.monotonic() < until and process.poll() is None
         time.sleep(0.02)
@@ -125,15 +124,15 @@ def _start(folder: Path) -> tuple[subprocess.Popen[bytes], psutil.Process]:
 def test_signals_reach_the_program_once(tmp_path: Path, number: signal.Signals, code: int) -> None:
     process, _ = _start(tmp_path)
     process.send_signal(number)
-    assert process.wait(SECONDS) == code
+    assert process.wait(PATIENCE_S) == code
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_the_program_ends_when_the_process_that_supervises_is_killed(tmp_path: Path) -> None:
     process, program = _start(tmp_path)
     process.kill()
-    process.wait(SECONDS)
-    program.wait(SECONDS)
+    process.wait(PATIENCE_S)
+    program.wait(PATIENCE_S)
     assert not program.is_running()
 
 
@@ -141,7 +140,7 @@ def _work_on(words: Sequence[str]) -> int:
     """Ends while threads of a pool have work for a minute."""
     pool = ThreadPoolExecutor(1)
     for _ in range(60):
-        pool.submit(time.sleep, SECONDS / 60)
+        pool.submit(time.sleep, PATIENCE_S / 60)
     print("ended", end="")
     return 5
 
@@ -149,5 +148,5 @@ def _work_on(words: Sequence[str]) -> int:
 def test_it_ends_although_threads_have_work_left(capfd: pytest.CaptureFixture[str]) -> None:
     began = time.monotonic()
     assert supervise(_work_on, ["view"]) == 5
-    assert time.monotonic() - began < SECONDS / 2
+    assert time.monotonic() - began < PATIENCE_S / 2
     assert capfd.readouterr().out == "ended"

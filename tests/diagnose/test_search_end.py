@@ -131,6 +131,7 @@ def test_processes_go_on_after_a_search_that_ended(make_context: MakeContext) ->
         pool.share(context.shared_objects())
         pool.start()
         job = partial(context.predictor, np.array([0]), {})
+        assert len(context.run_parallel([job] * 4)) == 4  # the processes have imported then, and answer at once
         soon = replace(context, end=SearchEnd(1.0))
         assert len(soon.run_parallel([job] * 4)) == 4
         time.sleep(1.1)

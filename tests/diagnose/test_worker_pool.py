@@ -23,6 +23,7 @@ from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from tests.child_process import child_process
+from tests.patience import PATIENCE_S
 
 TABLE = {"answer": 42}
 
@@ -206,5 +207,5 @@ def test_workers_end_when_their_program_is_killed(tmp_path: Path) -> None:
         workers = [psutil.Process(int(word)) for word in process.stdout.readline().split()]
         assert len(workers) == 2
         process.kill()
-    _, alive = psutil.wait_procs(workers, timeout=60)
+    _, alive = psutil.wait_procs(workers, timeout=PATIENCE_S)
     assert not alive

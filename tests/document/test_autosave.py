@@ -24,6 +24,7 @@ from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size
+from tests.patience import PATIENCE_S
 
 _PROGRAM = """
 import sys, time
@@ -59,7 +60,7 @@ def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
     assert store.crashed_sessions() == [], "its owner is still alive"
     _wait_for_a_later_save(tmp_path)
     os.kill(program.pid, signal.SIGKILL)
-    assert program.wait(10) == -signal.SIGKILL
+    assert program.wait(PATIENCE_S) == -signal.SIGKILL
     program.stdout.close()
     (saved,) = store.crashed_sessions()
     session = saved.restore()
@@ -94,7 +95,7 @@ def test_a_clock_that_is_set_takes_no_session_from_its_owner(tmp_path: Path, mon
     assert store.last_session() is not None
 
 
-def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:
+def _wait_for_a_later_save(folder: Path, timeout_s: float = PATIENCE_S) -> None:
     (path,) = folder.glob("sessions/*/session.json")
     first, until = path.stat().st_mtime_ns, time.monotonic() + timeout_s
     while path.stat().st_mtime_ns == first:
@@ -293,7 +294,7 @@ def _assert_saved_once_possible(
     assert last is not None and last.restore().system.gap_m == 2e-3
 
 
-def _wait_until(is_true: Callable[[], bool], timeout_s: float = 60.0) -> None:
+def _wait_until(is_true: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
     until = time.monotonic() + timeout_s
     while not is_true():
         assert time.monotonic() < until

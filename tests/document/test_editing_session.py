@@ -13,6 +13,7 @@ from holoview.document.target_builder import TargetSpec
 from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from tests.document.conftest import small_system
+from tests.patience import PATIENCE_S
 
 
 def test_every_edit_is_a_step_that_undo_and_redo_walk(session: EditingSession) -> None:
@@ -197,18 +198,18 @@ def test_another_preset_is_a_side_at_this_benchs_pixel_count(session: EditingSes
 def test_targets_are_built_in_the_background_and_heard_of(session: EditingSession, target_spec: TargetSpec) -> None:
     session.edit("Target", target_spec=target_spec)
     assert session.target_at() is None
-    assert session.wait_until_idle(20.0)
+    assert session.wait_until_idle(PATIENCE_S)
     image = session.target_at()
     assert image is not None and image.shape == (48, 64, 3)
     assert image[24, 32, 1] == pytest.approx(((230 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-4)
-    assert session.target_at(3.5e-3) is None and session.wait_until_idle(20.0)
+    assert session.target_at(3.5e-3) is None and session.wait_until_idle(PATIENCE_S)
     assert session.target_at(3.5e-3) is not None, "planes between those of the bench have a target too"
 
 
 def test_a_target_that_cannot_be_built_is_told_once(session: EditingSession, tmp_path: Path) -> None:
     session.edit("Target", target_spec=TargetSpec(tmp_path / "gone", "gone"))
     session.target_at()
-    session.wait_until_idle(20.0)
+    session.wait_until_idle(PATIENCE_S)
     assert session.target_at() is None
     assert [message.kind for message in session.messages.all] == ["error"]
 

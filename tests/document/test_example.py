@@ -26,6 +26,7 @@ from holoview.optimise.settings import Settings
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.util.files import data_dir
 from holoview.view import random_drive
+from tests.patience import PATIENCE_S
 
 FILE = data_dir("assets") / "still-life.safetensors"
 LIMIT_BYTES = 1_000_000
@@ -48,7 +49,7 @@ def session(bench: System) -> Iterator[EditingSession]:
 def _open(session: EditingSession, name: str | Path) -> None:
     loader = FileLoader(session, quick=False)
     loader.open(name)
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     loader.close()
 
 
@@ -122,7 +123,7 @@ def test_a_hologram_that_is_opened_removes_the_example_but_no_chosen_target(
 def test_the_low_exposure_of_speckle_ends_with_an_optimisation(bench: System) -> None:
     session = new_session(bench.edit({"shape": [16, 24]}))
     start_optimisation(session, OptimisationRequest(Settings(iterations=1)))
-    assert session.wait_until_idle(60.0) and "optimised" in session.document.origin
+    assert session.wait_until_idle(PATIENCE_S) and "optimised" in session.document.origin
     assert session.view_settings.exposure_stops == 0
     session.close()
 

@@ -37,6 +37,7 @@ from holoview.render.view_settings import ViewSettings
 from holoview.util.errors import UserError
 from holoview.view import simulate
 from tests.document.conftest import small_system
+from tests.patience import PATIENCE_S
 
 
 def test_rendering_agrees_with_the_reference(session: EditingSession) -> None:
@@ -108,7 +109,7 @@ def test_what_is_seen_is_saved_with_how_it_was_made(session: EditingSession, tmp
 def test_every_plane_is_saved_toned_as_it_is_seen(session: EditingSession, tmp_path: Path) -> None:
     session.edit_view("Exposure", exposure_stops=1.0)
     save_planes(session, tmp_path / "all.png")
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all-3mm.png", "all-4mm.png"]
     (xyz,) = render_planes(session.system, session.drive, [3e-3])
     with Image.open(tmp_path / "all-3mm.png") as picture:
@@ -119,7 +120,7 @@ def test_every_plane_is_saved_toned_as_it_is_seen(session: EditingSession, tmp_p
 def test_a_sweep_goes_there_and_back(session: EditingSession, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"sweep{suffix}"
     save_sweep(session, path, frames=4, seconds=1.0)
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert [m.kind for m in session.messages.all] == ["info"], session.messages.all
     frames = imageio.imread(path, plugin="pyav") if suffix == ".mp4" else imageio.imread(path)
     assert frames.shape[:3] == (6, 48, 64)
@@ -128,14 +129,14 @@ def test_a_sweep_goes_there_and_back(session: EditingSession, tmp_path: Path, su
 def test_a_cancelled_export_leaves_nothing_behind(session: EditingSession, tmp_path: Path) -> None:
     job = save_sweep(session, tmp_path / "sweep.gif", frames=600)
     job.cancel()
-    assert session.wait_until_idle(60.0) and job.status == "cancelled"
+    assert session.wait_until_idle(PATIENCE_S) and job.status == "cancelled"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_page_holds_the_hologram_and_opens_at_the_present_plane(session: EditingSession, tmp_path: Path) -> None:
     session.edit_view("Plane", plane_m=3.5e-3)
     save_page(session, tmp_path / "page")
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert session.messages.all[-1].text == f"page written to {tmp_path / 'page.html'}"
     (hologram,) = read_page(tmp_path / "page.html").values()
     assert hologram.system == session.system and np.array_equal(hologram.drive, session.drive)
@@ -162,7 +163,7 @@ def test_a_missing_library_is_named_with_how_to_install_it(
 def test_a_figure_is_labelled_and_whole(session: EditingSession, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"figure{suffix}"
     save_figure(session, path)
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert [m.kind for m in session.messages.all] == ["info"], session.messages.all
     data = path.read_bytes()
     assert data.startswith(b"%PDF" if suffix == ".pdf" else b"\x89PNG") and len(data) > 5000
@@ -175,7 +176,7 @@ def test_scale_bars_have_round_lengths(most: float, length: float) -> None:
 
 def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingSession) -> None:
     job = start_scheme_comparison(session)
-    assert session.wait_until_idle(60.0) and job.status == "done", session.messages.all
+    assert session.wait_until_idle(PATIENCE_S) and job.status == "done", session.messages.all
     result = job.result
     assert result is not None and result.method == "random patterns"
     assert result.right.contrast < result.left.contrast < 1.0
@@ -187,15 +188,15 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingS
     assert [len(scene.system.wavelengths_m) for scene in scenes if scene] == [3, 8]
     assert session.undo() == "Compare schemes" and session.view_settings.compare == "off"
     start_scheme_comparison(session)
-    assert session.wait_until_idle(60.0) and len(session.snapshots) == 2, "the two before are replaced"
+    assert session.wait_until_idle(PATIENCE_S) and len(session.snapshots) == 2, "the two before are replaced"
 
 
 def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, target_spec: TargetSpec) -> None:
     session.edit("Target", target_spec=target_spec)
     session.target_at()
-    assert session.wait_until_idle(20.0)
+    assert session.wait_until_idle(PATIENCE_S)
     job = start_scheme_comparison(session, iterations=2)
-    assert session.wait_until_idle(60.0) and job.result is not None
+    assert session.wait_until_idle(PATIENCE_S) and job.result is not None
     assert "2 iterations each" in job.result.summary and "PSNR" in job.result.left.document.origin
 
 
@@ -204,7 +205,7 @@ def test_a_sheet_shows_what_the_pupil_sees_from_nine_places(session: EditingSess
         save_pupil_sheet(session, tmp_path / "sheet")
     session.change("Eye", {"eye": {"pupil": "1 mm", "infinity": "0 mm", "pupil_x": "0.2 mm"}})
     save_pupil_sheet(session, tmp_path / "sheet")
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.width > 3 * 480 and sheet.height > 3 * 100
         assert len({sheet.crop((16 + 496 * i, 120, 496 + 496 * i, 400)).tobytes() for i in range(3)}) == 3

@@ -25,6 +25,7 @@ from holoview.model import preset
 from holoview.page.page import export_html
 from holoview.util.errors import UserError
 from holoview.view import random_drive
+from tests.patience import PATIENCE_S
 
 SYSTEM = bench.small_system()
 
@@ -40,7 +41,7 @@ def _picture(path: Path, mode: str = "RGB", size: tuple[int, int] = (40, 30)) ->
     return path
 
 
-def _until(condition: object, session: EditingSession, timeout_s: float = 20.0) -> None:
+def _until(condition: object, session: EditingSession, timeout_s: float = PATIENCE_S) -> None:
     until = time.monotonic() + timeout_s
     while not condition():  # type: ignore[operator]
         session.poll()
@@ -116,7 +117,7 @@ def test_opening_is_an_edit_a_message_and_a_recent_file(session: EditingSession,
     written = _hologram(tmp_path / "a.safetensors", seed=4)
     loader.open(tmp_path / "a.safetensors")
     loader.open(tmp_path / "missing.png")
-    assert session.wait_until_idle(20.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert np.array_equal(session.drive, written.drive) and session.undo() == "Open a.safetensors"
     assert remembered == [tmp_path / "a.safetensors"]
     assert [message.kind for message in session.messages.all] == ["error"]
@@ -126,7 +127,7 @@ def test_opening_is_an_edit_a_message_and_a_recent_file(session: EditingSession,
 def test_a_picture_becomes_the_target_and_is_seen_within_a_quick_look(session: EditingSession, tmp_path: Path) -> None:
     loader, old = FileLoader(session), session.drive
     loader.open(_picture(tmp_path / "photo.png"))
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert session.target_spec is not None and session.target_spec.title == "photo.png"
     assert session.drive is not old and "optimised" in session.document.origin
     loader.close()
@@ -137,7 +138,7 @@ def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: E
     _hologram(path, seed=1)
     loader = FileLoader(session)
     loader.open(path)
-    assert session.wait_until_idle(20.0) and loader.watched_path == path
+    assert session.wait_until_idle(PATIENCE_S) and loader.watched_path == path
     again = Hologram(random_drive(SYSTEM, 2), SYSTEM)
     again.save(tmp_path / "b.safetensors")
     whole = (tmp_path / "b.safetensors").read_bytes()
@@ -152,17 +153,21 @@ def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: E
 
 
 def test_a_watch_waits_until_writing_has_stopped(tmp_path: Path) -> None:
-    path, seen = tmp_path / "file", []
+    path, seen, moments = tmp_path / "file", list[str](), list[float]()
     path.write_text("0")
     watch = FileWatcher(path, lambda: seen.append(path.read_text()), interval_s=0.1)
     for number in range(5):
+        moments.append(time.monotonic())
         path.write_text(str(number))
+        moments.append(time.monotonic())
         time.sleep(0.04)
-    until = time.monotonic() + 10
-    while not seen and time.monotonic() < until:
+    until = time.monotonic() + PATIENCE_S
+    while "4" not in seen and time.monotonic() < until:
         time.sleep(0.02)
     watch.close()
-    assert seen == ["4"]
+    # On a busy machine the writer itself may stop for an interval: from a write's beginning to the end of the next.
+    stops = sum(after - before >= 0.1 for before, after in zip(moments[:-3:2], moments[3::2], strict=True))
+    assert seen[-1] == "4" and len(seen) <= 1 + stops
 
 
 def test_a_folder_of_views_is_seen_by_the_eye_of_the_bench(tmp_path: Path) -> None:

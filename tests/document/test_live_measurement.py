@@ -15,6 +15,7 @@ from holoview.colour import D65_WHITE
 from holoview.document.editing_session import EditingSession
 from holoview.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
 from holoview.util.processes import LatestTask
+from tests.patience import PATIENCE_S
 
 
 def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:
@@ -43,18 +44,18 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
 
     def slow(*args: Any) -> ImageMeasurements:
         begun.set()
-        assert goes_on.wait(20)
+        assert goes_on.wait(PATIENCE_S)
         return measure_image(*args)
 
     monkeypatch.setattr("holoview.document.measurements.measure_image", slow)
     means: list[float] = []
     live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
     live.request(session.document, np.ones((48, 64, 3)))
-    assert begun.wait(20)
+    assert begun.wait(PATIENCE_S)
     for mean in range(2, 30):
         live.request(session.document, np.ones((48, 64, 3)) * mean)
     goes_on.set()
-    until = time.monotonic() + 20
+    until = time.monotonic() + PATIENCE_S
     while live.is_busy and time.monotonic() < until:
         session.poll()
         time.sleep(0.01)
@@ -69,7 +70,7 @@ def test_it_is_busy_until_the_owner_has_the_result(session: EditingSession) -> N
     task: LatestTask[int] = LatestTask("test", delivered.put, session.messages.post_error)
     assert not task.is_busy
     task.submit(lambda: 7, taken.append)
-    hand_over = delivered.get(timeout=20)
+    hand_over = delivered.get(timeout=PATIENCE_S)
     assert task.is_busy and taken == []
     hand_over()
     assert taken == [7] and not task.is_busy
@@ -86,9 +87,9 @@ def test_a_failure_is_told_and_the_next_request_is_served(session: EditingSessio
         raise RuntimeError("oops")
 
     newest.submit(fail, taken.append)
-    assert failed.wait(10)
+    assert failed.wait(PATIENCE_S)
     newest.submit(lambda: 7, taken.append)
-    until = time.monotonic() + 10
+    until = time.monotonic() + PATIENCE_S
     while not taken and time.monotonic() < until:
         session.poll()
         time.sleep(0.01)

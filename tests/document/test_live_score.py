@@ -13,10 +13,11 @@ from holoview.colour import D65_WHITE, xyz_to_linear_srgb
 from holoview.document.editing_session import EditingSession
 from holoview.document.measurements import ImageScore, LiveScore, image_psnr_db
 from holoview.metrics.perceptual import flip, ms_ssim
+from tests.patience import PATIENCE_S
 
 
 def _wait(session: EditingSession, live: LiveScore) -> None:
-    until = time.monotonic() + 20
+    until = time.monotonic() + PATIENCE_S
     while live.is_busy and time.monotonic() < until:
         time.sleep(0.01)
         session.poll()

@@ -20,6 +20,7 @@ from holoview.render.tone_mapping import tone_map
 from holoview.util.errors import UserError
 from holoview.view import simulate
 from tests.document.conftest import small_system
+from tests.patience import PATIENCE_S
 
 PATH = PupilPath((0.0, 1.0), (-2e-4, 2e-4), (0.0, 3e-4), (1e-3, 1.5e-3), (0.25, 0.5))
 
@@ -155,12 +156,12 @@ def test_a_file_that_is_opened_becomes_the_path_and_brings_an_eye(session: Editi
     loader = FileLoader(session)
     save_pupil_path(tmp_path / "path.csv", PATH)
     loader.open(tmp_path / "path.csv")
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert session.view_settings.pupil_path == PATH and session.system.eye is not None
     assert session.undo() == "Open path.csv" and session.system.eye is None
     (tmp_path / "path.csv").write_text("nothing")
     loader.open(tmp_path / "path.csv")
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert session.messages.all[-1].kind == "error" and "no points" in session.messages.all[-1].text
     loader.close()
 
@@ -171,7 +172,7 @@ def test_what_is_seen_along_it_is_written(watcher: EditingSession, tmp_path: Pat
     assert load_pupil_path(tmp_path / "path.csv") == PATH
     save_path_animation(watcher, tmp_path / "a.png", frames=3)
     save_path_pictures(watcher, tmp_path / "b.png", frames=3)
-    assert watcher.wait_until_idle(60.0)
+    assert watcher.wait_until_idle(PATIENCE_S)
     assert [message.kind for message in watcher.messages.all] == ["info"] * 3, watcher.messages.all
     with Image.open(tmp_path / "a.png") as image:
         assert image.n_frames == 3 and image.info["duration"] == pytest.approx(1000 / 3, rel=1e-3)
@@ -202,5 +203,5 @@ def test_an_export_can_be_cancelled_and_what_cannot_be_written_is_refused(
         save_path_pictures(watcher, tmp_path / "a.png", frames=0)
     job = save_path_animation(watcher, tmp_path / "a.gif", frames=1000)
     job.cancel()
-    assert watcher.wait_until_idle(60.0) and job.status == "cancelled"
+    assert watcher.wait_until_idle(PATIENCE_S) and job.status == "cancelled"
     assert list(tmp_path.iterdir()) == []

@@ -16,6 +16,7 @@ from holoview.metrics.speckle import retinal_contrast
 from holoview.util.errors import UserError
 from holoview.view import simulate
 from tests.document.conftest import small_system
+from tests.patience import PATIENCE_S
 
 PUPILS_M = (1e-3, 2e-3)
 
@@ -32,7 +33,7 @@ def test_each_contrast_is_that_of_what_is_seen_through_its_pupil(watcher: Editin
     curves = RetinalCurves(watcher)
     job = curves.start(PUPILS_M)
     assert curves.curve is None and curves.job is job
-    assert watcher.wait_until_idle(60.0) and job.status == "done", watcher.messages.all
+    assert watcher.wait_until_idle(PATIENCE_S) and job.status == "done", watcher.messages.all
     curve = curves.curve
     assert curve is not None and curve.has_target and curves.job is None
     plane_m, region = watcher.view_settings.plane_m, watcher.document.measured_region
@@ -51,7 +52,7 @@ def test_it_is_kept_while_the_pupil_only_widens_and_forgotten_when_the_picture_c
 ) -> None:
     curves = RetinalCurves(watcher)
     curves.start(PUPILS_M)
-    assert watcher.wait_until_idle(60.0)
+    assert watcher.wait_until_idle(PATIENCE_S)
     watcher.change("Pupil", {"eye.pupil": 4e-3})
     watcher.edit_view("Exposure", exposure_stops=1.0)
     assert curves.curve is not None
@@ -74,9 +75,9 @@ def test_a_job_of_a_document_that_has_changed_is_cancelled(watcher: EditingSessi
     job = curves.start(PUPILS_M * 10)
     move_pupil(watcher, (0.0, 1e-3))
     assert curves.job is None
-    assert watcher.wait_until_idle(60.0) and job.status == "cancelled" and curves.curve is None
+    assert watcher.wait_until_idle(PATIENCE_S) and job.status == "cancelled" and curves.curve is None
     again = curves.start(PUPILS_M)
-    assert watcher.wait_until_idle(60.0) and again.status == "done" and curves.curve is not None
+    assert watcher.wait_until_idle(PATIENCE_S) and again.status == "done" and curves.curve is not None
 
 
 def test_without_an_eye_there_is_no_retina(session: EditingSession) -> None:

@@ -10,6 +10,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.document.file_loader import target_from_pixels
 from holoview.document.target_builder import TargetBuilder
 from holoview.model import preset
+from tests.patience import PATIENCE_S
 
 
 def test_every_plane_of_a_long_stack_gets_its_target() -> None:
@@ -22,7 +23,7 @@ def test_every_plane_of_a_long_stack_gets_its_target() -> None:
     builder, planes_m = TargetBuilder(calls.put, lambda: None, lambda error, where: None), session.system.planes_m
     try:
         assert builder.get(session.target_spec, session.system, float(planes_m[0])) is None
-        calls.get(timeout=60)()
+        calls.get(timeout=PATIENCE_S)()
         targets = [builder.get(session.target_spec, session.system, float(z)) for z in planes_m]
     finally:
         builder.close()

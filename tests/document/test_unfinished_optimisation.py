@@ -18,6 +18,7 @@ from holoview.document.session_store import SessionStore
 from holoview.optimise.eyes import OptimisedEyes
 from holoview.util.errors import UserError
 from tests.child_process import child_process
+from tests.patience import PATIENCE_S
 
 ITERATIONS = 400
 _PROGRAM = """
@@ -70,7 +71,7 @@ def test_it_goes_on_from_the_best_patterns(killed: tuple[Path, int]) -> None:
     first = job.progress[0]
     assert np.isfinite(first.loss) and best.origin.startswith("optimised")
     job.stop_and_keep()
-    assert session.wait_until_idle(60.0)
+    assert session.wait_until_idle(PATIENCE_S)
     assert session.history[-1].label.startswith("Optimise")
     assert session.drive.shape == best.drive.shape and first.best_psnr_db > _psnr(best.origin) - 0.1
     session.close()

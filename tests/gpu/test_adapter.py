@@ -17,6 +17,7 @@ import wgpu
 
 from holoview.gpu import adapter
 from holoview.gpu.adapter import TESTED_VERSIONS, load_declarations, native_adapters, stored_declarations
+from tests.patience import PATIENCE_S
 
 
 def test_several_threads_may_look_for_adapters_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +49,12 @@ def _run(program: str, cache: Path) -> subprocess.CompletedProcess[str]:
     """Runs a program in a process of its own, since a process loads wgpu's backend once."""
     environment = {"XDG_CACHE_HOME": str(cache), "LOCALAPPDATA": str(cache), "HOME": str(cache)}
     return subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
     )
 
 

@@ -21,11 +21,10 @@ import numpy as np
 from PIL import Image
 
 from holoview.document.session_store import SessionStore
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:  # the library is an optional one
     from websockets.sync.client import ClientConnection
-
-SECONDS = 60
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def serving(
                 yield Served(process, found[1], found[2], folder)
                 break
         process.send_signal(end)
-        rest, _ = process.communicate(timeout=SECONDS)
+        rest, _ = process.communicate(timeout=PATIENCE_S)
         usual = 0 if end == signal.SIGINT else 128 + end
         assert process.returncode in (usual, -signal.SIGKILL) and "Traceback" not in rest, said + rest
     finally:
@@ -102,7 +101,7 @@ def browser_cookie(address: str, token: str) -> str:
 
     opener = urllib.request.build_opener(Stay)
     try:
-        opener.open(f"http://{address}/?token={token}", timeout=SECONDS)
+        opener.open(f"http://{address}/?token={token}", timeout=PATIENCE_S)
     except urllib.error.HTTPError as answer:
         with answer:
             assert answer.code == 303
@@ -110,13 +109,13 @@ def browser_cookie(address: str, token: str) -> str:
     raise AssertionError("the page sends nobody on")
 
 
-def next_frame(browser: ClientConnection, timeout_s: float = SECONDS) -> np.ndarray:
+def next_frame(browser: ClientConnection, timeout_s: float = PATIENCE_S) -> np.ndarray:
     """The next picture; the browser says that it has shown it. Raises TimeoutError where none comes in time."""
     while True:
         message = json.loads(browser.recv(timeout=timeout_s))
         if message.get("type") != "framebufferdata":
             continue
-        data = browser.recv(timeout=SECONDS)
+        data = browser.recv(timeout=PATIENCE_S)
         assert isinstance(data, bytes)
         shown = {"index": message["index"], "timestamp": message["timestamp"], "localtime": 0.0}
         browser.send(json.dumps({"type": "_framefeedback", **shown}))

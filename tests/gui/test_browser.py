@@ -16,7 +16,8 @@ from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from tests.chromium import Browser, needs_chromium, pixels, started_browser, wait_until
 from tests.gui.conftest import leave_crashed_session
-from tests.gui.served import SECONDS, serving
+from tests.gui.served import serving
+from tests.patience import PATIENCE_S
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
 _SIZES = """() => {
@@ -121,7 +122,7 @@ def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: P
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("Control+q")
         page.get_by_text("The viewer was closed").wait_for()
-        assert served.process.wait(SECONDS) == 0
+        assert served.process.wait(PATIENCE_S) == 0
 
 
 @pytest.mark.explores
@@ -131,7 +132,7 @@ def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: B
         wait_for_sizes(page, 800, 500)
         served.process.send_signal(signal.SIGKILL)
         page.get_by_text("No connection to the viewer").wait_for()
-        served.process.wait(SECONDS)
+        served.process.wait(PATIENCE_S)
         assert all("WebSocket" in problem for problem in browser.close_pages())
 
 

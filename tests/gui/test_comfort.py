@@ -24,6 +24,7 @@ from holoview.document.file_loader import NO_FILES
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from tests.gui.conftest import SIZE, Gui, small_bench
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -87,7 +88,7 @@ def test_recent_files_are_in_the_menu(make_gui: Callable[..., Gui], tmp_path: Pa
     store.preferences.add_recent_file(picture)
     gui = make_gui(engine=True, panels=(ImagePanel, FilesPanel), store=store)
     gui.engine(lambda ctx: ctx.menu_click(f"//##MainMenuBar/File/Recent/1 {picture.name}"))
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
 
 
@@ -103,7 +104,7 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
     )
     connect_desktop(gui.context, glfw, window=None)
     dropped[0](None, [str(picture)])
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
     from imgui_bundle import imgui
 

@@ -14,8 +14,8 @@ import pytest
 
 from holoview.app.run import ending_after_grace
 from holoview.util.processes import handled_signals
+from tests.patience import PATIENCE_S
 
-SECONDS = 60.0
 _GRACE_S = 0.2
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
@@ -39,13 +39,13 @@ def _interrupted(folder: Path, number: int, saves: bool = True) -> int | None:
     """The exit code of the process that works and gets a signal."""
     process = multiprocessing.get_context("spawn").Process(target=_work_in_a_library, args=(folder, saves))
     process.start()
-    until = time.monotonic() + SECONDS
+    until = time.monotonic() + PATIENCE_S
     while not (folder / "begun").exists():
         assert time.monotonic() < until and process.is_alive()
         time.sleep(0.01)
     assert process.pid is not None
     os.kill(process.pid, number)
-    process.join(SECONDS)
+    process.join(PATIENCE_S)
     return process.exitcode
 
 

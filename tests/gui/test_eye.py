@@ -23,6 +23,7 @@ from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.view import simulate
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -192,7 +193,7 @@ def test_a_path_is_saved_and_opened_by_the_dialog(make_gui: Callable[..., Gui], 
     dialog.accept()
     gui.draw_frames(3)
     gui.context.loader.open(tmp_path / "path.csv")
-    assert gui.session.wait_until_idle(60.0)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     assert gui.session.view_settings.pupil_path == path
     assert [message.kind for message in gui.session.messages.all] == ["info", "info"]
 
@@ -236,6 +237,6 @@ def test_a_drag_builds_no_targets_and_the_one_before_stays_beside_it(make_gui: C
     gui.release_button()
     assert gui.session.system.eye is not None and gui.session.system.eye.pupil_x_m > 1e-4
     gui.draw_until_idle()
-    assert gui.session.wait_until_idle(60.0)  # takes the target that was built during the last frame
+    assert gui.session.wait_until_idle(PATIENCE_S)  # takes the target that was built during the last frame
     after = gui.context.side_renderers.picture(TARGET)
     assert after is not None and after is not before, "the target as the eye sees it from there"

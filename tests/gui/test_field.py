@@ -11,6 +11,7 @@ from holoview.engine.torch_executor import stage_field
 from holoview.render.tone_mapping import field_picture
 from holoview.wavefield.reading import ReadRequest
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -21,7 +22,7 @@ def _open(gui: Gui, folder: Path) -> None:
     values = np.exp(2j * np.pi * np.random.default_rng(0).random((2, 64, 96))).astype(np.complex64)
     np.save(folder / "field.npy", values)
     gui.context.loader.open(folder / "field.npy", REQUEST)
-    assert gui.session.wait_until_idle(60)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     gui.draw_until_idle()
 
 

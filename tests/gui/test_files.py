@@ -22,6 +22,7 @@ from holoview.render.view_settings import NOW
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 from tests.gui.conftest import Gui, leave_crashed_session
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -50,7 +51,7 @@ def _save_as(gui: Gui, command: str, name: str) -> None:
     gui.press_chord("Enter")
     gui.draw_frames(2)
     assert not _dialog(gui).is_open
-    assert gui.session.wait_until_idle(60)
+    assert gui.session.wait_until_idle(PATIENCE_S)
 
 
 def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Gui, tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Gui, tmp_path: Path) 
         ctx.item_click("//Open/Open##file")
 
     gui.engine(choose)
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     assert np.array_equal(gui.session.drive, other.drive) and gui.session.undo() == "Open other.safetensors"
 
 
@@ -139,7 +140,7 @@ def test_a_folder_of_patterns_is_opened(gui: Gui, tmp_path: Path) -> None:
     gui.press_chord("Ctrl+O")
     gui.draw_frames(2)
     gui.engine(lambda ctx: ctx.item_click("//Open/This folder"))
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     assert np.abs(gui.session.drive - drive).max() < 0.003
 
 

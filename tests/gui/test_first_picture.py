@@ -20,6 +20,7 @@ from holoview.render.scene import Scene
 from holoview.util.errors import UserError
 from holoview.view import random_drive
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
 
@@ -130,7 +131,12 @@ def test_the_viewer_shows_an_image_without_the_libraries_that_load_slowly(device
     )
     environment = {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == IMAGE_DISPLAYED

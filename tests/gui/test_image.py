@@ -14,6 +14,7 @@ from holoview.document.file_loader import target_from_pixels
 from holoview.render.tone_mapping import colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -241,7 +242,7 @@ def test_the_target_page_shows_what_is_wanted(gui: Gui) -> None:
     red = np.zeros((64, 96, 3), np.uint8)
     red[..., 0] = 200
     gui.session.edit("Target", target_spec=target_from_pixels(red))
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     seen = _paged(gui, "target")
     assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)
     line = describe_pixel(gui.context, 96, 64)

@@ -22,12 +22,12 @@ from holoview.gpu.device import Device
 from holoview.model import preset
 from tests.chromium import needs_chromium, started_browser, wait_until
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 if find_spec("jupyterlab") is None:  # importing it takes seconds, and a process of its own runs it
     pytest.skip("JupyterLab shows the notebook", allow_module_level=True)
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
 pytestmark = [pytest.mark.gpu, needs_chromium]
-SECONDS = 180  # for JupyterLab or a kernel to start on a busy machine
 TOKEN = "right"
 _PRINTED = ".jp-OutputArea-output pre"
 _OF_JUPYTERLAB = ("debug_request", "No kernel to restart")  # errors that it reports when a kernel starts or restarts
@@ -66,12 +66,12 @@ def lab(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterator[st
         process = subprocess.Popen(command, env=os.environ | folders, stdout=file, stderr=file)
     address = f"http://127.0.0.1:{port}"
     try:
-        wait_until(lambda: _answers(address) or process.poll() is not None, SECONDS)
+        wait_until(lambda: _answers(address) or process.poll() is not None, PATIENCE_S)
         assert process.poll() is None, log.read_text()
         yield address
     finally:
         process.terminate()
-        process.wait(SECONDS)
+        process.wait(PATIENCE_S)
 
 
 def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callable[..., Gui], tmp_path: Path) -> None:
@@ -79,10 +79,10 @@ def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callabl
     start, end = (twin.item_position("plane", share) for share in (0.4, 0.8))
     with started_browser() as browser:
         page = browser.open(f"{lab}/lab/tree/show.ipynb?token={TOKEN}", 1200, 1000)
-        page.set_default_timeout(SECONDS * 1000)
+        page.set_default_timeout(PATIENCE_S * 1000)
         page.locator(".jp-Notebook .jp-Cell").first.wait_for()
         for _ in ("first", "after a restart"):
-            wait_until(lambda: _has_idle_kernel(lab), SECONDS)
+            wait_until(lambda: _has_idle_kernel(lab), PATIENCE_S)
             _check_that_the_slider_moves_the_picture(page, start, end, tmp_path)
         problems = browser.close_pages()
         assert [text for text in problems if not any(own in text for own in _OF_JUPYTERLAB)] == []
@@ -91,10 +91,10 @@ def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callabl
 def _check_that_the_slider_moves_the_picture(page: Any, start: Point, end: Point, folder: Path) -> None:
     _restart_and_run_all(page, "the plane is at 9.00 mm")
     picture = page.locator(".jp-OutputArea .renderview-view")
-    wait_until(lambda: _size(picture) == list(SIZE) and _pixels(picture, folder).std() > 20, SECONDS)
+    wait_until(lambda: _size(picture) == list(SIZE) and _pixels(picture, folder).std() > 20, PATIENCE_S)
     before = _pixels(picture, folder)
     _drag(page, picture, start, end)
-    wait_until(lambda: np.abs(_pixels(picture, folder) - before).mean() > 2, SECONDS)
+    wait_until(lambda: np.abs(_pixels(picture, folder) - before).mean() > 2, PATIENCE_S)
 
 
 def _restart_and_run_all(page: Any, text: str) -> None:
@@ -103,15 +103,15 @@ def _restart_and_run_all(page: Any, text: str) -> None:
     JupyterLab now and then restarts the kernel but drops the run that should follow. Then it is asked again.
     """
     page.locator(".jp-Notebook-ExecutionIndicator[data-status=idle]").wait_for()  # earlier clicks would be ignored
-    for is_last in (False, False, True):
+    for patience_s in (60.0, 180.0, PATIENCE_S):
         page.locator(".jp-NotebookPanel-toolbar [data-jp-item-name=restart-and-run] *").first.click()
         page.locator(".jp-Dialog .jp-mod-accept").click()
         page.locator(_PRINTED).wait_for(state="hidden")  # of the last kernel
         try:
-            page.locator(_PRINTED, has_text=text).wait_for(timeout=SECONDS * 1000 / 3)
+            page.locator(_PRINTED, has_text=text).wait_for(timeout=patience_s * 1000)
             return
         except playwright.TimeoutError:
-            if is_last:
+            if patience_s == PATIENCE_S:
                 raise
 
 
@@ -143,7 +143,7 @@ def _answers(address: str) -> bool:
 
 def _has_idle_kernel(address: str) -> bool:
     """Whether the notebook's kernel has started; restarting one that hasn't is an error."""
-    with urllib.request.urlopen(f"{address}/api/sessions?token={TOKEN}", timeout=SECONDS) as answer:
+    with urllib.request.urlopen(f"{address}/api/sessions?token={TOKEN}", timeout=PATIENCE_S) as answer:
         sessions = json.load(answer)
     return any(session["kernel"]["execution_state"] == "idle" for session in sessions)
 

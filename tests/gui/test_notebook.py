@@ -11,12 +11,13 @@ import holoview
 from holoview.gpu.device import Device
 from holoview.util.errors import UserError
 from tests.gui.notebook_session import SYSTEM
+from tests.patience import PATIENCE_S
 
 
 @pytest.mark.gpu
 def test_frames_are_sent_and_an_edit_by_code_is_seen(device: Device) -> None:
     command = [sys.executable, "-W", "error", "-X", "faulthandler", "-m", "tests.gui.notebook_session"]
-    kernel = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    kernel = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert kernel.returncode == 0 and "Traceback" not in kernel.stderr, kernel.stderr
 
 

@@ -16,6 +16,7 @@ from holoview.document.file_loader import target_from_pixels
 from holoview.document.focus_edits import toggle_eye
 from holoview.document.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -30,7 +31,7 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
     return opened
 
 
-def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
     until = time.monotonic() + timeout_s
     while not condition():
         gui.draw_frames()

@@ -16,8 +16,9 @@ from holoview.experiment.rig_bench import system_of_rig
 from holoview.experiment.rig_session import RigSession
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
-from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
+from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -45,7 +46,7 @@ class RigGui:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Draws frames until something is so."""
-        until = time.monotonic() + TIMEOUT_S
+        until = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < until, self.gui.last_message()
             self.gui.draw_frames()

@@ -15,6 +15,7 @@ from holoview.document.target_builder import _TargetRequest
 from holoview.metrics.perceptual import flip, ms_ssim
 from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -44,14 +45,14 @@ def test_a_command_puts_a_score_beside_the_psnr(scored: Gui) -> None:
 
 def test_the_line_says_that_the_target_is_still_being_built(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     begin, build = Event(), _TargetRequest.build
-    monkeypatch.setattr(_TargetRequest, "build", lambda request: begin.wait(60.0) and build(request))
+    monkeypatch.setattr(_TargetRequest, "build", lambda request: begin.wait(PATIENCE_S) and build(request))
     gui.draw_until_idle()
     assert "PSNR" not in describe_image(gui.context)
     gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
     gui.draw_frames(3)
     assert describe_image(gui.context).endswith("   PSNR follows")
     begin.set()
-    assert gui.session.wait_until_idle()
+    assert gui.session.wait_until_idle(PATIENCE_S)
     gui.draw_until_idle()
     assert describe_image(gui.context).endswith(" dB")
 

@@ -20,8 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, Address, ServeOptions, guarded, make_server
 from holoview.util.errors import UserError
+from tests.patience import PATIENCE_S
 
-SECONDS = 30.0
 _COOKIE = {"Cookie": "holoview=right"}
 
 
@@ -47,7 +47,7 @@ class Running:
 
     port: int
 
-    def answer(self, head: str, wait_s: float = SECONDS) -> str:
+    def answer(self, head: str, wait_s: float = PATIENCE_S) -> str:
         """What comes back for the lines of a request until the connection is closed or silent."""
         with socket.create_connection(("127.0.0.1", self.port), timeout=wait_s) as connection:
             connection.sendall(head.replace("\n", "\r\n").encode())
@@ -56,7 +56,7 @@ class Running:
     def websocket(self, **options: Any) -> ClientConnection:
         """A connection as a page with the token makes it."""
         headers = _COOKIE | options.pop("headers", {})
-        return connect(f"ws://127.0.0.1:{self.port}/", additional_headers=headers, open_timeout=SECONDS, **options)
+        return connect(f"ws://127.0.0.1:{self.port}/", additional_headers=headers, open_timeout=PATIENCE_S, **options)
 
 
 @contextmanager
@@ -69,13 +69,13 @@ def running(options: ServeOptions | None = None, **times: float) -> Iterator[Run
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="server")
         thread.start()
         try:
-            until = time.monotonic() + SECONDS
+            until = time.monotonic() + PATIENCE_S
             while not server.started and time.monotonic() < until:
                 time.sleep(0.01)
             yield Running(listener.getsockname()[1])
         finally:
             server.should_exit = True
-            thread.join(SECONDS)
+            thread.join(PATIENCE_S)
     assert not thread.is_alive()
 
 
@@ -116,7 +116,7 @@ def test_a_page_of_another_origin_is_refused() -> None:
         for right in (origin, None):
             with server.websocket(origin=right) as page:
                 page.send("hello")
-                assert page.recv(SECONDS) == "hello"
+                assert page.recv(PATIENCE_S) == "hello"
 
 
 def test_names_of_a_reverse_proxy_are_allowed_when_told() -> None:
@@ -125,7 +125,7 @@ def test_names_of_a_reverse_proxy_are_allowed_when_told() -> None:
         assert _status(server.answer(_get(host="other.example.org"))) == 421
         with server.websocket(origin="https://viewer.example.org") as page:  # the proxy passes its own name for Host
             page.send("hello")
-            assert page.recv(SECONDS) == "hello"
+            assert page.recv(PATIENCE_S) == "hello"
         with pytest.raises(InvalidStatus, match="403"):
             server.websocket(origin="https://viewer.example.org.evil.example").close()
 
@@ -180,37 +180,37 @@ def test_after_an_answer_the_next_request_has_its_own_time() -> None:
 
 def test_a_page_that_answers_no_ping_is_dropped_and_its_place_is_free() -> None:
     with running(ServeOptions(clients=1), ping_s=0.3) as server:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS) as silent:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S) as silent:
             silent.sendall(upgrade())
             assert b"101" in silent.recv(4096)
             assert _reads_to_its_end(silent)
         with server.websocket() as page:
             page.send("hello")
-            assert page.recv(SECONDS) == "hello"
+            assert page.recv(PATIENCE_S) == "hello"
 
 
 def test_a_page_that_nobody_uses_is_closed_and_one_in_use_is_not() -> None:
-    with running(ServeOptions(idle_min=1.5 / 60)) as server, server.websocket() as used, server.websocket() as idle:
+    with running(ServeOptions(idle_min=3 / 60)) as server, server.websocket() as used, server.websocket() as idle:
         idle.send('{"type": "_framefeedback"}')  # pages send these by themselves
         with pytest.raises(ConnectionClosed) as closed:
             while True:
                 used.send('{"type": "pointer_move"}')
-                used.recv(SECONDS)
+                used.recv(PATIENCE_S)
                 with suppress(TimeoutError):
                     idle.recv(0.05)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == NOT_USED and "not used for" in closed.value.rcvd.reason
         used.send("hello")
-        assert used.recv(SECONDS) == "hello"
+        assert used.recv(PATIENCE_S) == "hello"
 
 
 def test_messages_that_are_too_long_end_a_connection() -> None:
     with running() as server, server.websocket() as page:
         page.send("x" * (1 << 18))
-        assert len(page.recv(SECONDS)) == 1 << 18
+        assert len(page.recv(PATIENCE_S)) == 1 << 18
         with pytest.raises(ConnectionClosed):
             page.send("x" * ((1 << 18) + 1))
-            page.recv(SECONDS)
+            page.recv(PATIENCE_S)
 
 
 # --- places ---------------------------------------------------------------------------------------------------------
@@ -220,18 +220,18 @@ def test_one_client_too_many_is_told_and_gets_the_place_that_becomes_free() -> N
     with running(ServeOptions(clients=2)) as server:
         with server.websocket() as first, server.websocket():
             with server.websocket() as third, pytest.raises(ConnectionClosed) as refused:
-                third.recv(SECONDS)
+                third.recv(PATIENCE_S)
             assert refused.value.rcvd is not None
             assert refused.value.rcvd.code == TRY_AGAIN_LATER
             assert refused.value.rcvd.reason == "2 pages are connected already"
             first.send("hello")
-            assert first.recv(SECONDS) == "hello", "those that are there stay"
-        until = time.monotonic() + SECONDS
+            assert first.recv(PATIENCE_S) == "hello", "those that are there stay"
+        until = time.monotonic() + PATIENCE_S
         while time.monotonic() < until:
             with server.websocket() as again:
                 again.send("hello")
                 try:
-                    assert again.recv(SECONDS) == "hello"
+                    assert again.recv(PATIENCE_S) == "hello"
                     return
                 except ConnectionClosed:
                     time.sleep(0.05)
@@ -251,7 +251,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     names = ("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1,DNS:localhost")
     new = ("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-days", "2", "-nodes")
     out = ("-keyout", str(folder / "key.pem"), "-out", str(folder / "certificate.pem"))
-    subprocess.run([openssl, *new, *names, *out], check=True, capture_output=True, timeout=SECONDS)
+    subprocess.run([openssl, *new, *names, *out], check=True, capture_output=True, timeout=PATIENCE_S)
     return folder / "certificate.pem", folder / "key.pem"
 
 
@@ -262,7 +262,7 @@ def test_with_a_certificate_connections_are_encrypted(certificate: tuple[Path, P
     with running(options) as server:
 
         def encrypted_answer(head: str) -> str:
-            plain = socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS)
+            plain = socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S)
             with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
                 assert connection.version() in ("TLSv1.2", "TLSv1.3")
                 connection.sendall(head.replace("\n", "\r\n").encode())
@@ -270,11 +270,11 @@ def test_with_a_certificate_connections_are_encrypted(certificate: tuple[Path, P
 
         answer = encrypted_answer(_get("/?token=right", more=""))
         assert _status(answer) == 303 and "SameSite=Strict; Secure" in answer
-        secure = {"ssl": trust, "additional_headers": _COOKIE, "open_timeout": SECONDS}
+        secure = {"ssl": trust, "additional_headers": _COOKIE, "open_timeout": PATIENCE_S}
         own = f"https://127.0.0.1:{server.port}"
         with connect(f"wss://127.0.0.1:{server.port}/", origin=own, **secure) as page:  # type: ignore[arg-type]
             page.send("hello")
-            assert page.recv(SECONDS) == "hello"
+            assert page.recv(PATIENCE_S) == "hello"
         # By hand: websockets' client loses an answer behind which the server closes about once in a hundred times, when
         # its two threads meet (EOFError in its recv_events).
         upgrade = "upgrade: websocket\nsec-websocket-key: AAAAAAAAAAAAAAAAAAAAAA==\nsec-websocket-version: 13\n"
@@ -284,7 +284,7 @@ def test_with_a_certificate_connections_are_encrypted(certificate: tuple[Path, P
         )
         assert _status(encrypted_answer(request)) == 403
         assert _status(encrypted_answer(request.replace("origin: http:", "origin: https:"))) == 101
-        with socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS) as plain:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S) as plain:
             plain.sendall(_get().replace("\n", "\r\n").encode())
             assert b"<title>" not in plain.recv(4096)
 
@@ -296,7 +296,7 @@ def test_files_that_make_no_certificate_are_a_users_mistake(certificate: tuple[P
         ["openssl", "ec", "-aes128", "-passout", "pass:secret", "-in", str(key), "-out", str(locked)],
         check=True,
         capture_output=True,
-        timeout=SECONDS,
+        timeout=PATIENCE_S,
     )
     with pytest.raises(UserError, match="--key: without --certificate"):
         ServeOptions(key=key)
@@ -324,7 +324,7 @@ def upgrade() -> bytes:
 
 
 def connected(server: Running) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS)
+    return socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S)
 
 
 def _reads_to_its_end(connection: socket.socket) -> bool:

@@ -12,7 +12,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from holoview.gpu.device import Device
-from tests.gui.served import SECONDS, browser_cookie, next_frame, serving
+from tests.gui.served import browser_cookie, next_frame, serving
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 _SIZE = {"width": 640, "height": 400, "pwidth": 640, "pheight": 400, "ratio": 1.0}
@@ -32,7 +33,7 @@ def _key(browser: ClientConnection, kind: str, key: str) -> None:
 
 def test_a_browser_with_the_token_sees_the_viewer_and_drives_it(address: tuple[str, str]) -> None:
     host, token = address
-    with pytest.raises(InvalidStatus, match="403"), connect(f"ws://{host}/", open_timeout=SECONDS):
+    with pytest.raises(InvalidStatus, match="403"), connect(f"ws://{host}/", open_timeout=PATIENCE_S):
         pass
     with connect(f"ws://{host}/", additional_headers={"Cookie": browser_cookie(host, token)}, max_size=None) as browser:
         browser.send(json.dumps({"type": "resize", "timestamp": 0.0, **_SIZE}))

@@ -14,6 +14,7 @@ from holoview.document.file_loader import target_from_pixels
 from holoview.document.measurements import measure_region
 from holoview.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -55,7 +56,7 @@ def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Gui) -> None
 def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Gui) -> None:
     assert gui.context.live_measurement.measurements.region.psnr_db is None
     gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
-    assert gui.session.wait_until_idle(30)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     gui.draw_until_idle()
     region = gui.context.live_measurement.measurements.region
     xyz = gui.context.side_renderers.xyz(NOW)
@@ -93,7 +94,7 @@ def test_a_region_is_entered_exactly(gui: Gui) -> None:
 
 def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Gui) -> None:
     gui.press_chord("F5")
-    assert gui.session.wait_until_idle(60)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     gui.draw_until_idle()
     look = gui.session.view_settings
     assert look.compare == "side-by-side" and look.a.label.startswith("Simultaneous, 3 wavelengths: contrast 0.")
@@ -113,7 +114,7 @@ def test_with_an_eye_the_panel_speaks_of_the_retina_and_plots_contrast_by_the_pu
     assert measurements is not None and measurements.retinal is not None
     gui.click(gui.item_position("contrast by the pupil"))
     assert gui.context.retinal_curves.job is not None
-    assert gui.session.wait_until_idle(60.0)
+    assert gui.session.wait_until_idle(PATIENCE_S)
     gui.draw_frames(3)
     curve = gui.context.retinal_curves.curve
     assert curve is not None and len(curve.contrasts) == 6

@@ -23,10 +23,10 @@ from holoview.model import preset
 from holoview.model.system import System
 from tests.child_process import child_process
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 SIZE = (900, 700)
 NEEDED = ("Xvfb", "xdotool")
-PATIENCE_S = 120.0
 SLOW = """
 import sys, time
 from wgpu.utils.imgui import ImguiWgpuBackend
@@ -81,7 +81,12 @@ class Screen:
     def xdotool(self, *words: object) -> str:
         """Moves the pointer or presses keys."""
         done = subprocess.run(
-            ["xdotool", *map(str, words)], env=self._environment, capture_output=True, text=True, timeout=20, check=True
+            ["xdotool", *map(str, words)],
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=True,
         )
         return done.stdout.strip()
 
@@ -144,7 +149,7 @@ def display() -> Iterator[str]:
     with os.fdopen(read) as number:
         yield f":{number.readline().strip()}"
     server.terminate()
-    server.wait(10)
+    server.wait(PATIENCE_S)
 
 
 @pytest.fixture
@@ -155,7 +160,7 @@ def screen(display: str, tmp_path: Path) -> Iterator[Screen]:
     opened = Screen(display, tmp_path, [str(bench), str(picture)])
     yield opened
     opened.viewer.kill()
-    opened.viewer.wait(10)
+    opened.viewer.wait(PATIENCE_S)
 
 
 def _shows_a_frame_inside(rect: tuple[float, float, float, float]) -> Callable[[np.ndarray], bool]:
@@ -203,7 +208,7 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen.wait_until(written.is_file)
     screen.wait_until(screen.rests)
     screen.xdotool("key", "ctrl+q")
-    assert screen.viewer.wait(30) == 0, screen.log
+    assert screen.viewer.wait(PATIENCE_S) == 0, screen.log
     assert screen.log.strip() == ""
     last = saved.last_session()
     assert last is not None
@@ -246,7 +251,7 @@ def test_at_two_frames_a_second_nothing_is_lost(display: str, make_gui: Callable
         assert view.compare == "wipe" and view.plane_m == twin.session.system.planes_m[0]
     finally:
         screen.viewer.kill()
-        screen.viewer.wait(10)
+        screen.viewer.wait(PATIENCE_S)
 
 
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:

@@ -32,6 +32,7 @@ from holoview.optimise.parallel import (
     torchrun_group,
 )
 from holoview.util.errors import UserError
+from tests.patience import PATIENCE_S
 
 SCRIPT = Path(__file__).with_name("process_group_run.py")
 REPOSITORY = SCRIPT.parents[2]
@@ -79,7 +80,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, np.ndarr
     command = [sys.executable, str(SCRIPT), str(folder)]
     started = [subprocess.Popen(command, env=_environment(rank, 2, port)) for rank in range(2)]
     try:
-        assert [process.wait(timeout=120) for process in started] == [0, 0]
+        assert [process.wait(timeout=PATIENCE_S) for process in started] == [0, 0]
     finally:
         for process in started:
             process.kill()
@@ -167,7 +168,7 @@ def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> No
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("h.safetensors: 2 iterations") == 1
@@ -223,7 +224,7 @@ def test_a_team_gives_results_in_the_order_of_the_items_from_several_threads_of_
     both = Barrier(2)
 
     def compute(item: int) -> tuple[int, int, int]:
-        both.wait(timeout=60)  # each of two threads waits for the other
+        both.wait(timeout=PATIENCE_S)  # each of two threads waits for the other
         return item, torch.get_num_threads(), get_ident()
 
     found = ThreadTeam(CPU).map(compute, range(6))

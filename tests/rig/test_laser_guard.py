@@ -13,6 +13,7 @@ import pytest
 
 from holoview.rig.devices import DeviceError
 from holoview.rig.guard_process import switch_off
+from tests.patience import PATIENCE_S
 from tests.rig.conftest import write_rig
 
 DEVICES = """
@@ -60,7 +61,7 @@ def test_lasers_of_a_program_that_is_killed_go_off(tmp_path: Path) -> None:
     with _started(tmp_path) as process:
         assert _log(tmp_path)[-1] == "on"
         process.send_signal(signal.SIGKILL)
-        end = time.monotonic() + 60
+        end = time.monotonic() + PATIENCE_S
         while _log(tmp_path)[-1] != "off" and time.monotonic() < end:
             time.sleep(0.01)
         assert _log(tmp_path)[-1] == "off"
@@ -70,7 +71,7 @@ def test_lasers_of_a_program_that_is_killed_go_off(tmp_path: Path) -> None:
 
 def test_a_program_that_switches_them_off_needs_no_guard(tmp_path: Path) -> None:
     with _started(tmp_path) as process:
-        _, said = process.communicate("\n", timeout=60)
+        _, said = process.communicate("\n", timeout=PATIENCE_S)
     assert process.returncode == 0 and "switched off" not in said
     assert _log(tmp_path)[-2:] == ["on", "off"]
 

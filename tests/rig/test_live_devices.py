@@ -9,6 +9,7 @@ import pytest
 
 from holoview.document.editing_session import CallQueue
 from holoview.rig.live_devices import DeviceWorker, LaserInterlock, LasersForbidden
+from tests.patience import PATIENCE_S
 
 Calls = list[str]
 
@@ -30,7 +31,7 @@ class _Owner:
         last = Event()
         self.submit("last", last.set)
         self.gate.set()
-        assert last.wait(60)
+        assert last.wait(PATIENCE_S)
         while "last" not in self.done:
             for call in self.queue.drain():
                 call()
@@ -38,17 +39,17 @@ class _Owner:
 
     def _wait(self) -> None:
         self.began.set()
-        assert self.gate.wait(60)
+        assert self.gate.wait(PATIENCE_S)
 
 
 @pytest.fixture
 def owner() -> Iterator[_Owner]:
     made = _Owner()
-    assert made.began.wait(60)
+    assert made.began.wait(PATIENCE_S)
     yield made
     made.gate.set()
     made.worker.abandon()
-    assert made.worker.join(60)
+    assert made.worker.join(PATIENCE_S)
 
 
 def test_calls_are_made_in_their_order_and_the_latest_of_a_key_counts(owner: _Owner) -> None:
@@ -71,7 +72,7 @@ def test_an_abandoned_worker_makes_and_delivers_nothing_more(owner: _Owner) -> N
     owner.submit("a", lambda: owner.done.append("made"))
     owner.worker.abandon()
     owner.gate.set()
-    assert owner.worker.join(60)
+    assert owner.worker.join(PATIENCE_S)
     for call in owner.queue.drain():
         call()
     assert owner.done == []
@@ -87,7 +88,7 @@ class _SlowLasers:
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
         self.began.set()
-        assert self.may_go_on.wait(60)
+        assert self.may_go_on.wait(PATIENCE_S)
         self.is_on = True
 
     def switch_off(self) -> None:
@@ -111,7 +112,7 @@ def test_a_laser_that_was_being_switched_on_goes_off_again() -> None:
 
     thread = Thread(target=switch_on)
     thread.start()
-    assert lasers.began.wait(60)
+    assert lasers.began.wait(PATIENCE_S)
     interlock.forbid(1)
     lasers.may_go_on.set()
     thread.join()

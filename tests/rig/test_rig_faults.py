@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.rig_faults import WAYS
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_interrupted_sessions_are_those_that_nothing_interrupted() -> None:
     """One for each way in which a session is interrupted first."""
     command = [sys.executable, "-m", "benchmarks.rig_faults", "--runs", str(len(WAYS)), "--seed", "1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "wrong: 0\n" in done.stdout and done.stdout.startswith(f"{len(WAYS)} runs, ")
     for way in WAYS:

@@ -16,13 +16,13 @@ from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
 from holoview.util.errors import UserError
 from holoview.util.processes import process_cpu_count
+from tests.patience import PATIENCE_S
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
 pytestmark = pytest.mark.filterwarnings("ignore")  # of dask and its event loops, when a worker goes away
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-_PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,11 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1"]
     workers = [subprocess.Popen([*worker, "--no-nanny", "--no-dashboard"], **options) for _ in range(2)]
     try:
-        until = time.monotonic() + _PATIENCE_S
+        until = time.monotonic() + PATIENCE_S
         while not file.exists() and time.monotonic() < until:
             time.sleep(0.02)
         with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=_PATIENCE_S)
+            client.wait_for_workers(2, timeout=PATIENCE_S)
             address = client.scheduler.address
         yield address, workers
     finally:

@@ -20,6 +20,7 @@ from holoview.app.serve import Address, serve
 from holoview.cli import main
 from holoview.util.errors import UserError
 from holoview.util.packages import EXTRAS, import_optional
+from tests.patience import PATIENCE_S
 
 PROJECT = tomllib.loads((Path(hv.__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -114,7 +115,9 @@ def test_without_any_optional_library_every_module_is_imported() -> None:
         "names = [info.name for info in found if not info.name.endswith('__main__')]\n"
         "print(len([importlib.import_module(name) for name in names]))"
     )
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True, timeout=PATIENCE_S
+    )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 300
 
@@ -131,7 +134,9 @@ def without_imagecodecs(tmp_path: Path) -> Callable[[Path], Any]:
             f"try: np.save({str(tmp_path / 'read.npy')!r}, read_raster(Path({str(path)!r})).values)\n"
             "except UserError as error: print(error)"
         )
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+        )
         return done.stdout or np.load(tmp_path / "read.npy")
 
     return read

@@ -14,6 +14,7 @@ import psutil
 import pytest
 
 from holoview.util.processes import PREFIX, end_with_parent, process_start, wait_for_threads
+from tests.patience import PATIENCE_S
 
 
 def test_own_threads_are_waited_for_and_others_are_not() -> None:
@@ -38,7 +39,7 @@ def test_the_watch_on_the_parent_isn_t_work_to_wait_for(monkeypatch: pytest.Monk
     (watch,) = set(threading.enumerate()) - before
     assert not watch.name.startswith(PREFIX)
     writing.close()
-    assert ended.wait(60)
+    assert ended.wait(PATIENCE_S)
 
 
 def test_a_process_keeps_its_start_and_another_has_its_own() -> None:

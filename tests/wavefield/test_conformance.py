@@ -19,6 +19,7 @@ from holoview.wavefield.conformance import (
     write_cases,
 )
 from holoview.wavefield.conformance_score import error_of, main
+from tests.patience import PATIENCE_S
 
 CASES = all_cases()
 QUICK = [case for case in CASES if case.name.endswith(("-01", "-05")) and case.family != "slit"]
@@ -67,7 +68,7 @@ def test_the_files_are_scored_by_the_program_beside_them(tmp_path: Path, capsys:
     for case in cases[:2]:
         np.save(results / f"{case.name}.npy", propagated(case))
     program = [sys.executable, "-I", str(folder / "score.py"), str(folder), str(results)]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(program, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert done.stdout.splitlines()[-2:] == [f"{cases[2].name}: no result", "2 of 3 passed"]
     np.save(results / f"{cases[2].name}.npy", propagated(cases[2]))

@@ -16,6 +16,7 @@ import torch
 from holoview.util.errors import UserError
 from holoview.wavefield.exchange import HOST, FieldListener, Listener, announced_listener, announcement_path, push
 from holoview.wavefield.wavefield import Wavefield
+from tests.patience import PATIENCE_S
 
 PATH = "/fields/run?pitch=8um&wavelength=532nm"
 FIELD = (np.arange(12, dtype=np.float32) * (1 + 2j)).reshape(3, 4).astype(np.complex64)
@@ -44,7 +45,7 @@ def _npy(array: np.ndarray) -> bytes:
 def _send(listening: FieldListener, path: str, body: bytes, **headers: str) -> tuple[int, dict[str, str]]:
     """What a program without holoview sends."""
     listener = listening.listener
-    connection = http.client.HTTPConnection(HOST, listener.port, timeout=20)
+    connection = http.client.HTTPConnection(HOST, listener.port, timeout=PATIENCE_S)
     try:
         connection.request("PUT", path, body, {"Authorization": f"Bearer {listener.token}"} | headers)
         answer = connection.getresponse()
@@ -78,7 +79,7 @@ def test_programs_without_holoview_send_npy_or_bare_numbers(listening, received)
 
 
 def test_several_fields_go_through_one_connection(listening, received) -> None:
-    connection = http.client.HTTPConnection(HOST, listening.listener.port, timeout=20)
+    connection = http.client.HTTPConnection(HOST, listening.listener.port, timeout=PATIENCE_S)
     for _ in range(3):
         connection.request("PUT", PATH, _npy(FIELD), {"Authorization": f"Bearer {listening.listener.token}"})
         assert json.loads(connection.getresponse().read()) == {"received": "run"}

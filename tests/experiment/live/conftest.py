@@ -15,7 +15,8 @@ from holoview.experiment.rig_session import RigSession, random_pattern
 from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.document.conftest import small_system
-from tests.experiment.live.fake_bench import TIMEOUT_S, FakeBench, write_rig
+from tests.experiment.live.fake_bench import FakeBench, write_rig
+from tests.patience import PATIENCE_S
 
 LASER_M = 638e-9
 
@@ -30,7 +31,7 @@ class Rigged:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Polls until something is so."""
-        until = time.monotonic() + TIMEOUT_S
+        until = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < until, self.messages
             self.session.poll()

@@ -16,10 +16,10 @@ from holoview.experiment.rig_session import BenchState, SentPattern
 from holoview.rig.description import DeviceSpec, RigDescription, read_rig
 from holoview.rig.devices import Counts, DeviceError, Levels
 from holoview.rig.open_rig import OpeningRig
+from tests.patience import PATIENCE_S
 
 FULL_SHARE = 0.5  # of the camera's range that the brightest pixels reach with power 1 and this exposure
 FULL_EXPOSURE_S = 0.01
-TIMEOUT_S = 60.0  # of a wait that a test expects to end at once
 RIG = """
 name = "fake bench"
 [slm1]
@@ -83,7 +83,7 @@ class FakeBench:
     def enter(self, device: str, call: str) -> None:
         """A call of a device begins: it may hang, and it may fail."""
         self.calls.append(call)
-        until = time.monotonic() + TIMEOUT_S
+        until = time.monotonic() + PATIENCE_S
         while self.hangs[device] and time.monotonic() < until:
             self.hung.set()
             time.sleep(0.005)

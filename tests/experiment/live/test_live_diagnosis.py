@@ -15,6 +15,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.experiment.live_view import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged
 from tests.experiment.live.fake_bench import PLAN, FakeBench, write_rig
+from tests.patience import PATIENCE_S
 
 
 class _Slow:
@@ -61,11 +62,11 @@ def test_it_begins_with_a_few_captures_and_gives_way_to_more(
         live.offer(captures[:count])
         session.poll()
     slow.may_end.set()
-    assert session.wait_until_idle()
+    assert session.wait_until_idle(PATIENCE_S)
     assert slow.counts[0] == 4 and slow.counts[-1] == MOST
     assert live.seen == 11 and str(live.diagnosis) == f"of {MOST}"
     live.start(captures)
-    assert session.wait_until_idle()
+    assert session.wait_until_idle(PATIENCE_S)
     assert str(live.diagnosis) == "of 20"
 
 
@@ -73,7 +74,7 @@ def test_one_that_was_cancelled_shows_nothing(session: EditingSession, slow: _Sl
     live = LiveDiagnosis(session, slow)
     live.start(captures[:5])
     live.cancel()
-    assert session.wait_until_idle()
+    assert session.wait_until_idle(PATIENCE_S)
     assert live.diagnosis is None and live.job is None and live.so_far == ""
 
 

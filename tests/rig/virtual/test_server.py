@@ -20,6 +20,7 @@ from holoview.rig.virtual.client import Connection, Disconnected, Message, Virtu
 from holoview.rig.virtual.server import Drift, DriftSettings, FaultInjector, FaultSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.child_process import child_process
+from tests.patience import PATIENCE_S
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, DirectBench, MakeRig, write_rig
 
 
@@ -46,7 +47,7 @@ def bench(rig: RigDescription) -> Iterator[VirtualBenchProcess]:
     ],
 )
 def test_nobody_is_answered_without_the_token(bench: VirtualBenchProcess, first: bytes) -> None:
-    with socket.create_connection(bench.address, timeout=10) as other:
+    with socket.create_connection(bench.address, timeout=PATIENCE_S) as other:
         other.sendall(first + b'{"do": "time"}\n')
         received = b""
         try:
@@ -105,7 +106,7 @@ def test_patterns_that_dont_fit_are_refused(
 
 
 def test_garbage_from_one_with_the_token_ends_its_connection_only(bench: VirtualBenchProcess) -> None:
-    with socket.create_connection(bench.address, timeout=10) as plain:
+    with socket.create_connection(bench.address, timeout=PATIENCE_S) as plain:
         other = Connection(plain)
         ask(other, {"token": bench.token})
         plain.sendall(b"\xff" * 100 + b"\n")
@@ -145,7 +146,7 @@ def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> N
         port = int(process.stdout.readline().removeprefix("port "))
         connection = connect(("127.0.0.1", port), "token")
         process.stdin.close()
-        assert process.wait(10) == 0
+        assert process.wait(PATIENCE_S) == 0
         with pytest.raises(DeviceError, match=r"virtual bench: is gone.*run the command again"):
             ask(connection, {"do": "time"})
         connection.close()
