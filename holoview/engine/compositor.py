@@ -17,6 +17,8 @@ from holoview.numerics.sampling import ceil_div, round_up
 
 QUAD = 4
 """Pixels of an invocation: an intensity on the device is padded to a multiple of it."""
+MAX_TERMS = 64
+"""Terms that a dispatch of composite.wgsl adds. They are uniforms, which drivers on a processor read once for all."""
 _WORKGROUP = 64
 _PITCH = 64  # pixels: WebGPU copies rows of a multiple of 256 bytes to a texture
 _F32, _VEC4, _RGBA8 = 4, 16, 4
@@ -75,21 +77,27 @@ class Compositor:
 
         The weights hold for all work with these buffers that hasn't been submitted yet.
         """
+        for first in range(0, max(len(terms), 1), MAX_TERMS):
+            some = terms[first : first + MAX_TERMS]
+            recorder.add(self._blending((intensity, xyz_buffer, accumulates or first > 0, first), some))
+
+    def _blending(self, key: tuple[Buffer, Buffer, bool, int], terms: Sequence[WeightedIntensity]) -> Dispatch:
+        """The dispatch that adds some terms. key: intensity, XYZ, whether to add to it, the first term's number."""
+        intensity, xyz_buffer, accumulates, _ = key
         quads = self._pixels // QUAD
-        blend = self._uniform(("blend", intensity, xyz_buffer, accumulates), BLEND.size, "blend")
-        table = self._table(("terms", intensity, xyz_buffer, accumulates), max(len(terms), 1))
+        blend = self._uniform(("blend", *key), BLEND.size, "blend")
+        table = self._uniform(("terms", *key), MAX_TERMS * BLEND_TERM.size, "blend terms")
         self._device.write(blend, BLEND.pack(quads=quads, count=len(terms)))
         if terms:
             items = ({"xyz": xyz, "intensity_index": index} for index, xyz in terms)
             self._device.write(table, BLEND_TERM.pack_array(items))
-        key = ("composite", intensity, table, xyz_buffer, accumulates)
         if key not in self._dispatches:
             source = link(GeneratedWgsl("structs", BLEND.wgsl + BLEND_TERM.wgsl), "display/composite.wgsl")
             groups = [[blend, table], [intensity, xyz_buffer]]
             pipeline = self._device.pipeline(source, {"accumulates": accumulates})
             workgroups = (*workgroup_grid(ceil_div(quads, _WORKGROUP), self._device), 1)
             self._dispatches[key] = Dispatch.bind(self._device, pipeline, groups, workgroups)
-        recorder.add(self._dispatches[key])
+        return self._dispatches[key]
 
     def encode_srgb(
         self, recorder: CommandRecorder, xyz_buffer: Buffer, srgb_buffer: Buffer, exposure_stops: float = 0.0
@@ -131,11 +139,4 @@ class Compositor:
         """The uniform buffer of a key."""
         if key not in self._params:
             self._params[key] = self._device.uniform(bytes(nbytes), label)
-        return self._params[key]
-
-    def _table(self, key: Hashable, count: int) -> Buffer:
-        """The storage buffer of a key, with room for at least `count` blend terms."""
-        table = self._params.get(key)
-        if table is None or table.nbytes < count * BLEND_TERM.size:
-            self._params[key] = self._device.buffer(count * BLEND_TERM.size, "blend terms")
         return self._params[key]

@@ -106,12 +106,12 @@ class DeviceTables:
         self.plan, self.inputs = plan, inputs
         wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
         waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
-        self._fill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
+        self._refill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
         spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
-        self._fill(("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
+        self._refill(("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
         for modulator in range(len(plan.system.modulators)):
             strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
-            self._fill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
+            self._refill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
         if has_changed:
             self._fill_inputs()
         if plan.system.gap_m is not None:
@@ -133,9 +133,8 @@ class DeviceTables:
             if self._support_rows.get((relay, wavelength)) != rows:  # most edits leave the stops as they are
                 self._support_rows[relay, wavelength] = rows
                 supports[wavelength] = support_table(step, grid).tobytes()
-        for name, items in (("propagations", propagations), ("support", supports)):
-            self._items[name, relay] = items
-            self._fill((name, relay), items)
+        self._refill(("propagations", relay), propagations)
+        self._refill(("support", relay), supports)
 
     def table(self, *key: str | int) -> Buffer:
         """The buffer of a key."""
@@ -206,6 +205,12 @@ class DeviceTables:
     def _drop(self, key: Key) -> None:
         if key in self._tables:
             del self._tables[key], self._digests[key]
+
+    def _refill(self, key: Key, items: list[bytes]) -> None:
+        """Fill a table that every plan states anew, if its items have changed; to compare is faster than to digest."""
+        if self._items.get(key) != items:
+            self._fill(key, items)
+            self._items[key] = items
 
     def _fill(self, key: Key, items: list[bytes]) -> None:
         """Write the concatenated `items` to the buffer of a key, unless they are there already."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -55,13 +56,17 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
     return 1.0 / (wavelength_m * math.sqrt(slope * slope + 1.0))  # not hypot, which differs between libraries
 
 
-def stop_rows(padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float) -> Integers:
+@lru_cache(maxsize=256)  # edits of a bench ask for the same stops again and again
+def stop_rows(
+    padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float, limits: RowsColumns | None = None
+) -> Integers:
     """The frequencies of light that propagates and that the stops of a relay pass at a wavelength.
 
-    padded: samples (y, x) of the grid. upsample: samples along each side of a pixel. pitch_m: of the pixels.
+    padded: samples (y, x) of the grid. upsample: samples along each side of a pixel. pitch_m: of the pixels. limits:
+    the highest |k_y| and |k_x| that pass; None for no limit.
 
     Returns (P_y, 3) int32: for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
-    highest k_x that pass. Where nothing passes, the lowest lies above the highest.
+    highest k_x that pass. Where nothing passes, the lowest lies above the highest. The array can't be written to.
     """
     step_y, step_x = (λ * (1.0 / (n * (pitch_m / upsample))) for n in padded)
     ky, kx = frequency_indices(padded[0]), np.arange(-(padded[1] // 2), (padded[1] + 1) // 2)
@@ -72,22 +77,19 @@ def stop_rows(padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, 
         disc = _disc_rows(relay.iris_na, relay.centre_na, step_y * ky, step_x * kx)
         low, high = np.maximum(low, disc[0] + kx[0]), np.minimum(high, disc[1] + kx[0])
     if relay.square is not None:
-        rows, columns = _square_bounds(relay, padded, upsample, pitch_m, λ)
-        inside = (ky >= rows[0]) & (ky <= rows[1])
+        heights, columns = _square_bounds(relay, padded, upsample, pitch_m, λ)
+        inside = (ky >= heights[0]) & (ky <= heights[1])
         low = np.where(inside, np.maximum(low, columns[0]), _BEYOND)
         high = np.minimum(high, columns[1])
+    if limits is not None:
+        low = np.where(np.abs(ky) <= limits[0], np.maximum(low, -limits[1]), _BEYOND)
+        high = np.minimum(high, limits[1])
     smallest = np.zeros_like(low)
     if relay.dc_block_na is not None:
         smallest = np.searchsorted(squares_x, relay.dc_block_na**2 - (step_y * ky) ** 2, side="right")
-    return rows_with_bounds(smallest, low, high)
-
-
-def limited_rows(rows: Integers, limits: RowsColumns) -> Integers:
-    """The rows of `stop_rows` without the frequencies beyond |k_y| ≤ limits[0], |k_x| ≤ limits[1]."""
-    smallest, low, high = rows.astype(np.int64).T
-    inside = np.abs(frequency_indices(len(rows))) <= limits[0]
-    low = np.where(inside, np.maximum(low, -limits[1]), _BEYOND)
-    return rows_with_bounds(smallest, low, np.minimum(high, limits[1]))
+    rows = rows_with_bounds(smallest, low, high)
+    rows.setflags(write=False)
+    return rows
 
 
 def rows_in_disc(

@@ -27,7 +27,6 @@ from holoview.model.passband import (
     band_limit,
     band_of_rows,
     check_eye_sampled,
-    limited_rows,
     rows_in_disc,
     stop_rows,
 )
@@ -105,7 +104,6 @@ class Plan:
     _transfers: dict[tuple[float, int, int, Eye | None], Transfer] = field(
         default_factory=dict, repr=False, compare=False
     )
-    _stops: dict[tuple[int, int], NDArray[np.int32]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def distances_m(self) -> NDArray[np.float64]:
@@ -173,17 +171,19 @@ class Plan:
         key = (distance_m, relay, wavelength, eye)
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
-            support, shift_m = self.stop_rows(relay, wavelength), (0.0, 0.0)
+            limits, shift_m = None, (0.0, 0.0)
             if eye is not None:
                 focus_shift_m = float(self.focus_shift_m[wavelength])
                 distance_m, shift_m = distance_m + focus_shift_m, eye.image_shift_m(focus_shift_m)
-                support = self._seen_rows(eye, support, λ)
             if self.system.sampling.propagation != "periodic":
-                limits = [
-                    band_limit(p, grid.pitch_m, λ, distance_m) / step
+                highest = [
+                    math.floor(band_limit(p, grid.pitch_m, λ, distance_m) / step)
                     for p, step in zip(grid.padded, grid.frequency_step, strict=True)
                 ]
-                support = limited_rows(support, (math.floor(limits[0]), math.floor(limits[1])))
+                limits = (highest[0], highest[1])
+            support = self._passing_rows(relay, wavelength, limits)
+            if eye is not None:
+                support = self._seen_rows(eye, support, λ)
             self._transfers[key] = Transfer(distance_m, λ, grid.frequency_step, support, shift_m)
         return self._transfers[key]
 
@@ -216,11 +216,12 @@ class Plan:
         >>> hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64])).stop_rows(1, 0).shape
         (192, 3)
         """
-        key = (relay, wavelength)
-        if key not in self._stops:
-            λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
-            self._stops[key] = stop_rows(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ)
-        return self._stops[key]
+        return self._passing_rows(relay, wavelength)
+
+    def _passing_rows(self, relay: int, wavelength: int, limits: tuple[int, int] | None = None) -> NDArray[np.int32]:
+        """The frequencies that the stops of a relay pass, up to the highest |k_y| and |k_x| of `limits`."""
+        λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
+        return stop_rows(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ, limits)
 
     def lit(self, wavelength: int) -> list[int]:
         """Indices of the frames of `system` in which a laser is on.

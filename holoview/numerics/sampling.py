@@ -10,6 +10,7 @@ tables of equidistant knots, powers with finite gradients.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,15 +64,18 @@ def frequency_indices(n: int) -> NDArray[np.int64]:
     return np.rint(np.fft.fftfreq(n) * n).astype(np.int64)
 
 
+@lru_cache(maxsize=256)  # edits of a bench ask for the same pixels again and again
 def pixel_spectrum(padded: int, upsample: int, slope: float) -> NDArray[np.complex128]:
     """The spectrum of one pixel along an axis, (padded,): Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
 
     padded: length of the FFT of samples. upsample: samples of the pixel. slope: of the phase, turns a sample.
 
-    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum.
+    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum. The array
+    can't be written to.
     """
     turns = slope - np.arange(padded) / padded
     spectrum: NDArray[np.complex128] = np.exp(2j * math.pi * np.outer(np.arange(upsample), turns)).sum(axis=0)
+    spectrum.setflags(write=False)
     return spectrum
 
 

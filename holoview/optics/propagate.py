@@ -103,7 +103,7 @@ def support_mask(transfer: Transfer, kx: torch.Tensor, chosen: torch.Tensor | sl
     kx: signed indices of the columns, (B,).
     chosen: indices (A,) of the rows; all by default.
     """
-    smallest, lowest, highest = torch.from_numpy(transfer.support).to(kx.device)[chosen].T[..., None]
+    smallest, lowest, highest = torch.tensor(transfer.support, device=kx.device)[chosen].T[..., None]
     return (kx.abs() >= smallest) & (kx >= lowest) & (kx <= highest)
 
 

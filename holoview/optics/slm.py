@@ -71,7 +71,7 @@ def pixel_spectrum(padded: int, upsample: int, slope: float) -> torch.Tensor:
     The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum: a quarter
     of the work for upsample = 2.
     """
-    return torch.from_numpy(spectrum_of_pixel(padded, upsample, slope))
+    return torch.tensor(spectrum_of_pixel(padded, upsample, slope))
 
 
 def sum_pool(samples: torch.Tensor, factor: int) -> torch.Tensor:

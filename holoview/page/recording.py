@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import colour
-from holoview.engine.compositor import Compositor
+from holoview.engine.compositor import MAX_TERMS, Compositor
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.engine.fused_kernels import frame_shape
 from holoview.engine.shader_structs import BLEND_TERM, MODULATOR, PLANE_WAVE, PROPAGATION, SRGB_ENCODING, ShaderInputs
@@ -305,8 +305,8 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
 def _intensity_buffers(
     compositor: Compositor, lit: list[tuple[int, int]]
 ) -> tuple[list[Any], dict[tuple[int, int], BufferRegion]]:
-    """Buffers for the intensities of all lit frames and wavelengths, and the region of each."""
-    each = max(compositor.largest_bytes // compositor.intensity_bytes, 1)
+    """Buffers for the intensities of all lit frames and wavelengths, and the region of each; one dispatch adds each."""
+    each = max(min(compositor.largest_bytes // compositor.intensity_bytes, MAX_TERMS), 1)
     buffers = [
         compositor.intensity_buffer(min(each, len(lit) - start), f"intensities {start}")
         for start in range(0, len(lit), each)

@@ -5,7 +5,7 @@
 override accumulates: bool = false;
 
 @group(0) @binding(0) var<uniform> blend: Blend;
-@group(0) @binding(1) var<storage, read> terms: array<BlendTerm>;
+@group(0) @binding(1) var<uniform> terms: array<BlendTerm, 64>;  // the first `blend.count` are filled
 
 @group(1) @binding(0) var<storage, read> intensity: array<vec4f>;
 @group(1) @binding(1) var<storage, read_write> xyz: array<vec4f>;

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Relay
-from holoview.model.passband import Band, band_of_rows, column_support, limited_rows, stop_rows
+from holoview.model.passband import Band, band_of_rows, column_support, stop_rows
 from holoview.model.stops import SquareStop
 from holoview.numerics.sampling import frequency_indices
 from holoview.util.errors import UserError
@@ -47,7 +47,7 @@ def test_columns_pass_the_frequencies_that_rows_pass(
     relay: Relay, pixels: tuple[int, int], upsample: int, limits: tuple[int, int]
 ) -> None:
     padded = (pixels[0] * upsample, pixels[1] * upsample)
-    rows = limited_rows(stop_rows(padded, upsample, PITCH_M, relay, λ), limits)
+    rows = stop_rows(padded, upsample, PITCH_M, relay, λ, limits)
     columns = column_support(rows, padded[1])
     np.testing.assert_array_equal(_mask(columns, padded[0]).T, _mask(rows, padded[1]))
 
