@@ -17,7 +17,7 @@ from holoview.captures.dataset import Captures
 from holoview.rig.camera_pictures import range_share, take_dark_frame
 from holoview.rig.capture_plan import CaptureRequest
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera
+from holoview.rig.devices import CameraDevice, Counts, Devices, Levels, Wrapped
 from holoview.rig.measurement import Measurement
 from holoview.util.progress import TextCallback
 
@@ -69,14 +69,14 @@ class PictureSource(Protocol):
 
 
 @dataclass(eq=False)
-class _CountingCamera(WrappedCamera):
+class _CountingCamera(Wrapped[CameraDevice]):
     """A camera that counts its pictures."""
 
     taken: int = 0
 
     def take(self) -> Counts:
         self.taken += 1
-        return super().take()
+        return self.device.take()
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """When the model stops being true: limits of a bench's plan, each with what is measured, its threshold and its reason.
 
-`Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS`, at the end, are all of them:
+`Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS` are all of them:
 limits of sampling (band limit, wrap-around, samples a pixel, stops and oblique light, single precision), of scalar
 diffraction, of broad lines and extended sources, and of the eye's pupil. docs/physics.md has the table of thresholds.
 """
@@ -69,6 +69,30 @@ class Limit:
         return value <= self.at_most
 
 
+LIMITS: dict[str, Limit] = {}
+"""All limits by their names, in the order in which they are told."""
+
+Measure = Callable[[Plan], Measured | None]
+
+
+def _limit(
+    name: str,
+    *,
+    quantity: str,
+    reason: str,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    refuses: bool = False,
+) -> Callable[[Measure], Measure]:
+    """Makes a limit of the function that measures it, and adds it to `LIMITS`; the arguments are those of `Limit`."""
+
+    def add(measure: Measure) -> Measure:
+        LIMITS[name] = Limit(name, quantity, reason, measure, at_least, at_most, refuses)
+        return measure
+
+    return add
+
+
 @dataclass(frozen=True)
 class Reading:
     """The verdict of a limit on a plan."""
@@ -127,6 +151,13 @@ def _is_band_limited(plan: Plan) -> bool:
     return plan.system.sampling.propagation != "periodic"
 
 
+@_limit(
+    "band left",
+    quantity="frequencies beside zero that the band limit leaves on each side of the longer axis",
+    reason="below 1 only the zero order is computed, and every pattern gives the same uniform picture",
+    at_least=1.0,
+    refuses=True,
+)
 def _frequencies_left(plan: Plan) -> Measured | None:
     if not _is_band_limited(plan):
         return None
@@ -142,16 +173,40 @@ def _frequencies_left(plan: Plan) -> Measured | None:
     )
 
 
-BAND_LEFT = Limit(
-    name="band left",
-    quantity="frequencies beside zero that the band limit leaves on each side of the longer axis",
-    reason="below 1 only the zero order is computed, and every pattern gives the same uniform picture",
-    measure=_frequencies_left,
+@_limit(
+    "light left",
+    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
+    reason="no frequency is darkness",
     at_least=1.0,
     refuses=True,
 )
+def _light_left(plan: Plan) -> Measured:
+    """The frequencies that pass a relay at the wavelength that passes best, of the relay that passes fewer."""
+    lit = [i for i in range(len(plan.system.wavelengths_m)) if plan.lit(i)]
+    fewest, relay = min(
+        (max(_count_passing(plan.stop_rows(relay, i)) for i in lit), relay) for _, relay, _ in paths(plan)
+    )
+    return Measured(
+        float(fewest),
+        "no light passes its stops" if fewest == 0 else "a single frequency of the samples passes its stops",
+        f"relay{relay + 1}",
+        "widen them, move them to light that the samples hold, or raise padding or upsample",
+    )
 
 
+def _count_passing(support: Integers) -> int:
+    """How many frequencies a support passes (`Transfer.support`)."""
+    smallest, low, high = support.astype(np.int64).T
+    blocked = np.minimum(high, smallest - 1) - np.maximum(low, 1 - smallest) + 1
+    return int((high - low + 1 - np.maximum(blocked, 0)).sum())  # an empty row has the bounds (1, 0)
+
+
+@_limit(
+    "band limit",
+    quantity="band limit in half widths of the first order, or of what the stops pass of it",
+    reason="below 1 light of the first order is left out: measured errors of the intensity of 17 % and more",
+    at_least=1.0,
+)
 def _first_order_left(plan: Plan) -> Measured | None:
     if not _is_band_limited(plan):
         return None
@@ -169,15 +224,6 @@ def _first_order_left(plan: Plan) -> Measured | None:
         worst_key,
         "raise padding or shape, or shorten the distance",
     )
-
-
-BAND_LIMIT = Limit(
-    name="band limit",
-    quantity="band limit in half widths of the first order, or of what the stops pass of it",
-    reason="below 1 light of the first order is left out: measured errors of the intensity of 17 % and more",
-    measure=_first_order_left,
-    at_least=1.0,
-)
 
 
 # --- wrap-around ----------------------------------------------------------------------------------------------------
@@ -201,6 +247,12 @@ def wrap_around(plan: Plan) -> tuple[float, str, float]:
     return worst
 
 
+@_limit(
+    "wrap-around",
+    quantity="share of a side that light reaches which wrapped around",
+    reason="a modulator has edges; geometric walk-off of the steepest ray",
+    at_most=0.0,
+)
 def _wrapped_share(plan: Plan) -> Measured | None:
     if _is_band_limited(plan):
         return None
@@ -214,15 +266,6 @@ def _wrapped_share(plan: Plan) -> Measured | None:
     )
 
 
-WRAP_AROUND = Limit(
-    name="wrap-around",
-    quantity="share of a side that light reaches which wrapped around",
-    reason="a modulator has edges; geometric walk-off of the steepest ray",
-    measure=_wrapped_share,
-    at_most=0.0,
-)
-
-
 # --- samples a pixel ------------------------------------------------------------------------------------------------
 
 
@@ -234,6 +277,12 @@ def envelope_excess(upsample: int, cycles: float) -> float:
     return float(1 / np.sinc(cycles / upsample) ** 2 - 1)
 
 
+@_limit(
+    "samples a pixel",
+    quantity="excess of power at the edge of what passes of the first order",
+    reason="1/sinc²(f/u) − 1 at f ≤ 1/2 cycle a pixel: 147 % for u = 1, 23 % for 2, 5 % for 4",
+    at_most=_ENVELOPE_EXCESS,
+)
 def _envelope(plan: Plan) -> Measured | None:
     if plan.system.is_field:  # a field is known at points and has no pixels
         return None
@@ -252,18 +301,23 @@ def _envelope(plan: Plan) -> Measured | None:
     )
 
 
-SAMPLES_A_PIXEL = Limit(
-    name="samples a pixel",
-    quantity="excess of power at the edge of what passes of the first order",
-    reason="1/sinc²(f/u) − 1 at f ≤ 1/2 cycle a pixel: 147 % for u = 1, 23 % for 2, 5 % for 4",
-    measure=_envelope,
-    at_most=_ENVELOPE_EXCESS,
-)
+_limit(
+    "stops on the grid",
+    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
+    reason="a single one is a uniform picture whatever the patterns, and its brightness depends on the grid",
+    at_least=2.0,
+)(_light_left)
 
 
 # --- stops and oblique light ----------------------------------------------------------------------------------------
 
 
+@_limit(
+    "stops beyond the samples",
+    quantity="farthest direction that the stops pass along an axis, in that of the samples, λ/(2·dx)",
+    reason="light between the two would pass the bench and isn't computed (Nyquist)",
+    at_most=1.0,
+)
 def _stops(plan: Plan) -> Measured | None:
     pitch_m, dx = plan.system.modulators[0].pitch_m, plan.grid.pitch_m
     stopped = [(number, plan.relays[number]) for _, number, _ in paths(plan) if plan.relays[number].has_aperture]
@@ -283,15 +337,12 @@ def _stops(plan: Plan) -> Measured | None:
     )
 
 
-STOPS = Limit(
-    name="stops beyond the samples",
-    quantity="farthest direction that the stops pass along an axis, in that of the samples, λ/(2·dx)",
-    reason="light between the two would pass the bench and isn't computed (Nyquist)",
-    measure=_stops,
-    at_most=1.0,
+@_limit(
+    "oblique light",
+    quantity="phase slope of the illumination, turns a sample",
+    reason="a wave of more than half a turn a sample is aliased to another direction (Nyquist)",
+    at_most=0.5,
 )
-
-
 def _obliqueness(plan: Plan) -> Measured:
     turns = float(np.abs(plan.slopes).max())
     return Measured(
@@ -300,15 +351,6 @@ def _obliqueness(plan: Plan) -> Measured:
         "source",
         "raise upsample or reduce the angle",
     )
-
-
-OBLIQUE_LIGHT = Limit(
-    name="oblique light",
-    quantity="phase slope of the illumination, turns a sample",
-    reason="a wave of more than half a turn a sample is aliased to another direction (Nyquist)",
-    measure=_obliqueness,
-    at_most=0.5,
-)
 
 
 # --- single precision -----------------------------------------------------------------------------------------------
@@ -320,6 +362,12 @@ def remainder_turns(waves: float, squared_sine: float) -> float:
     return waves * (a / (1 + math.sqrt(1 - a)) - a / 2)
 
 
+@_limit(
+    "single precision",
+    quantity="rounding of the steepest light's phase on a GPU, rad",
+    reason="three roundings of the phase beyond the paraxial one; 0.01 rad change an interference by 1 %",
+    at_most=_PHASE_ERROR,
+)
 def _phase_error(plan: Plan) -> Measured:
     grid, worst, worst_key = plan.grid, 0.0, ""
     for key, number, distance_m in paths(plan):
@@ -340,15 +388,6 @@ def _phase_error(plan: Plan) -> Measured:
     )
 
 
-SINGLE_PRECISION = Limit(
-    name="single precision",
-    quantity="rounding of the steepest light's phase on a GPU, rad",
-    reason="three roundings of the phase beyond the paraxial one; 0.01 rad change an interference by 1 %",
-    measure=_phase_error,
-    at_most=_PHASE_ERROR,
-)
-
-
 # --- scalar diffraction -----------------------------------------------------------------------------------------------
 
 
@@ -358,6 +397,12 @@ PIXEL_WAVELENGTHS = 1 / (math.sqrt(2) * math.sqrt(1 - _COSINE**2))
 """Pixels whose first order reaches that direction in its corners, λ/(√2·p): 2.26 wavelengths."""
 
 
+@_limit(
+    "pixels near the wavelength",
+    quantity="pixel pitch in wavelengths, at the longest one",
+    reason="the field of the two polarisations differs by cos θ, 5 % in the first order's corners, sin θ = λ/(√2·p)",
+    at_least=PIXEL_WAVELENGTHS,
+)
 def _pixel_wavelengths(plan: Plan) -> Measured:
     pitch_m, λ = plan.system.modulators[0].pitch_m, float(lit_wavelengths(plan).max())
     return Measured(
@@ -367,15 +412,6 @@ def _pixel_wavelengths(plan: Plan) -> Measured:
         "pitch",
         "compute such a modulator by a rigorous theory",
     )
-
-
-PIXELS = Limit(
-    name="pixels near the wavelength",
-    quantity="pixel pitch in wavelengths, at the longest one",
-    reason="the field of the two polarisations differs by cos θ, 5 % in the first order's corners, sin θ = λ/(√2·p)",
-    measure=_pixel_wavelengths,
-    at_least=PIXEL_WAVELENGTHS,
-)
 
 
 def evanescent_share(half_side: float) -> float:
@@ -392,6 +428,12 @@ def evanescent_share(half_side: float) -> float:
     return 1 - inside / (4 * half_side**2)
 
 
+@_limit(
+    "evanescent orders",
+    quantity="share of the first order that doesn't propagate, at the longest wavelength",
+    reason="sin θ > 1 for frequencies above 1/λ; pixels below λ/√2 have such orders",
+    at_most=0.0,
+)
 def _evanescent(plan: Plan) -> Measured:
     λ = float(lit_wavelengths(plan).max())
     share = evanescent_share(λ / (2 * plan.system.modulators[0].pitch_m))
@@ -404,15 +446,12 @@ def _evanescent(plan: Plan) -> Measured:
     )
 
 
-EVANESCENT = Limit(
-    name="evanescent orders",
-    quantity="share of the first order that doesn't propagate, at the longest wavelength",
-    reason="sin θ > 1 for frequencies above 1/λ; pixels below λ/√2 have such orders",
-    measure=_evanescent,
-    at_most=0.0,
+@_limit(
+    "near field",
+    quantity="shortest distance above 0 in wavelengths, at the longest one",
+    reason="an evanescent wave of sin θ = √2 has fallen to exp(−2π·z/λ) of its amplitude: 0.2 % at one wavelength",
+    at_least=1.0,
 )
-
-
 def _distance_in_waves(plan: Plan) -> Measured | None:
     distances = [(z, "gap") for key, _, z in paths(plan) if key == "gap" and z > 0]
     distances += [(abs(z), "planes") for z in plan.distances_m.ravel().tolist() if z != 0]
@@ -428,15 +467,6 @@ def _distance_in_waves(plan: Plan) -> Measured | None:
     )
 
 
-NEAR_FIELD = Limit(
-    name="near field",
-    quantity="shortest distance above 0 in wavelengths, at the longest one",
-    reason="an evanescent wave of sin θ = √2 has fallen to exp(−2π·z/λ) of its amplitude: 0.2 % at one wavelength",
-    measure=_distance_in_waves,
-    at_least=1.0,
-)
-
-
 # --- broad lines and extended sources ---------------------------------------------------------------------------------
 
 
@@ -444,6 +474,12 @@ _LEAST_RESPONSE = 0.5 / 255 / 12.92  # half a level of 8 bits on the linear part
 _VISIBLE_M = np.arange(390e-9, 831e-9, 5e-9)
 
 
+@_limit(
+    "observer's response",
+    quantity="the largest of X, Y, Z at the wavelength that is seen worst, in that of the wavelength seen best",
+    reason="half a level of 8-bit sRGB next to black, 1/(2·255·12.92): less changes no pixel even of a dark picture",
+    at_least=_LEAST_RESPONSE,
+)
 def _response(plan: Plan) -> Measured | None:
     observer = plan.system.observer
     if observer == "mono":
@@ -461,15 +497,12 @@ def _response(plan: Plan) -> Measured | None:
     )
 
 
-OBSERVER = Limit(
-    name="observer's response",
-    quantity="the largest of X, Y, Z at the wavelength that is seen worst, in that of the wavelength seen best",
-    reason="half a level of 8-bit sRGB next to black, 1/(2·255·12.92): less changes no pixel even of a dark picture",
-    measure=_response,
-    at_least=_LEAST_RESPONSE,
+@_limit(
+    "samples of lines and sources",
+    quantity="phase between neighbouring samples of a broad line or an extended source, rad",
+    reason="half a fringe: a sum of samples holds a continuum's interference up to π between them (Nyquist)",
+    at_most=math.pi,
 )
-
-
 def _sample_phase(plan: Plan) -> Measured | None:
     active = ActiveEffects(plan.nominal.effect_values)
     steps = [(effect.sample_phase(plan.nominal, values), effect.id) for effect, values in active.pairs]
@@ -483,15 +516,6 @@ def _sample_phase(plan: Plan) -> Measured | None:
         f"effects.{name}",
         "narrow the line or the source, or shorten the distances",
     )
-
-
-CONTINUUM = Limit(
-    name="samples of lines and sources",
-    quantity="phase between neighbouring samples of a broad line or an extended source, rad",
-    reason="half a fringe: a sum of samples holds a continuum's interference up to π between them (Nyquist)",
-    measure=_sample_phase,
-    at_most=math.pi,
-)
 
 
 # --- the eye ----------------------------------------------------------------------------------------------------------
@@ -523,6 +547,12 @@ def _worst_share(plan: Plan, orders: float) -> tuple[float, float] | None:
     )
 
 
+@_limit(
+    "pupil beside the eyebox",
+    quantity="share of the pupil in the eyebox of the first order, at the worst wavelength",
+    reason="outside, only higher orders arrive, whose strength depends on the real pixels' shape",
+    at_least=_LEAST_SHARE,
+)
 def _in_eyebox(plan: Plan) -> Measured | None:
     worst = _worst_share(plan, 1.0)
     if worst is None:
@@ -537,15 +567,12 @@ def _in_eyebox(plan: Plan) -> Measured | None:
     )
 
 
-EYEBOX = Limit(
-    name="pupil beside the eyebox",
-    quantity="share of the pupil in the eyebox of the first order, at the worst wavelength",
-    reason="outside, only higher orders arrive, whose strength depends on the real pixels' shape",
-    measure=_in_eyebox,
-    at_least=_LEAST_SHARE,
+@_limit(
+    "pupil beyond the samples",
+    quantity="share of the pupil in the directions that the samples hold, λ/(2·dx), at the worst wavelength",
+    reason="light beyond would enter the eye and isn't computed (Nyquist)",
+    at_least=1.0,
 )
-
-
 def _in_samples(plan: Plan) -> Measured | None:
     worst = _worst_share(plan, float(plan.grid.upsample))
     if worst is None:
@@ -560,80 +587,12 @@ def _in_samples(plan: Plan) -> Measured | None:
     )
 
 
-PUPIL_SAMPLES = Limit(
-    name="pupil beyond the samples",
-    quantity="share of the pupil in the directions that the samples hold, λ/(2·dx), at the worst wavelength",
-    reason="light beyond would enter the eye and isn't computed (Nyquist)",
-    measure=_in_samples,
-    at_least=1.0,
-)
-
-
 # --- all limits -------------------------------------------------------------------------------------------------------
-
-
-def _light_left(plan: Plan) -> Measured:
-    """The frequencies that pass a relay at the wavelength that passes best, of the relay that passes fewer."""
-    lit = [i for i in range(len(plan.system.wavelengths_m)) if plan.lit(i)]
-    fewest, relay = min(
-        (max(_count_passing(plan.stop_rows(relay, i)) for i in lit), relay) for _, relay, _ in paths(plan)
-    )
-    return Measured(
-        float(fewest),
-        "no light passes its stops" if fewest == 0 else "a single frequency of the samples passes its stops",
-        f"relay{relay + 1}",
-        "widen them, move them to light that the samples hold, or raise padding or upsample",
-    )
-
-
-def _count_passing(support: Integers) -> int:
-    """How many frequencies a support passes (`Transfer.support`)."""
-    smallest, low, high = support.astype(np.int64).T
-    blocked = np.minimum(high, smallest - 1) - np.maximum(low, 1 - smallest) + 1
-    return int((high - low + 1 - np.maximum(blocked, 0)).sum())  # an empty row has the bounds (1, 0)
-
-
-LIGHT_LEFT = Limit(
-    name="light left",
-    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
-    reason="no frequency is darkness",
-    measure=_light_left,
-    at_least=1.0,
-    refuses=True,
-)
-
-STOPS_RESOLVED = Limit(
-    name="stops on the grid",
-    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
-    reason="a single one is a uniform picture whatever the patterns, and its brightness depends on the grid",
-    measure=_light_left,
-    at_least=2.0,
-)
-
-LIMITS: tuple[Limit, ...] = (
-    BAND_LEFT,
-    LIGHT_LEFT,
-    BAND_LIMIT,
-    WRAP_AROUND,
-    SAMPLES_A_PIXEL,
-    STOPS_RESOLVED,
-    STOPS,
-    OBLIQUE_LIGHT,
-    SINGLE_PRECISION,
-    PIXELS,
-    EVANESCENT,
-    NEAR_FIELD,
-    OBSERVER,
-    CONTINUUM,
-    EYEBOX,
-    PUPIL_SAMPLES,
-)
-"""All limits, those that refuse first."""
 
 
 def read_limits(plan: Plan) -> tuple[Reading, ...]:
     """The verdict of each limit that applies to a plan, in the order of `LIMITS`."""
-    measured = ((limit, limit.measure(plan)) for limit in LIMITS)
+    measured = ((limit, limit.measure(plan)) for limit in LIMITS.values())
     return tuple(Reading(limit, found) for limit, found in measured if found is not None)
 
 
@@ -644,7 +603,7 @@ def exceeded_limits(plan: Plan) -> tuple[str, ...]:
 
 def check_plan(plan: Plan) -> Plan:
     """The plan. Raises UserError where its sampling or its stops leave nothing of the patterns to see."""
-    for limit in LIMITS:
+    for limit in LIMITS.values():
         found = limit.measure(plan) if limit.refuses else None
         if found is not None and not limit.is_kept_by(found.value):
             expected = f"{limit.quantity}: {limit.threshold}"

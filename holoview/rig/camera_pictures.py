@@ -37,7 +37,7 @@ from holoview.rig.devices import (
     DeviceGone,
     Levels,
     ModulatorDevice,
-    WrappedCamera,
+    Wrapped,
 )
 from holoview.util.progress import TextCallback
 
@@ -154,7 +154,7 @@ class PictureCheck:
         return np.log(chance).sum(axis=1)
 
 
-class CheckedCamera(WrappedCamera):
+class CheckedCamera(Wrapped[CameraDevice]):
     """A camera whose pictures are checked, and taken again where one is wrong or doesn't come.
 
     tell: called with a sentence on each of those.

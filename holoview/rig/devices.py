@@ -5,7 +5,7 @@ phases.
 
 protocols           ModulatorDevice, CameraDevice, LasersDevice, StageDevice, BenchClock
 Devices             the open devices of a rig, which are closed with the lasers off first
-Wrapped…            a device in the place of another one, which it uses: base of limits, checks and safeguards
+Wrapped             a device in the place of another one, which it uses: base of limits, checks and safeguards
 call_device         what a vendor's library raises becomes a DeviceError
 limit_devices       lasers, camera and stage that can't leave the safety limits of a rig, whatever a plan asks for
 """
@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,86 +158,18 @@ class Devices:
             raise Interrupted(asked.signal)
 
 
-@dataclass(eq=False)
-class WrappedModulator:
-    """A modulator in the place of another one, `device`; subclasses change some of its methods."""
-
-    device: ModulatorDevice
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.device.shape
-
-    @property
-    def settle_s(self) -> float:
-        return self.device.settle_s
-
-    def show(self, levels: Levels) -> None:
-        self.device.show(levels)
-
-    def close(self) -> None:
-        self.device.close()
+Kind = TypeVar("Kind")
 
 
 @dataclass(eq=False)
-class WrappedCamera:
-    """A camera in the place of another one, `device`; subclasses change some of its methods."""
+class Wrapped(Generic[Kind]):
+    """A device in the place of another one of its kind, `device`; subclasses change some of its methods."""
 
-    device: CameraDevice
+    device: Kind
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.device.shape
-
-    @property
-    def exposures_s(self) -> tuple[float, float]:
-        return self.device.exposures_s
-
-    def set_exposure(self, exposure_s: float) -> float:
-        return self.device.set_exposure(exposure_s)
-
-    def take(self) -> Counts:
-        return self.device.take()
-
-    def close(self) -> None:
-        self.device.close()
-
-
-@dataclass(eq=False)
-class WrappedLasers:
-    """Lasers in the place of others, `device`; subclasses change some of their methods."""
-
-    device: LasersDevice
-
-    @property
-    def wavelengths_m(self) -> tuple[float, ...]:
-        return self.device.wavelengths_m
-
-    def switch_on(self, wavelength_m: float, power: float) -> None:
-        self.device.switch_on(wavelength_m, power)
-
-    def switch_off(self) -> None:
-        self.device.switch_off()
-
-    def close(self) -> None:
-        self.device.close()
-
-
-@dataclass(eq=False)
-class WrappedStage:
-    """A stage in the place of another one, `device`; subclasses change some of its methods."""
-
-    device: StageDevice
-
-    @property
-    def range_m(self) -> tuple[float, float]:
-        return self.device.range_m
-
-    def move_to(self, distance_m: float) -> float:
-        return self.device.move_to(distance_m)
-
-    def close(self) -> None:
-        self.device.close()
+    def __getattr__(self, name: str) -> Any:
+        """Methods and properties that aren't changed are those of the device."""
+        return getattr(self.device, name)
 
 
 def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:
@@ -298,7 +230,7 @@ def limit_devices(devices: Devices, limits: SafetyLimits) -> Devices:
 
 
 @dataclass(eq=False)
-class _LimitedCamera(WrappedCamera):
+class _LimitedCamera(Wrapped[CameraDevice]):
     limits: SafetyLimits
 
     @property
@@ -312,7 +244,7 @@ class _LimitedCamera(WrappedCamera):
 
 
 @dataclass(eq=False)
-class _LimitedLasers(WrappedLasers):
+class _LimitedLasers(Wrapped[LasersDevice]):
     limits: SafetyLimits
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
@@ -321,7 +253,7 @@ class _LimitedLasers(WrappedLasers):
 
 
 @dataclass(eq=False)
-class _LimitedStage(WrappedStage):
+class _LimitedStage(Wrapped[StageDevice]):
     limits: SafetyLimits
 
     @property

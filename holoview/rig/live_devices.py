@@ -14,19 +14,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from threading import Condition, Lock, Thread
-from typing import Any, cast
+from typing import Any
 
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import (
-    BenchClock,
-    CameraDevice,
-    DeviceError,
-    Devices,
-    LasersDevice,
-    ModulatorDevice,
-    StageDevice,
-    WrappedLasers,
-)
+from holoview.rig.devices import DeviceError, Devices, LasersDevice, Wrapped
 
 OFF_TIMEOUT_S = 3.0
 """How long lasers may take to confirm that they are off."""
@@ -244,7 +235,7 @@ class DeviceWorker:
         self._deliver(lambda: None if self._is_abandoned else call())
 
 
-class LaserInterlock(WrappedLasers):
+class LaserInterlock(Wrapped[LasersDevice]):
     """Lasers of a rig. Calls have rising numbers: those up to the last `forbid` can't switch a laser on any more.
 
     A thread that is inside a call of another device may go on with a plan long after the lasers were switched off by
@@ -350,27 +341,28 @@ def watch_devices(devices: Devices, lasers: LasersDevice, watch: DeviceWatch) ->
     """The same devices, with `lasers` as lasers, each call of which is seen by `watch`."""
     names = ("the modulator",) if len(devices.modulators) == 1 else ("modulator 1", "modulator 2")
     return Devices(
-        tuple(cast(ModulatorDevice, _Watched(m, n, watch)) for m, n in zip(devices.modulators, names, strict=True)),
-        cast(CameraDevice, _Watched(devices.camera, "the camera", watch)),
-        cast(LasersDevice, _Watched(lasers, "the lasers", watch)),
-        cast(StageDevice, _Watched(devices.stage, "the stage", watch)),
-        cast(BenchClock, _Watched(devices.clock, "the patterns to settle", watch)),
+        tuple(_Watched(own, name, watch) for own, name in zip(devices.modulators, names, strict=True)),
+        _Watched(devices.camera, "the camera", watch),
+        _Watched(lasers, "the lasers", watch),
+        _Watched(devices.stage, "the stage", watch),
+        _Watched(devices.clock, "the patterns to settle", watch),
     )
 
 
-class _Watched:
-    """A device with the attributes of another device, whose methods are watched; of any kind, also a clock."""
+class _Watched(Wrapped[Any]):
+    """A device of any kind, also a clock, each call of whose methods is seen by `watch` as of `name`."""
 
     def __init__(self, device: object, name: str, watch: DeviceWatch) -> None:
-        self._device, self._name, self._watch = device, name, watch
+        super().__init__(device)
+        self._name, self._watch = name, watch
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(self._device, name)
-        return self._watched(found) if callable(found) else found
+        found = super().__getattr__(name)
+        if not callable(found):
+            return found
 
-    def _watched(self, method: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **keywords: Any) -> Any:
             with self._watch.waiting_for(self._name):
-                return method(*arguments, **keywords)
+                return found(*arguments, **keywords)
 
         return call

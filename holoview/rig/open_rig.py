@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
-from holoview.rig.devices import BenchClock, Devices, LasersDevice, WrappedLasers, limit_devices
+from holoview.rig.devices import BenchClock, Devices, LasersDevice, Wrapped, limit_devices
 from holoview.rig.kinds.manual import open_manual
 from holoview.rig.kinds.micromanager import SharedCore, open_micromanager
 from holoview.rig.kinds.python_file import open_python
@@ -133,7 +133,7 @@ def _opener(rig: RigDescription, spec: DeviceSpec) -> Opener:
     return KINDS[spec.kind]
 
 
-class GuardedLasers(WrappedLasers):
+class GuardedLasers(Wrapped[LasersDevice]):
     """Lasers, and the process that switches them off if this one can't. rig_path: where they are described."""
 
     def __init__(self, lasers: LasersDevice, rig_path: Path) -> None:

@@ -31,7 +31,7 @@ import tomli_w
 
 from holoview.captures.dataset import ORIENTATIONS, oriented_shape, undone
 from holoview.model.fields import Array, Number
-from holoview.rig.devices import Counts, Devices, Levels, WrappedCamera, WrappedModulator, WrappedStage
+from holoview.rig.devices import CameraDevice, Counts, Devices, Levels, ModulatorDevice, StageDevice, Wrapped
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
@@ -230,7 +230,7 @@ def register_devices(devices: Devices, registration: Registration) -> Devices:
 
 
 @dataclass(eq=False)
-class _RegisteredModulator(WrappedModulator):
+class _RegisteredModulator(Wrapped[ModulatorDevice]):
     turn: str
 
     def show(self, levels: Levels) -> None:
@@ -238,7 +238,7 @@ class _RegisteredModulator(WrappedModulator):
 
 
 @dataclass(eq=False)
-class _RegisteredCamera(WrappedCamera):
+class _RegisteredCamera(Wrapped[CameraDevice]):
     registration: Registration
 
     @property
@@ -252,7 +252,7 @@ class _RegisteredCamera(WrappedCamera):
 
 
 @dataclass(eq=False)
-class _RegisteredStage(WrappedStage):
+class _RegisteredStage(Wrapped[StageDevice]):
     registration: Registration
 
     @property

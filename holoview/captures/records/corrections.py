@@ -21,7 +21,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,28 +45,40 @@ ORDER = (
 """The ids of all kinds of wrong records."""
 
 
+class Words(NamedTuple):
+    """The name of a wrong record: see the properties of `Correction`."""
+
+    effect: str
+    choice: str
+    sentence: str
+
+
 @dataclass(frozen=True)
 class Correction(ABC):
     """A wrong record that can be put right. Instances are small and comparable."""
 
-    @property
     @abstractmethod
-    def effect(self) -> str:
-        """The id of the wrong record, one of `ORDER`."""
-
-    @property
-    @abstractmethod
-    def choice(self) -> str:
-        """The mistake in the records, as a short text; empty where the id says it all."""
-
-    @property
-    @abstractmethod
-    def sentence(self) -> str:
-        """The finding in words."""
+    def words(self) -> Words:
+        """How the wrong record is named."""
 
     @abstractmethod
     def apply(self, captures: Captures) -> Captures:
         """The captures with this record as it should have been."""
+
+    @property
+    def effect(self) -> str:
+        """The id of the wrong record, one of `ORDER`."""
+        return self.words().effect
+
+    @property
+    def choice(self) -> str:
+        """The mistake in the records, as a short text; empty where the id says it all."""
+        return self.words().choice
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return self.words().sentence
 
     @property
     def label(self) -> str:
@@ -118,17 +130,9 @@ class SlmOrientation(Correction):
     slm: int
     orientation: str
 
-    @property
-    def effect(self) -> str:
-        return f"slm{self.slm + 1}_orientation"
-
-    @property
-    def choice(self) -> str:
-        return self.orientation
-
-    @property
-    def sentence(self) -> str:
-        return f"The patterns of modulator {self.slm + 1} are recorded {ORIENTATION_WORDS[self.orientation]}."
+    def words(self) -> Words:
+        sentence = f"The patterns of modulator {self.slm + 1} are recorded {ORIENTATION_WORDS[self.orientation]}."
+        return Words(f"slm{self.slm + 1}_orientation", self.orientation, sentence)
 
     def apply(self, captures: Captures) -> Captures:
         return with_levels(captures, self.slm, undone(captures.levels[:, self.slm], self.orientation))
@@ -140,17 +144,9 @@ class CameraOrientation(Correction):
 
     orientation: str
 
-    @property
-    def effect(self) -> str:
-        return "camera_orientation"
-
-    @property
-    def choice(self) -> str:
-        return self.orientation
-
-    @property
-    def sentence(self) -> str:
-        return f"The camera's pictures are recorded {ORIENTATION_WORDS[self.orientation]}."
+    def words(self) -> Words:
+        sentence = f"The camera's pictures are recorded {ORIENTATION_WORDS[self.orientation]}."
+        return Words("camera_orientation", self.orientation, sentence)
 
     def apply(self, captures: Captures) -> Captures:
         return dataclasses.replace(captures, images=self.undone(captures.images))
@@ -178,9 +174,8 @@ def orientation_candidates(captures: Captures) -> list[Correction]:
 class SlmExchange(Correction):
     """The patterns of the two modulators are exchanged."""
 
-    effect = "slm_exchange"
-    choice = ""
-    sentence = "The patterns of the two modulators are exchanged in the records."
+    def words(self) -> Words:
+        return Words("slm_exchange", "", "The patterns of the two modulators are exchanged in the records.")
 
     def apply(self, captures: Captures) -> Captures:
         return dataclasses.replace(captures, levels=captures.levels[:, ::-1])
@@ -198,15 +193,9 @@ class SlmInversion(Correction):
 
     slm: int
 
-    choice = ""
-
-    @property
-    def effect(self) -> str:
-        return f"slm{self.slm + 1}_inverted"
-
-    @property
-    def sentence(self) -> str:
-        return f"The levels of modulator {self.slm + 1} are recorded inverted: the highest level stands for 0."
+    def words(self) -> Words:
+        sentence = f"The levels of modulator {self.slm + 1} are recorded inverted: the highest level stands for 0."
+        return Words(f"slm{self.slm + 1}_inverted", "", sentence)
 
     def apply(self, captures: Captures) -> Captures:
         levels = captures.levels[:, self.slm]
@@ -237,26 +226,19 @@ class PatternOffset(Correction):
     with_settings: bool = False
     wraps: bool = True
 
-    effect = "capture_order"
-
     @property
     def is_plain(self) -> bool:
         """Whether it concerns the patterns of all modulators, and nothing else."""
         return not self.with_settings and len(self.slms) == self.modulators
 
-    @property
-    def choice(self) -> str:
+    def words(self) -> Words:
         which = f" of modulator {self.slms[0] + 1}" if len(self.slms) < self.modulators else ""
-        return f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"
-
-    @property
-    def sentence(self) -> str:
-        one = len(self.slms) < self.modulators
-        who = f"The patterns of modulator {self.slms[0] + 1}" if one else "The patterns"
-        also = ", with their wavelengths, distances, powers and exposures," * self.with_settings
+        choice = f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"
+        who = f"The patterns{which}{', with their wavelengths, distances, powers and exposures,' * self.with_settings}"
         count, where = abs(self.offset), "later" if self.offset > 0 else "earlier"
         ends = "" if self.wraps else " Captures whose pattern isn't in the file are left out."
-        return f"{who}{also} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
+        sentence = f"{who} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
+        return Words("capture_order", choice, sentence)
 
     def apply(self, captures: Captures) -> Captures:
         levels = captures.levels.copy()
@@ -316,9 +298,9 @@ class ColumnCorrection(Correction):
 
     column: Column
 
-    @property
-    def effect(self) -> str:
-        return f"{self.column}_order"
+    def words_of_column(self, choice: str, sentence: str) -> Words:
+        """The words with the id of the column's order."""
+        return Words(f"{self.column}_order", choice, sentence)
 
 
 @dataclass(frozen=True)
@@ -331,21 +313,16 @@ class ValueOrder(ColumnCorrection):
     permutation: tuple[int, ...]
     values: tuple[float, ...]
 
-    @property
-    def choice(self) -> str:
-        if self.permutation == tuple(reversed(range(len(self.permutation)))):
-            return "reversed"
-        return f"permutation:{','.join(map(str, self.permutation))}"
-
-    @property
-    def sentence(self) -> str:
+    def words(self) -> Words:
+        is_reversed = self.permutation == tuple(reversed(range(len(self.permutation))))
+        choice = "reversed" if is_reversed else f"permutation:{','.join(map(str, self.permutation))}"
         scale, unit = _SHOWN[self.column]
         moved = [
             f"{self.values[i] * scale:.6g} {unit} stands for {self.values[p] * scale:.6g} {unit}"
             for i, p in enumerate(self.permutation)
             if i != p
         ]
-        return f"The {self.column}s are mixed up in the records: {', '.join(moved)}."
+        return self.words_of_column(choice, f"The {self.column}s are mixed up in the records: {', '.join(moved)}.")
 
     def apply(self, captures: Captures) -> Captures:
         values, recorded = np.array(self.values), getattr(captures, _FIELDS[self.column])
@@ -358,11 +335,8 @@ class ValueOrder(ColumnCorrection):
 class ColumnReversal(ColumnCorrection):
     """The column stands in the file from the last capture to the first."""
 
-    choice = "reversed"
-
-    @property
-    def sentence(self) -> str:
-        return f"The {self.column}s are recorded from the last capture to the first."
+    def words(self) -> Words:
+        return self.words_of_column("reversed", f"The {self.column}s are recorded from the last capture to the first.")
 
     def apply(self, captures: Captures) -> Captures:
         return _replaced(captures, self.column, getattr(captures, _FIELDS[self.column])[::-1].copy())
@@ -379,13 +353,12 @@ class WrongUnit(ColumnCorrection):
     meant: str
     taken: str
 
-    @property
-    def choice(self) -> str:
-        return f"unit:{self.meant} taken as {self.taken}"
-
-    @property
-    def sentence(self) -> str:
-        return f"The {self.column}s are recorded in a wrong unit: numbers in {self.meant} were taken as {self.taken}."
+    def words(self) -> Words:
+        how = f"{self.meant} taken as {self.taken}"
+        sentence = (
+            f"The {self.column}s are recorded in a wrong unit: numbers in {self.meant} were taken as {self.taken}."
+        )
+        return self.words_of_column(f"unit:{how}", sentence)
 
     def apply(self, captures: Captures) -> Captures:
         return _replaced(captures, self.column, getattr(captures, _FIELDS[self.column]) / self.factor)

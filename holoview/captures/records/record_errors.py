@@ -40,6 +40,7 @@ from holoview.captures.records.corrections import (
     Hypothesis,
     PatternOffset,
     ValueOrder,
+    Words,
     apply_corrections,
     column_values,
     cyclic_orders,
@@ -79,16 +80,9 @@ class PowerOrder(Correction):
     way: str
     spreads: tuple[float, float] = (0.0, 0.0)
 
-    effect = "power_order"
-
-    @property
-    def choice(self) -> str:
-        return self.way
-
-    @property
-    def sentence(self) -> str:
+    def words(self) -> Words:
         how = {"reversed": "from the last capture to the first"}.get(self.way, f"for the wrong captures ({self.way})")
-        return f"The laser powers are recorded {how}."
+        return Words("power_order", self.way, f"The laser powers are recorded {how}.")
 
     def apply(self, captures: Captures) -> Captures:
         return dataclasses.replace(captures, power=captures.power[np.array(self.source)])
