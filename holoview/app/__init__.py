@@ -14,6 +14,7 @@ file_dialog         dialogs that choose a file, and offer sessions that a crash 
 desktop             file drops, and text and pictures of the clipboard
 panel               the base class of panels; drawing that may fail
 panels              the panels
+widgets             widgets that panels share: buttons of commands, combo boxes, coloured text, tooltips
 parameter_widgets   sliders and fields made from a parameter's metadata
 plots               small plots
 readout             texts of the image panel: values under the pointer, scores, labels

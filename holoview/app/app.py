@@ -17,10 +17,10 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.app.panels import ALL
-from holoview.app.parameter_widgets import tooltip
 from holoview.app.readout import add_score_commands
 from holoview.app.theme import THEMES
 from holoview.app.tour import Tour
+from holoview.app.widgets import tooltip
 from holoview.app.window import Window
 from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
 from holoview.document.file_loader import show_example
@@ -415,45 +415,25 @@ def _draw_windows(context: AppContext) -> None:
 
 def add_general_commands(context: AppContext) -> None:
     """Adds undo, redo, random patterns, the still life, quit and help to the commands."""
-    session, add = context.session, context.commands.add
-    add(
-        "Undo",
-        lambda: _post_undone(context, "Undone", session.undo()),
-        "Edit",
-        "Ctrl+Z",
-        is_enabled=lambda: session.can_undo,
-    )
-    add(
-        "Redo",
-        lambda: _post_undone(context, "Done again", session.redo()),
-        "Edit",
-        "Ctrl+Shift+Z Ctrl+Y",
-        is_enabled=lambda: session.can_redo,
-    )
-    add(
-        "Random patterns",
-        lambda: _randomise(context),
-        "Edit",
-        help="Others each time: another speckle on every modulator.",
-        is_enabled=lambda: not session.system.is_field,
-    )
-    add(
-        "Still life",
-        lambda: show_example(session),
-        "File",
-        help="The shipped hologram with its target, as at the first start.",
-    )
+    session, add, toggle = context.session, context.commands.add, context.help_overlay.toggle
+
+    def undo() -> None:
+        _post_undone(context, "Undone", session.undo())
+
+    def redo() -> None:
+        _post_undone(context, "Done again", session.redo())
+
+    add("Edit", "Undo", undo, "Ctrl+Z", is_enabled=lambda: session.can_undo)
+    add("Edit", "Redo", redo, "Ctrl+Shift+Z Ctrl+Y", is_enabled=lambda: session.can_redo)
+    others, has_patterns = "Others each time: another speckle on every modulator.", lambda: not session.system.is_field
+    add("Edit", "Random patterns", lambda: _randomise(context), help=others, is_enabled=has_patterns)
+    example = "The shipped hologram with its target, as at the first start."
+    add("File", "Still life", lambda: show_example(session), help=example)
     if not context.is_read_only:
         help = "All is saved as it is, and offered at the next start."
-        add("Quit", context.window.request_close, "File", "Ctrl+Q", help)
-    add("Keys", lambda: context.help_overlay.toggle("keys"), "Help", "? F1", "Every key and what it does.")
-    add(
-        "Commands",
-        lambda: context.help_overlay.toggle("palette"),
-        "Help",
-        "Ctrl+P Ctrl+Shift+P",
-        "Type what you want to do.",
-    )
+        add("File", "Quit", context.window.request_close, "Ctrl+Q", help)
+    add("Help", "Keys", lambda: toggle("keys"), "? F1", "Every key and what it does.")
+    add("Help", "Commands", lambda: toggle("palette"), "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
 
 
 def _randomise(context: AppContext) -> None:

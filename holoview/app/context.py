@@ -68,11 +68,15 @@ class CommandRegistry:
     def __iter__(self) -> Iterator[Command]:
         return iter(self._by_name.values())
 
+    def get(self, name: str) -> Command | None:
+        """The command of a name; None where this viewer hasn't got it."""
+        return self._by_name.get(name)
+
     def add(
         self,
+        group: str,
         name: str,
         action: Action,
-        group: str,
         keys: str = "",
         help: str = "",
         *,

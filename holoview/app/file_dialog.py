@@ -10,7 +10,7 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import tooltip
 from holoview.document.editing_session import EditingSession
 from holoview.document.session_store import SavedSession, SessionStore
 from holoview.util.errors import UserError

@@ -10,6 +10,7 @@ from typing import Any
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
+from holoview.app.widgets import combo, tooltip
 from holoview.model.effects.effect import ListParameter, Parameter
 from holoview.model.fields import Array, Choice, Coefficients, Integer, Nested, Number, Truth, fields_by_key
 from holoview.model.stops import APERTURE, CentreField, SquareField, SquareStop
@@ -18,7 +19,6 @@ from holoview.util import units
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
 _MAX_RATIO = 1000.0  # of the limits of a kind, up to which a slider covers its whole range
 _PRIOR_MULTIPLE = 5.0  # the limit of an effect's slider, as a multiple of the parameter's prior
-_TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a panel
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,8 @@ def count_field(name: str, kind: Integer, value: int, reset: int, doc: str) -> W
 
 def choice_field(name: str, kind: Choice, value: str, doc: str) -> WidgetEdit | None:
     """Draws a combo box of the kind's options; see `number_field`."""
-    options = list(kind.options)
-    changed, index = imgui.combo(name, options.index(value), options)
-    _tooltip_and_reset(doc)
-    return WidgetEdit(options[index], False) if changed else None
+    chosen = combo(name, value, kind.options, doc)
+    return WidgetEdit(chosen, False) if chosen != value else None
 
 
 def unit_scale(kind: Number) -> float:
@@ -131,21 +129,6 @@ def _slider(
 def _rounded(shown: float) -> float:
     """Rounds to six digits, so that a slider's float32 isn't written to a preset as 2.0000000949949026 mm."""
     return float(f"{shown:.6g}")
-
-
-def tooltip(text: str) -> None:
-    """Shows a tooltip while the pointer rests on the last item."""
-    if text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
-        show_tooltip(text)
-
-
-def show_tooltip(text: str) -> None:
-    """Shows a tooltip in this frame; lines that are longer than a panel is wide are wrapped."""
-    if imgui.begin_tooltip():
-        imgui.push_text_wrap_pos(_TOOLTIP_EM * imgui.get_font_size())
-        imgui.text_unformatted(text)
-        imgui.pop_text_wrap_pos()
-        imgui.end_tooltip()
 
 
 def _tooltip_and_reset(doc: str) -> bool:
@@ -290,11 +273,10 @@ def square_field(name: str, value: SquareStop | None, pitch_m: float, doc: str) 
 
     Returns what a preset would state: None, a number or text; None instead of an edit if nothing was edited.
     """
-    now, kinds = _kind(value), list(_KINDS)
-    changed, index = imgui.combo(name, kinds.index(now), kinds)
-    tooltip(f"{doc}\n{_KINDS[now]}")
-    if changed and kinds[index] != now:
-        return WidgetEdit(SquareField().to_toml(_of_kind(kinds[index], value, pitch_m)), False)
+    now = _kind(value)
+    chosen = combo(name, now, tuple(_KINDS), f"{doc}\n{_KINDS[now]}")
+    if chosen != now:
+        return WidgetEdit(SquareField().to_toml(_of_kind(chosen, value, pitch_m)), False)
     return None if value is None else _size_field(value, pitch_m)
 
 

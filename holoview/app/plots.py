@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from holoview.app import theme
 from holoview.app.context import AppContext
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import tooltip
 from holoview.document.focus_edits import dioptres_text, pupil_diameter_m
 from holoview.metrics.speckle import RetinalCurve, independent_patterns
 

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import pale, tooltip, wrapped_text
 from holoview.document.measurements import ImageScore, image_psnr_db, sample_pixel
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
 from holoview.render.page_images import SeenField
@@ -27,9 +27,7 @@ def draw_readout(context: AppContext, position: tuple[float, float] | None) -> N
         tooltip(f"Amplitude and phase, real and imaginary part of this sample. {context.page_images.seen_field.scale}")
         return
     if position is None or view.page in DERIVED_PAGES:
-        imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
-        imgui.text_wrapped(describe_image(context))
-        imgui.pop_style_color()
+        wrapped_text(describe_image(context), pale())
         _offer_next_score(context, view)
         return
     imgui.text_wrapped(describe_pixel(context, int(position[0] * shape[1]), int(position[1] * shape[0])))
@@ -171,10 +169,10 @@ def draw_centred_text(text: str, size: tuple[int, int]) -> None:
 
 def add_score_commands(context: AppContext) -> None:
     """Adds a command for each score, and one for none, to the menu of the image."""
-    add, choose = context.commands.add, partial(_choose, context)
-    add("Score: PSNR alone", partial(choose, ""), "Image", help="No other score beside it.")
+    add, choose = partial(context.commands.add, "Image"), partial(_choose, context)
+    add("Score: PSNR alone", partial(choose, ""), help="No other score beside it.")
     for name, score in PERCEPTUAL_SCORES.items():
-        add(f"Score: {score.title}", partial(choose, name), "Image", help=f"Beside the PSNR: {score.summary}.")
+        add(f"Score: {score.title}", partial(choose, name), help=f"Beside the PSNR: {score.summary}.")
 
 
 def choose_next_score(context: AppContext) -> None:

@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
-from numpy.typing import NDArray
 
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.file_dialog import FileDialog, FileRequest
-from holoview.app.parameter_widgets import tooltip
 from holoview.app.readout import draw_centred_text, draw_label
 from holoview.app.theme import laser_colour
-from holoview.app.viewport import Viewport, VisibleArea, visible_area_of
+from holoview.app.viewport import Viewport
+from holoview.app.widgets import button, coloured, combo, command_button, pale, share_of_width, tooltip, wrapped_text
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.document.document import middle_plane
 from holoview.experiment.live_view import FIRST, MOST, LivePicture, LiveView, cause_text
@@ -39,6 +38,7 @@ from holoview.render.view_settings import ViewSettings
 from holoview.rig.description import RigDescription
 from holoview.view import random_drive
 
+_SWITCHES_A_LINE = 4
 _OFF_HEIGHT = 2.2  # of the switch that turns the lasers off, in lines
 _RED = imgui.ImVec4(0.68, 0.10, 0.10, 1.0)
 _BRIGHT_RED = imgui.ImVec4(0.85, 0.16, 0.14, 1.0)
@@ -82,14 +82,9 @@ def _draw_state(context: AppContext, rig: RigSession, name: str) -> None:
     if rig.waiting:
         imgui.text_colored(theme.WARNING, rig.waiting)
     if rig.problem:
-        imgui.push_style_color(imgui.Col_.text, theme.ERROR)
-        imgui.text_wrapped(rig.problem)
-        imgui.pop_style_color()
-    is_stuck = rig.status == "failed" or bool(rig.waiting)
-    if is_stuck and not context.is_read_only:
-        if imgui.button("Connect again##rig", imgui.ImVec2(-1, 0)):
-            rig.reconnect()
-        context.record_item_rect("connect again")
+        wrapped_text(rig.problem, theme.ERROR)
+    if (rig.status == "failed" or rig.waiting) and not context.is_read_only:
+        command_button(context, "Connect again", "Connect again##rig", width=-1, name="connect again")
 
 
 def _draw_off(context: AppContext, rig: RigSession) -> None:
@@ -107,9 +102,7 @@ def _draw_off(context: AppContext, rig: RigSession) -> None:
     context.record_item_rect("lasers off")
     tooltip("Switches all lasers off at once and ends a plan. It doesn't wait for any other device.")
     if rig.off_problem:
-        imgui.push_style_color(imgui.Col_.text, theme.ERROR)
-        imgui.text_wrapped(rig.off_problem)
-        imgui.pop_style_color()
+        wrapped_text(rig.off_problem, theme.ERROR)
     elif rig.is_switching_off:
         imgui.text_colored(theme.WARNING, "switching off…")
     elif rig.state.wavelength_m is None:
@@ -135,21 +128,16 @@ class LaserSection:
         on_m = context.rig.state.wavelength_m
         if imgui.is_item_deactivated_after_edit() and on_m is not None and self.power is not None:
             context.attempt(context.rig.switch_on, on_m, self.power)
-        per_row = 4
-        spacing = imgui.get_style().item_spacing.x
-        width = (imgui.get_content_region_avail().x - (per_row - 1) * spacing) / per_row
+        width = share_of_width(_SWITCHES_A_LINE)
         for number, wavelength_m in enumerate(rig.wavelengths_m):
-            if number % per_row:
+            if number % _SWITCHES_A_LINE:
                 imgui.same_line()
             self._draw_switch(context, wavelength_m, wavelength_m == on_m, width, value if changed else power)
 
     def _draw_switch(self, context: AppContext, wavelength_m: float, is_on: bool, width: float, power: float) -> None:
-        colour = laser_colour(wavelength_m, 0.75 if is_on else 0.18)
-        imgui.push_style_color(imgui.Col_.button, colour)
         label = f"{wavelength_m * 1e9:.0f} nm"
-        is_clicked = imgui.button(label, imgui.ImVec2(width, 0))
-        imgui.pop_style_color()
-        context.record_item_rect(f"laser {label}")
+        with coloured(imgui.Col_.button, laser_colour(wavelength_m, 0.75 if is_on else 0.18)):
+            is_clicked = button(context, label, width=width, name=f"laser {label}")
         if is_clicked and is_on:
             context.rig.lasers_off()
         elif is_clicked:
@@ -168,16 +156,14 @@ class PatternSection:
     def draw(self, context: AppContext, rig: RigDescription, dialog: FileDialog) -> None:
         """Draws the kind of pattern with its number, and the button that sends it."""
         imgui.separator_text("Pattern")
-        _, index = imgui.combo("##kind", _KINDS.index(self.kind), list(_KINDS))
-        self.kind = _KINDS[index]
+        self.kind = combo("##kind", self.kind, _KINDS)
         if self.kind == "random":
             _, self.sigma_px = imgui.slider_float("smooth", self.sigma_px, 0.0, _MAX_BLUR_PX, "%.1f px")
             tooltip("Standard deviation of the blur, in pixels of the modulator.")
         elif self.kind == "flat":
             _, self.share = imgui.slider_float("level", self.share, 0.0, 1.0, "%.2f of the stroke")
-        if imgui.button("Send", imgui.ImVec2(-1, 0)):
+        if button(context, "Send", width=-1, name="send"):
             context.attempt(self._send, context, rig, dialog)
-        context.record_item_rect("send")
         sent = context.rig.state.pattern
         imgui.text_disabled("nothing was sent yet" if sent is None else f"shown: {sent.label}")
 
@@ -213,11 +199,10 @@ class PatternSection:
         elif self.kind == "flat":
             context.rig.send(flat_pattern(rig, self.share))
         else:
-            dialog.ask(
-                FileRequest(
-                    "Send a hologram", (".safetensors",), lambda path: context.rig.send(file_pattern(rig, path))
-                )
+            asked = FileRequest(
+                "Send a hologram", (".safetensors",), lambda path: context.rig.send(file_pattern(rig, path))
             )
+            dialog.ask(asked)
 
 
 @dataclass
@@ -240,9 +225,8 @@ class DeviceSection:
         context.record_item_rect("stage")
         self.target_m = 1e-3 * value if changed else self.target_m
         imgui.same_line()
-        if imgui.button("Move", imgui.ImVec2(-1, 0)):
+        if button(context, "Move", width=-1, name="move"):
             context.attempt(context.rig.move_to, 1e-3 * value)
-        context.record_item_rect("move")
         at_m = context.rig.state.distance_m
         imgui.text_disabled("it wasn't moved yet" if at_m is None else f"at {1e3 * at_m:.3f} mm")
 
@@ -253,20 +237,13 @@ class DeviceSection:
         if changed:
             session.set_live(is_live)
         imgui.same_line()
-        if imgui.button("Search exposure", imgui.ImVec2(-1, 0)):
+        tip = "Tries exposures until the picture fills the camera's range without saturation."
+        if button(context, "Search exposure", tip, width=-1, name="search exposure"):
             context.attempt(session.search_exposure)
-        context.record_item_rect("search exposure")
-        tooltip("Tries exposures until the picture fills the camera's range without saturation.")
         low, high = (1e3 * s for s in rig.limits.exposures_s)
         shown = 1e3 * (self.exposure_s or session.state.exposure_s or rig.limits.exposures_s[0])
-        changed, value = imgui.slider_float(
-            "exposure",
-            shown,
-            low,
-            high,
-            "%.3f ms",
-            imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.no_round_to_format,
-        )
+        flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.no_round_to_format
+        changed, value = imgui.slider_float("exposure", shown, low, high, "%.3f ms", flags)
         context.record_item_rect("exposure")
         self.exposure_s = 1e-3 * value if changed else self.exposure_s
         if imgui.is_item_deactivated_after_edit() and self.exposure_s is not None:
@@ -289,26 +266,20 @@ class CaptureSection:
         """Draws the buttons for captures and plans, and the progress of a plan."""
         rig = context.rig
         imgui.separator_text("Captures")
-        if imgui.button("Take a capture   F8", imgui.ImVec2(-1, 0)):
-            context.attempt(self.take, context)
-        context.record_item_rect("take a capture")
+        command_button(context, "Take a capture", "Take a capture   F8", width=-1, name="take a capture")
         _, self.searches_exposure = imgui.checkbox("search its exposure", self.searches_exposure)
-        half = imgui.ImVec2((imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2, 0)
-        job = rig.plan_job
+        half, job = share_of_width(2), rig.plan_job
         if job is not None:
             left = "" if job.seconds_left is None else f", {job.seconds_left:.0f} s left"
             imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), f"{job.note}{left}")
-            if imgui.button("Cancel the plan", imgui.ImVec2(-1, 0)):
+            if button(context, "Cancel the plan", width=-1, name="cancel the plan"):
                 rig.cancel_plan()
-            context.record_item_rect("cancel the plan")
         else:
-            if imgui.button("Default plan", half):
-                context.attempt(rig.run_plan, None)
-            context.record_item_rect("default plan")
+            command_button(context, "Run the default plan", "Default plan", width=half, name="default plan")
             imgui.same_line()
-            if imgui.button("A plan…", half):
+            tip = "Runs into a capture file beside rig.toml, which holoview measure can go on with."
+            if button(context, "A plan…", tip, width=half):
                 dialog.ask(FileRequest("Run a plan", (".toml",), rig.run_plan))
-            tooltip("Runs into a capture file beside rig.toml, which holoview measure can go on with.")
         imgui.text(f"{len(rig.captures)} captures")
         imgui.same_line()
         if imgui.button("Save as one file…", imgui.ImVec2(-1, 0)):
@@ -342,12 +313,9 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
     tooltip("Seconds that a search may take; what it has found by then is shown.")
     live.time_s = min(max(seconds, _TIMES_S[0]), _TIMES_S[1])
     imgui.same_line()
-    imgui.begin_disabled(count == 0)
-    if imgui.button("Now", imgui.ImVec2(-1, 0)):
+    tip = "With all captures; more of them take longer."
+    if button(context, "Now", tip, width=-1, name="diagnose now", is_enabled=count > 0):
         context.attempt(rig.diagnose)
-    context.record_item_rect("diagnose now")
-    tooltip("With all captures; more of them take longer.")
-    imgui.end_disabled()
     job = live.job
     if job is not None:
         imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
@@ -371,16 +339,12 @@ def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
     imgui.text_disabled(f"χ²/n {before:.3g} → {after:.3g} (noise: 1)")
     for cause in found.causes:
         text = cause_text(cause)
-        imgui.push_style_color(imgui.Col_.text, theme.ACCENT)
-        imgui.text_wrapped(text.sentence)
-        imgui.pop_style_color()
+        wrapped_text(text.sentence, theme.ACCENT)
         for line in text.intervals:
             imgui.bullet()
             imgui.text_wrapped(line)
         for line in text.doubts:
-            imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
-            imgui.text_wrapped(line)
-            imgui.pop_style_color()
+            wrapped_text(line, pale())
     for rival in found.rivals:
         imgui.text_wrapped(f"can't be excluded: {' and '.join(rival)}")
     for bad in found.bad_captures:
@@ -420,70 +384,61 @@ class CameraPanes:
             return
         imgui.invisible_button("##camera", imgui.ImVec2(*size))
         context.record_item_rect("camera")
-        self._draw_labels(context, self.picture, corner, size)
-        self._drag_wipe(self.picture, corner, size)
-        imgui.text_disabled(self._under_pointer(context, self.picture, corner))
+        _draw_labels(context, self.picture)
+        if self.picture.mode == "wipe" and imgui.is_item_active():
+            self.picture.wipe = float(np.clip((imgui.get_io().mouse_pos.x - corner.x) / size[0], 0.0, 1.0))
+        imgui.text_disabled(_under_pointer(context, self.picture))
 
     def _draw_choices(self, context: AppContext, picture: CameraPicture) -> None:
         em = imgui.get_font_size()
-        imgui.set_next_item_width(8 * em)
-        _, index = imgui.combo("##show", MODES.index(picture.mode), list(MODES))
+        picture.mode = combo("##show", picture.mode, MODES, _TIPS["show"], width=8 * em)
         context.record_item_rect("camera view")
-        tooltip(_TIPS["show"])
-        picture.mode = MODES[index]
         imgui.same_line()
-        imgui.set_next_item_width(9 * em)
-        _, index = imgui.combo("##model", MODELS.index(self.model), [f"by {name}" for name in MODELS])
-        tooltip(_TIPS["predicted by"])
-        self.model = MODELS[index]
+        chosen = combo("##model", f"by {self.model}", [f"by {name}" for name in MODELS], _TIPS["predicted by"], 9 * em)
+        self.model = chosen.removeprefix("by ")
         context.rig.choose_model(self.model)
         imgui.same_line()
         imgui.set_next_item_width(-1)
         if picture.mode == "difference":
-            _, index = imgui.combo("##span", _SPANS.index(picture.span_sigmas), [f"±{span:g} σ" for span in _SPANS])
-            picture.span_sigmas = _SPANS[index]
+            spans = {f"±{span:g} σ": span for span in _SPANS}
+            picture.span_sigmas = spans[combo("##span", f"±{picture.span_sigmas:g} σ", tuple(spans))]
         else:
             _, picture.stops = imgui.slider_float("##stops", picture.stops, -4.0, 8.0, "%.1f stops")
             tooltip("Brightens both pictures alike, on the screen only.")
 
-    def _draw_labels(
-        self, context: AppContext, picture: CameraPicture, corner: imgui.ImVec2, size: tuple[int, int]
-    ) -> None:
-        """The names of both sides, and χ²/n in the corner."""
-        found, draw_list = context.rig.view.prediction, imgui.get_window_draw_list()
-        predicted = "" if found is None else f"prediction by {found.model}"
-        b_at = {"side-by-side": 0.5, "wipe": picture.wipe}.get(picture.mode)
-        first = {"difference": f"camera − {predicted}", "prediction": predicted}.get(picture.mode, "camera")
-        draw_label(draw_list, first, imgui.ImVec2(corner.x + 8, corner.y + 6))
-        if b_at is not None and predicted:
-            draw_label(draw_list, predicted, imgui.ImVec2(corner.x + b_at * size[0] + 8, corner.y + 6))
-        text = _waiting_text(context) if found is None else f"χ²/n {found.chi2:.3g}"
-        width = imgui.calc_text_size(text).x
-        draw_label(draw_list, text, imgui.ImVec2(corner.x + size[0] - width - 10, corner.y + size[1] - 24))
 
-    def _drag_wipe(self, picture: CameraPicture, corner: imgui.ImVec2, size: tuple[int, int]) -> None:
-        if picture.mode == "wipe" and imgui.is_item_active():
-            picture.wipe = float(np.clip((imgui.get_io().mouse_pos.x - corner.x) / size[0], 0.0, 1.0))
+def _draw_labels(context: AppContext, picture: CameraPicture) -> None:
+    """The names of both sides, and χ²/n in the corner."""
+    found, draw_list, shown = context.rig.view.prediction, imgui.get_window_draw_list(), picture.shown
+    predicted = "" if found is None else f"prediction by {found.model}"
+    b_at = {"side-by-side": 0.5, "wipe": picture.wipe}.get(picture.mode)
+    first = {"difference": f"camera − {predicted}", "prediction": predicted}.get(picture.mode, "camera")
+    corner, end = shown.corner, shown.end
+    draw_label(draw_list, first, imgui.ImVec2(corner.x + 8, corner.y + 6))
+    if b_at is not None and predicted:
+        draw_label(draw_list, predicted, imgui.ImVec2(corner.x + b_at * shown.size[0] + 8, corner.y + 6))
+    text = _waiting_text(context) if found is None else f"χ²/n {found.chi2:.3g}"
+    draw_label(draw_list, text, imgui.ImVec2(end.x - imgui.calc_text_size(text).x - 10, end.y - 24))
 
-    def _under_pointer(self, context: AppContext, picture: CameraPicture, corner: imgui.ImVec2) -> str:
-        """Values of the pixel under the pointer, else a hint."""
-        view, area = context.rig.view, picture.area
-        if view.picture is None or area is None or not imgui.is_item_hovered():
-            return context.rig.waiting or "χ²/n: mean squared difference in σ; noise alone gives 1"
-        scale, at = imgui.get_io().display_framebuffer_scale.x, imgui.get_io().mouse_pos
-        x, y = (at.x - corner.x) * scale, (at.y - corner.y) * scale
-        is_pair = picture.view_settings.compare == "side-by-side" and view.prediction is not None
-        u, v = area.to_image(x % (area.size[0] // 2) if is_pair else x, y)
-        rows, columns = view.picture.counts.shape
-        row, column = int(v * rows), int(u * columns)
-        if not (0 <= u < 1 and 0 <= v < 1):
-            return ""
-        counts = int(view.picture.counts[row, column])
-        if view.prediction is None:
-            return f"({column}, {row})   {counts} counts"
-        expected = view.prediction.expected[row, column] + view.picture.black
-        sigmas = view.prediction.residual[row, column]
-        return f"({column}, {row})   {counts} counts   expected {expected:.0f}   {sigmas:+.1f} σ"
+
+def _under_pointer(context: AppContext, picture: CameraPicture) -> str:
+    """Values of the pixel under the pointer, else a hint."""
+    view, area = context.rig.view, picture.shown.visible_area
+    if view.picture is None or area is None or not imgui.is_item_hovered():
+        return context.rig.waiting or "χ²/n: mean squared difference in σ; noise alone gives 1"
+    x, y = picture.shown.to_pixel(imgui.get_io().mouse_pos)
+    is_pair = picture.view_settings.compare == "side-by-side" and view.prediction is not None
+    u, v = area.to_image(x % (area.size[0] // 2) if is_pair else x, y)
+    rows, columns = view.picture.counts.shape
+    row, column = int(v * rows), int(u * columns)
+    if not (0 <= u < 1 and 0 <= v < 1):
+        return ""
+    counts = int(view.picture.counts[row, column])
+    if view.prediction is None:
+        return f"({column}, {row})   {counts} counts"
+    expected = view.prediction.expected[row, column] + view.picture.black
+    sigmas = view.prediction.residual[row, column]
+    return f"({column}, {row})   {counts} counts   expected {expected:.0f}   {sigmas:+.1f} σ"
 
 
 def _waiting_text(context: AppContext) -> str:
@@ -501,17 +456,14 @@ class CameraPicture:
     """Draws camera and prediction. mode: one of MODES. wipe: share of the width that shows the camera.
 
     span_sigmas: differences from −span to +span are told apart. stops: a factor 2^stops on the light.
-    area: what of the picture was drawn last.
+    shown: the picture in the window.
     """
 
     def __init__(self, context: AppContext) -> None:
-        self._context = context
-        self._viewport = Viewport(context.device, "camera")
-        self._texture: imgui.ImTextureRef | None = None
+        self._context, self.shown = context, Viewport(context, "camera")
         self._images: dict[str, DeviceImage] = {}
         self._shown: dict[str, object] = {}
         self.mode, self.wipe, self.span_sigmas, self.stops = MODES[0], 0.5, 5.0, 0.0
-        self.area: VisibleArea | None = None
 
     @property
     def view_settings(self) -> ViewSettings:
@@ -526,22 +478,9 @@ class CameraPicture:
         a, b = self._pair(view)
         if a is None:
             return False
-        scale = imgui.get_io().display_framebuffer_scale.x
-        pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         settings = self.view_settings if b is not None else replace(_VIEW, exposure_stops=self.stops)
-        self.area = visible_area_of(settings, pixels, a.shape)
-        if self._viewport.draw(a, b, settings, self.area):
-            if self._texture is not None:
-                self._context.window.forget_texture(self._texture)
-            self._texture = self._context.window.texture(self._viewport.view)
-        assert self._texture is not None
-        end = imgui.ImVec2(corner.x + size[0], corner.y + size[1])
-        imgui.get_window_draw_list().add_image(self._texture, corner, end)
+        self.shown.draw(a, b, settings, size, corner)
         return True
-
-    def pixels(self) -> NDArray[np.uint8]:
-        """Reads back what was drawn, 8-bit sRGB (y, x, 3)."""
-        return self._viewport.pixels()
 
     def _pair(self, view: LiveView) -> tuple[DeviceImage | None, DeviceImage | None]:
         """The images of both sides; None for a side that isn't there or isn't wanted."""

@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 
 from holoview.app import theme
 from holoview.app.context import AppContext
+from holoview.app.widgets import button, share_of_width
 
 _WIDTH, _MARGIN = 290.0, 8.0
 _HEIGHT = 240.0  # before the card was drawn once
@@ -34,7 +35,7 @@ class Tour:
         self._size = imgui.ImVec2(_WIDTH, _HEIGHT)
         self._is_escape_taken = False
         context.overlays.append(self)
-        context.commands.add("Tour", self.start, "Help", "Shift+F1", "Five things to try, one after the other.")
+        context.commands.add("Help", "Tour", self.start, "Shift+F1", "Five things to try, one after the other.")
 
     @property
     def was_seen(self) -> bool:
@@ -92,23 +93,20 @@ class Tour:
         self._is_escape_taken = self._has_other_use_of_escape()
 
     def _draw_buttons(self, index: int, step: TourStep) -> None:
-        self._button("tour try", step.button, -1.0, lambda: self._context.attempt(step.action))
-        width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
-        self._button("tour leave", "Leave", width, self.leave)
-        imgui.same_line()
-        imgui.begin_disabled(index == 0)
-        self._button("tour back", "Back", width, lambda: self._go_to(index - 1))
-        imgui.end_disabled()
-        imgui.same_line()
-        is_last = index == len(self.steps) - 1
-        self._button("tour next", "Done" if is_last else "Next", width, lambda: self._go_to(index + 1))
-
-    def _button(self, name: str, label: str, width: float, action: Callable[[], None]) -> None:
-        """A button that scripts and tests find by its name."""
-        is_clicked = imgui.button(f"{label}##{name}", imgui.ImVec2(width, 0))
-        self._context.record_item_rect(name)
-        if is_clicked:
-            action()
+        if button(self._context, f"{step.button}##tour try", name="tour try", width=-1):
+            self._context.attempt(step.action)
+        width, last = share_of_width(3), len(self.steps) - 1
+        for name, label, action in (
+            ("leave", "Leave", self.leave),
+            ("back", "Back", lambda: self._go_to(index - 1)),
+            ("next", "Done" if index == last else "Next", lambda: self._go_to(index + 1)),
+        ):
+            is_enabled = name != "back" or index > 0
+            label = f"{label}##tour {name}"
+            if button(self._context, label, name=f"tour {name}", width=width, is_enabled=is_enabled):
+                action()
+            if name != "next":
+                imgui.same_line()
 
     def _go_to(self, index: int) -> None:
         """Shows a step and opens its panel; behind the last step the tour ends."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from holoview.app.context import AppContext
 from holoview.document.focus_edits import SAME_PLANE_M, dioptres_text
 from holoview.engine.shader_structs import VIEWPORT
-from holoview.gpu.device import Buffer, Device
+from holoview.gpu.device import Buffer
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
 from holoview.render.planes import previewed_planes
@@ -84,52 +84,84 @@ def pane_count(view: ViewSettings) -> int:
 
 
 class Viewport:
-    """A texture into which images are drawn. view: the texture's view, None before the first drawing."""
+    """Images of the device in an area of a window, and what lies where in it.
 
-    def __init__(self, device: Device, label: str) -> None:
-        self._device, self._label = device, label
-        self._uniform = device.uniform(bytes(VIEWPORT.size), f"{label}: what is shown")
+    corner, size: of the area, in logical pixels of the screen. shape: rows and columns in which positions in the image
+    are counted. visible_area: the part of the image that was drawn last; None before.
+    """
+
+    def __init__(self, context: AppContext, label: str) -> None:
+        self._device, self._window, self._label = context.device, context.window, label
+        self._uniform = self._device.uniform(bytes(VIEWPORT.size), f"{label}: what is shown")
         self._colour_maps: dict[str, Buffer] = {}
         self._drawn: Any = None
         self._texture: Any = None
-        self.view: Any = None
-        self.size = (0, 0)
+        self._view: Any = None
+        self._reference: imgui.ImTextureRef | None = None
+        self.corner, self.size, self.shape = imgui.ImVec2(0, 0), (1, 1), (1, 1)
+        self.visible_area: VisibleArea | None = None
+        self._texture_size, self._scale = (0, 0), 1.0  # pixels of the texture; for each logical one
 
     def draw(
         self,
         a: DeviceImage,
         b: DeviceImage | None,
         view: ViewSettings,
-        area: VisibleArea,
+        size: tuple[int, int],
+        corner: imgui.ImVec2,
         *,
+        shape: tuple[int, int] | None = None,
         shows_b: bool = False,
-    ) -> bool:
-        """Draws, if anything has changed; returns whether the texture was replaced by one of another size.
+    ) -> None:
+        """Draws into `size` logical pixels at a corner.
 
-        a, b: the sides of the comparison; only a is shown when b is None. shows_b: shows b in place of a.
+        a, b: the sides of the comparison; only a is shown when b is None. shape: that of a when None. shows_b: shows b
+        in place of a.
         """
-        is_new = self._resize(area.size)
-        b_or_a = a if b is None else b
-        view = view if b is not None else replace(view, compare="off")
-        if view.page == "field":  # its picture has colours of its own
-            view = replace(view, channel="colour", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
-        inputs = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, area, shows_b)
-        if inputs == self._drawn and not is_new:
-            return False
-        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, area))
-        source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
-        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, area, shows_b and b is not None))
-        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._colour_map(view), self.view]]
-        tiles = (-(-area.size[0] // _TILE), -(-area.size[1] // _TILE), 1)
-        recorder = CommandRecorder(self._device, self._label)
-        recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
-        recorder.submit()
-        self._drawn = inputs
-        return is_new
+        self.corner, self.size, self.shape = corner, size, shape or a.shape
+        self._scale = imgui.get_io().display_framebuffer_scale.x
+        pixels = (max(round(size[0] * self._scale), 1), max(round(size[1] * self._scale), 1))
+        self.visible_area = visible_area_of(view, pixels, self.shape)
+        self._draw_texture(a, b, view, self.visible_area, shows_b)
+        assert self._reference is not None
+        imgui.get_window_draw_list().add_image(self._reference, corner, self.end)
 
-    def pixels(self) -> NDArray[np.uint8]:
-        """Reads back what was drawn, 8-bit sRGB (y, x, 3)."""
-        width, height = self.size
+    @property
+    def end(self) -> imgui.ImVec2:
+        """The lower right corner of the area."""
+        return imgui.ImVec2(self.corner.x + self.size[0], self.corner.y + self.size[1])
+
+    @property
+    def step(self) -> tuple[float, float]:
+        """The step (x, y) from one logical pixel of the screen to the next, as fractions of the image."""
+        assert self.visible_area is not None
+        return self._scale * self.visible_area.step[0], self._scale * self.visible_area.step[1]
+
+    def to_screen(self, x: float, y: float) -> imgui.ImVec2:
+        """The place on the screen of a position in the image, (x, y) in its columns and rows."""
+        assert self.visible_area is not None
+        column, row = self.visible_area.to_pixel(x / self.shape[1], y / self.shape[0])
+        return imgui.ImVec2(self.corner.x + column / self._scale, self.corner.y + row / self._scale)
+
+    def to_pixel(self, place: imgui.ImVec2) -> tuple[float, float]:
+        """The pixel of the texture at a place on the screen."""
+        return (place.x - self.corner.x) * self._scale, (place.y - self.corner.y) * self._scale
+
+    def to_image(self, place: imgui.ImVec2) -> tuple[float, float]:
+        """The position in the image, as fractions, at a place on the screen."""
+        assert self.visible_area is not None
+        return self.visible_area.to_image(*self.to_pixel(place))
+
+    def to_sample(self, place: imgui.ImVec2) -> tuple[float, float]:
+        """The position in the image, (x, y) in its columns and rows, at a place on the screen."""
+        u, v = self.to_image(place)
+        return u * self.shape[1], v * self.shape[0]
+
+    def pixels(self) -> NDArray[np.uint8] | None:
+        """Reads back what was drawn, 8-bit sRGB (y, x, 3); None before anything was."""
+        if self._texture is None:
+            return None
+        width, height = self._texture_size
         data = self._device.raw.queue.read_texture(
             {"texture": self._texture, "mip_level": 0, "origin": (0, 0, 0)},
             {"bytes_per_row": 4 * width, "rows_per_image": height},
@@ -137,15 +169,40 @@ class Viewport:
         )
         return np.frombuffer(data, np.uint8).reshape(height, width, 4)[..., :3].copy()
 
+    def _draw_texture(
+        self, a: DeviceImage, b: DeviceImage | None, view: ViewSettings, area: VisibleArea, shows_b: bool
+    ) -> None:
+        """Draws into the texture, if anything has changed."""
+        is_new = self._resize(area.size)
+        b_or_a = a if b is None else b
+        view = view if b is not None else replace(view, compare="off")
+        if view.page == "field":  # its picture has colours of its own
+            view = replace(view, channel="colour", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
+        inputs = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, area, shows_b)
+        if inputs == self._drawn and not is_new:
+            return
+        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, area))
+        source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
+        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, area, shows_b and b is not None))
+        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._colour_map(view), self._view]]
+        tiles = (-(-area.size[0] // _TILE), -(-area.size[1] // _TILE), 1)
+        recorder = CommandRecorder(self._device, self._label)
+        recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
+        recorder.submit()
+        self._drawn = inputs
+
     def _resize(self, size: tuple[int, int]) -> bool:
-        if size == self.size:
+        if size == self._texture_size:
             return False
         usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.TEXTURE_BINDING | wgpu.TextureUsage.COPY_SRC
         self._device.check_alive()
         self._texture = self._device.raw.create_texture(
             label=self._label, size=(*size, 1), format=wgpu.TextureFormat.rgba8unorm, usage=usage
         )
-        self.view, self.size = self._texture.create_view(), size
+        self._view, self._texture_size = self._texture.create_view(), size
+        if self._reference is not None:
+            self._window.forget_texture(self._reference)
+        self._reference = self._window.texture(self._view)
         return True
 
     def _colour_map(self, view: ViewSettings) -> Buffer:
@@ -223,7 +280,7 @@ class PlaneTiles:
 
     def __init__(self, context: AppContext, name: str) -> None:
         self._context, self._name = context, name
-        self._drawn: dict[float, tuple[Viewport, imgui.ImTextureRef]] = {}
+        self._viewports: dict[float, Viewport] = {}
 
     def draw(self, plane_m: float, picture: DeviceImage | None, size: tuple[int, int], is_chosen: bool) -> bool:
         """Draws a tile of `size` (x, y) logical pixels and returns whether it was clicked."""
@@ -239,11 +296,18 @@ class PlaneTiles:
         if picture is None:
             canvas.add_rect_filled(corner, end, _EMPTY, 2)
         else:
-            canvas.add_image(self._texture(plane_m, picture, size), corner, end)
+            shown = self._viewport_of(plane_m)
+            picture = replace(picture, gain=self._context.side_renderers.now.quick_gain)
+            shown.draw(picture, None, _tile_view_settings(self._context.session.view_settings), size, corner)
         self._draw_label(canvas, corner, name, plane_m)
         if is_chosen or imgui.is_item_hovered():
             canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
         return clicked
+
+    def _viewport_of(self, plane_m: float) -> Viewport:
+        if plane_m not in self._viewports:
+            self._viewports[plane_m] = Viewport(self._context, f"{self._name} {plane_m:g}")
+        return self._viewports[plane_m]
 
     def _draw_label(self, canvas: imgui.ImDrawList, corner: imgui.ImVec2, name: str, plane_m: float) -> None:
         """The plane in mm, with an eye also in dioptres."""
@@ -253,22 +317,6 @@ class PlaneTiles:
         end = imgui.ImVec2(corner.x + size.x + 8, corner.y + size.y + 2)
         canvas.add_rect_filled(corner, end, _LABEL_BACKGROUND, 2)
         canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _LABEL_TEXT, text)
-
-    def _texture(self, plane_m: float, picture: DeviceImage, size: tuple[int, int]) -> imgui.ImTextureRef:
-        view = _tile_view_settings(self._context.session.view_settings)
-        picture = replace(picture, gain=self._context.side_renderers.now.quick_gain)
-        entry = self._drawn.get(plane_m)
-        viewport = entry[0] if entry is not None else Viewport(self._context.device, f"{self._name} {plane_m:g}")
-        scale = imgui.get_io().display_framebuffer_scale.x
-        pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
-        is_new = viewport.draw(picture, None, view, visible_area_of(view, pixels, picture.shape))
-        if entry is not None and not is_new:
-            return entry[1]
-        if entry is not None:
-            self._context.window.forget_texture(entry[1])
-        reference = self._context.window.texture(viewport.view)
-        self._drawn[plane_m] = (viewport, reference)
-        return reference
 
 
 def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:

@@ -24,7 +24,7 @@ LEVEL = 1  # of 255: powers in f32 beside float64
 
 def _shown(gui: Gui) -> tuple[np.ndarray, tuple[int, int]]:
     """The panel's pixels of the image, and its corner in them."""
-    frame = gui.app.panel(ImagePanel).visible_area
+    frame = gui.app.panel(ImagePanel).picture.visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = gui.session.document.image_shape
     return gui.context.displayed_pixels()[top : top + rows, left : left + columns], (left, top)
@@ -57,7 +57,7 @@ def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Gui) ->
 def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Gui) -> None:
     gui.session.edit_view("Look", zoom=0.5, centre=(0.5, 0.5))
     gui.draw_until_idle()
-    frame = gui.app.panel(ImagePanel).visible_area
+    frame = gui.app.panel(ImagePanel).picture.visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = (side // 2 for side in gui.session.document.image_shape)
     xyz = gui.context.side_renderers.xyz(NOW)
@@ -69,11 +69,11 @@ def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui
 def test_the_wheel_zooms_about_the_pointer(gui: Gui) -> None:
     panel, at = gui.app.panel(ImagePanel), gui.item_position("image", 0.3, 0.6)
     corner = gui.item_position("image", 0, 0)
-    before = panel.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
-    a_pixel = max(panel.visible_area.step)  # corners of the image are on whole pixels
+    before = panel.picture.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
+    a_pixel = max(panel.picture.visible_area.step)  # corners of the image are on whole pixels
     gui.wheel(at, 3)
     assert gui.session.view_settings.zoom > 1.5
-    after = panel.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
+    after = panel.picture.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
     assert after == pytest.approx(before, abs=a_pixel)
     gui.press_chord("F")
     assert gui.session.view_settings.zoom == 0
@@ -144,7 +144,7 @@ def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Gui) -> None:
     pinned.draw_until_idle()
     seen, (left, _) = _shown(pinned)
     a, b = _both(pinned)
-    middle = round(pinned.app.panel(ImagePanel).visible_area.size[0] / 2) - left
+    middle = round(pinned.app.panel(ImagePanel).picture.visible_area.size[0] / 2) - left
     assert np.abs(seen[:, : middle - 2] - a[:, : middle - 2]).max() <= LEVEL
     assert np.abs(seen[:, middle + 2 :] - b[:, middle + 2 :]).max() <= LEVEL
 
@@ -182,7 +182,7 @@ def test_a_difference_acts_on_exposed_channels(pinned: Gui) -> None:
 def test_side_by_side_shows_the_same_part_of_both(pinned: Gui) -> None:
     pinned.session.edit_view("Sides", compare="side-by-side", zoom=0.5)
     pinned.draw_until_idle()
-    frame, seen = pinned.app.panel(ImagePanel).visible_area, pinned.context.displayed_pixels().astype(int)
+    frame, seen = pinned.app.panel(ImagePanel).picture.visible_area, pinned.context.displayed_pixels().astype(int)
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = (side // 2 for side in pinned.session.document.image_shape)
     half = frame.size[0] // 2
@@ -220,7 +220,7 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Gui) -> None:
     gui.session.edit_view("Look", zoom=1.0)
     turns = (drive[0, 0] * waves) % 1.0
     expected = colour_map("hue")[np.rint(255 * turns).astype(int)].astype(int)
-    frame = gui.app.panel(ImagePanel).visible_area
+    frame = gui.app.panel(ImagePanel).picture.visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     seen = gui.context.displayed_pixels()[top : top + 64, left : left + 96].astype(int)
     assert np.median(np.abs(seen - expected)) <= LEVEL
@@ -233,7 +233,7 @@ def test_the_spectrum_page_shows_where_light_leaves_to(gui: Gui) -> None:
     seen = gui.context.displayed_pixels()
     rows, columns = seen.shape[:2]
     centre = seen[rows // 2 - 5 : rows // 2 + 5, columns // 2 - 5 : columns // 2 + 5]
-    left, top = (round(value) for value in gui.app.panel(ImagePanel).visible_area.to_pixel(0.0, 0.0))
+    left, top = (round(value) for value in gui.app.panel(ImagePanel).picture.visible_area.to_pixel(0.0, 0.0))
     corner = seen[top + 2 : top + 12, left + 2 : left + 12]
     assert centre.mean() > 60 and corner.mean() < 5, "the iris is open in the middle"
 

@@ -90,14 +90,14 @@ def test_the_camera_of_a_virtual_bench_is_shown_beside_its_prediction(
     shown.light_up()
     found, view = shown.rig.view.prediction, shown.gui.app.panel(CameraPanel).view
     assert found is not None and found.chi2 < 1.5 and view is not None
-    pixels = view.picture.pixels().astype(float).mean(axis=2)
+    pixels = view.picture.shown.pixels().astype(float).mean(axis=2)
     middle, half = slice(2 * len(pixels) // 5, 3 * len(pixels) // 5), pixels.shape[1] // 2
     left, right = pixels[middle, :half], pixels[middle, half + 1 : 2 * half]
     left = left[:, 1:]  # beside the line between both
     assert np.corrcoef(left.ravel(), right.ravel())[0, 1] > 0.95
     view.picture.mode = "difference"
     shown.gui.draw_frames(2)
-    pixels = view.picture.pixels().astype(float)
+    pixels = view.picture.shown.pixels().astype(float)
     assert pixels[pixels.shape[0] // 2].mean() > 150  # differences of noise alone are pale
 
 

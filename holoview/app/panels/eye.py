@@ -5,6 +5,7 @@ Its widgets: a map of the eyebox with the pupil, its recorded path, a graph of i
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from imgui_bundle import imgui, implot
 from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import WidgetEdit, draw_fields, number_field, tooltip
+from holoview.app.parameter_widgets import WidgetEdit, draw_fields, number_field
 from holoview.app.theme import laser_colour
+from holoview.app.widgets import button, share_of_width, tooltip
 from holoview.document.focus_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
@@ -56,47 +58,26 @@ def add_path_commands(context: AppContext) -> None:
         _FORGET: lambda: _forget(context),
     }
     for name, action in actions.items():
-        context.commands.add(name, action, "Eye", help=_HELP[name])
+        context.commands.add("Eye", name, action, help=_HELP[name])
 
 
 def draw_path_controls(context: AppContext) -> None:
     """Draws the buttons of the path, and what there is of it."""
     imgui.separator_text("path of the pupil")
     motion, has_path = context.pupil_motion, context.session.view_settings.pupil_path is not None
-    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
     is_recording, is_playing = motion.state == "recording", motion.state == "playing"
-    _button(context, "Stop##record" if is_recording else "Record", _RECORD, width, is_on=is_recording)
-    imgui.same_line()
-    _button(context, "Stop##play" if is_playing else "Play", _PLAY, width, is_on=is_playing, is_enabled=has_path)
-    imgui.same_line()
-    _button(context, "Forget", _FORGET, width, is_enabled=has_path)
-    for number, (label, command) in enumerate(_FILES.items()):
-        if number > 0:
+    width = share_of_width(3)
+    for command, label, is_on, is_enabled in (
+        (_RECORD, "Stop##record" if is_recording else "Record", is_recording, True),
+        (_PLAY, "Stop##play" if is_playing else "Play", is_playing, has_path),
+        (_FORGET, "Forget", False, has_path),
+        *((command, f"{label}##path", False, has_path or label == "Open…") for label, command in _FILES.items()),
+    ):
+        if button(context, label, _HELP[command], width=width, name=command, is_on=is_on, is_enabled=is_enabled):
+            context.attempt(context.commands.run, command)
+        if command not in (_FORGET, _FILES["Animate…"]):
             imgui.same_line()
-        _button(context, f"{label}##path", command, width, is_enabled=has_path or number == 0)
     imgui.text_disabled(_status(context))
-
-
-def _button(
-    context: AppContext,
-    label: str,
-    command: str,
-    width: float,
-    *,
-    is_on: bool = False,
-    is_enabled: bool = True,
-) -> None:
-    if is_on:
-        imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
-    imgui.begin_disabled(not is_enabled)
-    clicked = imgui.button(label, imgui.ImVec2(width, 0))
-    imgui.end_disabled()
-    if is_on:
-        imgui.pop_style_color()
-    context.record_item_rect(command)
-    tooltip(_HELP[command])
-    if clicked:
-        context.attempt(context.commands.run, command)
 
 
 def _status(context: AppContext) -> str:
@@ -261,24 +242,14 @@ class EyePanel(Panel):
     dock = "Left"
 
     def set_up(self, context: AppContext) -> None:
-        add, session = context.commands.add, context.session
-        add("Eye", lambda: toggle_eye(session), "Eye", "Y", "Puts an eye behind an eyepiece, or takes it away.")
-        add(
-            "Chromatic aberration",
-            lambda: toggle_chromatic(session),
-            "Eye",
-            "Shift+Y",
-            "Switches the colour error of the eye, to see what it does.",
-        )
-        add(
-            "Compare without colour error",
-            lambda: _compare_achromatic(context),
-            "Eye",
-            "A",
-            "The eye beside the same eye without chromatic aberration; again: one image.",
-        )
+        add, session = partial(context.commands.add, "Eye"), context.session
+        add("Eye", lambda: toggle_eye(session), "Y", "Puts an eye behind an eyepiece, or takes it away.")
+        switch = "Switches the colour error of the eye, to see what it does."
+        add("Chromatic aberration", lambda: toggle_chromatic(session), "Shift+Y", switch)
+        beside = "The eye beside the same eye without chromatic aberration; again: one image."
+        add("Compare without colour error", lambda: _compare_achromatic(context), "A", beside)
         add_path_commands(context)
-        add("Eyebox", lambda: context.edit_view("Page", page="spectrum"), "Eye", help="The eyebox with the pupil.")
+        add("Eyebox", lambda: context.edit_view("Page", page="spectrum"), help="The eyebox with the pupil.")
 
     def draw(self, context: AppContext) -> None:
         system = context.session.system
@@ -341,24 +312,17 @@ def _draw_pupil(context: AppContext, eye: Eye) -> None:
         imgui.text(f"pupil {pupil_diameter_m(system) * 1e3:.2f} mm")
     else:
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.62)
-        _apply(
-            context,
-            "Pupil",
-            "eye.pupil",
-            number_field("pupil", PUPIL, pupil_diameter_m(system), 3e-3, "Diameter of the pupil.", PUPIL_RANGE_M),
-        )
+        diameter_m = pupil_diameter_m(system)
+        edited = number_field("pupil", PUPIL, diameter_m, 3e-3, "Diameter of the pupil.", PUPIL_RANGE_M)
+        _apply(context, "eye.pupil", edited)
     context.record_item_rect("eye.pupil")
     for key, value in (("pupil_y", eye.pupil_y_m), ("pupil_x", eye.pupil_x_m)):
         doc = "Place of the pupil in the eyebox: " + ("downwards." if key == "pupil_y" else "to the right.")
-        _apply(
-            context,
-            "Pupil",
-            f"eye.{key}",
-            number_field(key.replace("_", " "), PUPIL_PLACE, value, 0.0, doc, (-4e-3, 4e-3)),
-        )
+        edited = number_field(key.replace("_", " "), PUPIL_PLACE, value, 0.0, doc, (-4e-3, 4e-3))
+        _apply(context, f"eye.{key}", edited)
         context.record_item_rect(f"eye.{key}")
 
 
-def _apply(context: AppContext, label: str, key: str, edited: WidgetEdit | None) -> None:
+def _apply(context: AppContext, key: str, edited: WidgetEdit | None) -> None:
     if edited is not None:
-        context.change(label, key, edited.value, is_held=edited.is_held)
+        context.change("Pupil", key, edited.value, is_held=edited.is_held)

@@ -16,7 +16,8 @@ from holoview.app.context import AppContext
 from holoview.app.desktop import copy_picture, paste_picture
 from holoview.app.file_dialog import FileDialog, FileRequest, RecoveryDialog
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import coloured, command_button, pale, share_of_width, tooltip
+from holoview.document.editing_session import EditingSession
 from holoview.document.exports import (
     save_figure,
     save_hologram,
@@ -71,73 +72,45 @@ class FilesPanel(Panel):
         self._saves = [] if context.is_read_only else self._all_saves(context)
         if context.is_read_only:
             return
-        add = context.commands.add
-        add("Open…", lambda: self._open(context), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
+        add = partial(context.commands.add, "File")
+        add("Open…", lambda: self._open(context), "Ctrl+O", "A preset, hologram, patterns, or picture.")
         for save in self._saves:
-            add(f"{save.name}…", partial(self._save, context, save), "File", save.keys, save.help)
-        light = partial(self._ask_light, context)
-        add("Light from a field…", light, "File", help="A complex field in place of the plane wave before modulator 1.")
-        target = partial(self._ask_target, context)
-        add(
-            "Target from a field…",
-            target,
-            "File",
-            help="The light of a complex field is what the hologram should show.",
-        )
-        add("Copy image", lambda: _copy(context), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
-        add("Paste picture", lambda: _paste(context), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
+            add(f"{save.name}…", partial(self._save, context, save), save.keys, save.help)
+        light = "A complex field in place of the plane wave before modulator 1."
+        add("Light from a field…", partial(self._ask_light, context), help=light)
+        target = "The light of a complex field is what the hologram should show."
+        add("Target from a field…", partial(self._ask_target, context), help=target)
+        add("Copy image", lambda: _copy(context), "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
+        add("Paste picture", lambda: _paste(context), "Ctrl+V", "The clipboard's picture becomes the target.")
 
     def _all_saves(self, context: AppContext) -> list[_Save]:
         session = context.session
+
+        def save(name: str, suffixes: str, write: Callable[..., object], help: str, keys: str = "") -> _Save:
+            return _Save(f"Save {name}", tuple(suffixes.split()), partial(write, session), help, keys)
+
+        def view(session: EditingSession, path: Path) -> None:
+            save_view(session, path, _export_pixels(context))
+
+        def sweep(session: EditingSession, path: Path) -> object:
+            return save_sweep(session, path, frames=self.frames, seconds=self.seconds)
+
+        def along_path(write: Callable[..., object], session: EditingSession, path: Path) -> object:
+            return write(session, path, frames=self.frames)
+
+        animation, pictures = partial(along_path, save_path_animation), partial(along_path, save_path_pictures)
         return [
-            _Save(
-                "Save hologram",
-                (".safetensors",),
-                partial(save_hologram, session),
-                "Patterns, lasers and bench in one file.",
-                "Ctrl+S",
-            ),
-            _Save("Save page", (".html",), partial(save_page, session), "One file that any browser shows live."),
-            _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
-            _Save(
-                "Save view",
-                (".png",),
-                lambda path: save_view(session, path, _export_pixels(context)),
-                "The image as it is seen.",
-                "Ctrl+E",
-            ),
-            _Save("Save all planes", (".png",), partial(save_planes, session), "A picture for each focal plane."),
-            _Save(
-                "Save pupil sheet",
-                (".png",),
-                partial(save_pupil_sheet, session),
-                "What the eye sees from nine places of the eyebox.",
-            ),
-            _Save(
-                "Save focal sweep",
-                (".gif", ".png", ".mp4"),
-                lambda path: save_sweep(session, path, frames=self.frames, seconds=self.seconds),
-                "An animation through the focal planes and back.",
-            ),
-            _Save("Save pupil path", (".csv",), partial(save_path, session), "Where the pupil was, and when: a table."),
-            _Save(
-                "Save path animation",
-                (".png", ".gif", ".mp4"),
-                lambda path: save_path_animation(session, path, frames=self.frames),
-                "What the eye sees along the path of its pupil.",
-            ),
-            _Save(
-                "Save path pictures",
-                (".png",),
-                lambda path: save_path_pictures(session, path, frames=self.frames),
-                "The same as pictures.",
-            ),
-            _Save(
-                "Save figure",
-                (".png", ".pdf"),
-                partial(save_figure, session),
-                "With scale bar, wavelengths and speckle contrast.",
-            ),
+            save("hologram", ".safetensors", save_hologram, "Patterns, lasers and bench in one file.", "Ctrl+S"),
+            save("page", ".html", save_page, "One file that any browser shows live."),
+            save("preset", ".toml", save_preset, "The bench, to start from again."),
+            save("view", ".png", view, "The image as it is seen.", "Ctrl+E"),
+            save("all planes", ".png", save_planes, "A picture for each focal plane."),
+            save("pupil sheet", ".png", save_pupil_sheet, "What the eye sees from nine places of the eyebox."),
+            save("focal sweep", ".gif .png .mp4", sweep, "An animation through the focal planes and back."),
+            save("pupil path", ".csv", save_path, "Where the pupil was, and when: a table."),
+            save("path animation", ".png .gif .mp4", animation, "What the eye sees along the path of its pupil."),
+            save("path pictures", ".png", pictures, "The same as pictures."),
+            save("figure", ".png .pdf", save_figure, "With scale bar, wavelengths and speckle contrast."),
         ]
 
     def draw(self, context: AppContext) -> None:
@@ -146,13 +119,10 @@ class FilesPanel(Panel):
             imgui.text_wrapped("This viewer is served to look at: files can't be opened, saved or exported.")
             _draw_jobs(context)
             return
-        if imgui.button("Open…", imgui.ImVec2(-1, 0)):
-            context.attempt(self._open, context)
-        width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
+        command_button(context, "Open…", width=-1)
+        width = share_of_width(2)
         for number, save in enumerate(self._saves):
-            if imgui.button(f"{save.name}…", imgui.ImVec2(width, 0)):
-                context.attempt(self._save, context, save)
-            tooltip(save.help)
+            command_button(context, f"{save.name}…", width=width)
             if number % 2 == 0:
                 imgui.same_line()
         imgui.set_next_item_width(0.7 * width)
@@ -251,17 +221,10 @@ class HistoryPanel(Panel):
     def draw(self, context: AppContext) -> None:
         """Draws buttons for undo and redo, and all steps; those that were undone are grey."""
         session = context.session
-        width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
-        for name, act, is_possible in (
-            ("Undo", session.undo, session.can_undo),
-            ("Redo", session.redo, session.can_redo),
-        ):
-            imgui.begin_disabled(not is_possible)
-            if imgui.button(name, imgui.ImVec2(width, 0)):
-                context.attempt(act)
-            imgui.end_disabled()
-            if name == "Undo":
-                imgui.same_line()
+        width = share_of_width(2)
+        command_button(context, "Undo", width=width)
+        imgui.same_line()
+        command_button(context, "Redo", width=width)
         imgui.begin_child("steps")
         for index, step in enumerate(session.history):
             self._draw_step(context, index, step.label, step.when)
@@ -269,12 +232,8 @@ class HistoryPanel(Panel):
 
     def _draw_step(self, context: AppContext, index: int, label: str, when: float) -> None:
         position = context.session.history_position
-        is_undone = index > position
-        if is_undone:
-            imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
-        clicked, _ = imgui.selectable(f"{label}##{index}", index == position)
-        if is_undone:
-            imgui.pop_style_color()
+        with coloured(imgui.Col_.text, pale() if index > position else None):  # those that were undone
+            clicked, _ = imgui.selectable(f"{label}##{index}", index == position)
         tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
             context.attempt(context.session.go_to_step, index)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
 from holoview.app.viewport import PlaneStrip
+from holoview.app.widgets import command_button, tooltip
 from holoview.document.focus_edits import (
     dioptres_text,
     focus_at,
@@ -38,26 +39,15 @@ class FocusPanel(Panel):
         self._thumbnails: PlaneStrip | None = None
 
     def set_up(self, context: AppContext) -> None:
-        add = context.commands.add
-        session = context.session
-        add("Farther", lambda: step_focus(session, -1), "Focal plane", ", Left", "A small step farther.", repeats=True)
-        add("Nearer", lambda: step_focus(session, 1), "Focal plane", ". Right", "A small step nearer.", repeats=True)
-        add("Plane before", lambda: focus_at_next_plane(session, -1), "Focal plane", "PageUp")
-        add("Plane after", lambda: focus_at_next_plane(session, 1), "Focal plane", "PageDown")
-        add(
-            "Play",
-            lambda: self.toggle_play(context),
-            "Focal plane",
-            "Space",
-            "Plays through the focal stack; again to stop.",
-        )
-        add(
-            "Other side",
-            lambda: look_on_other_side(session),
-            "Focal plane",
-            help="A field's image on the other side of its plane: the sign of z, or of the phase, is the other one.",
-            is_enabled=lambda: session.system.is_field,
-        )
+        add, session = partial(context.commands.add, "Focal plane"), context.session
+        add("Farther", lambda: step_focus(session, -1), ", Left", "A small step farther.", repeats=True)
+        add("Nearer", lambda: step_focus(session, 1), ". Right", "A small step nearer.", repeats=True)
+        add("Plane before", lambda: focus_at_next_plane(session, -1), "PageUp")
+        add("Plane after", lambda: focus_at_next_plane(session, 1), "PageDown")
+        add("Play", lambda: self.toggle_play(context), "Space", "Plays through the focal stack; again to stop.")
+        other = "A field's image on the other side of its plane: the sign of z, or of the phase, is the other one."
+        look = partial(look_on_other_side, session)
+        add("Other side", look, help=other, is_enabled=lambda: session.system.is_field)
         self._thumbnails = PlaneStrip(context)
 
     def toggle_play(self, context: AppContext) -> None:
@@ -70,14 +60,10 @@ class FocusPanel(Panel):
         if self.is_playing:
             self._sweep(context)
         low, high = focus_range_m(context.session.system)
-        if imgui.button("Stop" if self.is_playing else "Play", imgui.ImVec2(52, 0)):
-            self.toggle_play(context)
+        command_button(context, "Play", "Stop" if self.is_playing else "Play", width=52)
         imgui.same_line()
         if context.session.system.is_field:
-            if imgui.button("Other side"):
-                context.attempt(look_on_other_side, context.session)
-            context.record_item_rect("other side")
-            tooltip("The image lies there if the distance, or the phase, has the other sign.")
+            command_button(context, "Other side", name="other side")
             imgui.same_line()
         imgui.set_next_item_width(-1)
         changed, shown = imgui.slider_float(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import show_tooltip, tooltip
 from holoview.app.theme import EYE_RANGE_M, laser_colour
+from holoview.app.widgets import coloured, command_button, show_tooltip, tooltip
 from holoview.colour import cone_fundamentals
 from holoview.model import preset
 from holoview.model.system import System
@@ -40,17 +42,16 @@ class LasersPanel(Panel):
         self._held_scale: float | None = None
 
     def set_up(self, context: AppContext) -> None:
-        add = context.commands.add
-        add(
-            "Balance to white",
-            lambda: _balance_to_white(context),
-            "Lasers",
-            help="Powers that make an even image white.",
-        )
-        add("Add a laser", lambda: _add(context), "Lasers", help="In the middle of the widest gap.")
-        add("All lasers", lambda: context.edit_view("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
+        add, session = partial(context.commands.add, "Lasers"), context.session
+        white = {"amplitudes": "white"}
+        balance = partial(session.change, "Balance to white", white)
+        add("Balance to white", balance, help="Powers that make an even image white.")
+        gap = "Another laser, in the middle of the widest gap; powers are balanced to white again."
+        add("Add a laser", lambda: _add(context), help=gap, is_enabled=lambda: not session.system.is_field)
+        everything = partial(context.edit_view, "All lasers", solo=None, muted=frozenset())
+        add("All lasers", everything, "0", "Ends solo and mute.")
         keys = " ".join(str(number) for number in range(1, 10))
-        add("Solo a laser", lambda: _solo(context, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
+        add("Solo a laser", lambda: _solo(context, _digit_pressed() - 1), keys, "By its number; again: all.")
 
     def draw(self, context: AppContext) -> None:
         system = context.session.system
@@ -116,20 +117,9 @@ class LasersPanel(Panel):
     # --- sets and table ---------------------------------------------------------------------------------------------
 
     def _draw_buttons(self, context: AppContext, system: System) -> None:
-        imgui.begin_disabled(system.is_field)
-        if imgui.button("Add"):
-            _add(context)
-        imgui.end_disabled()
-        tooltip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
-        imgui.same_line()
-        if imgui.button("White"):
-            _balance_to_white(context)
-        tooltip("Powers that make an even image white.")
-        imgui.same_line()
-        if imgui.button("All on"):
-            context.edit_view("All lasers", solo=None, muted=frozenset())
-        tooltip("Ends solo and mute.")
-        imgui.same_line()
+        for command, label in (("Add a laser", "Add"), ("Balance to white", "White"), ("All lasers", "All on")):
+            command_button(context, command, label)
+            imgui.same_line()
         imgui.set_next_item_width(-1)
         if imgui.begin_combo("##set", "Lasers of…"):
             for name in preset.names():
@@ -196,11 +186,8 @@ class LasersPanel(Panel):
 
 
 def _toggle(label: str, is_on: bool, doc: str) -> bool:
-    if is_on:
-        imgui.push_style_color(imgui.Col_.button, imgui.get_style_color_vec4(imgui.Col_.button_active))
-    pressed = imgui.small_button(label)
-    if is_on:
-        imgui.pop_style_color()
+    with coloured(imgui.Col_.button, imgui.get_style_color_vec4(imgui.Col_.button_active) if is_on else None):
+        pressed = imgui.small_button(label)
     tooltip(doc)
     return pressed
 
@@ -232,10 +219,6 @@ def _edit_laser(
         amplitudes[frame, index] = power
     changes = {"wavelengths": wavelengths, "amplitudes": amplitudes}
     context.attempt(context.session.change, f"Laser {index + 1}", changes, merge_key=merge_key)
-
-
-def _balance_to_white(context: AppContext) -> None:
-    context.attempt(context.session.change, "Balance to white", {"amplitudes": "white"})
 
 
 def _add(context: AppContext) -> None:

@@ -12,7 +12,7 @@ from imgui_bundle import imgui
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import combo, command_button, share_of_width, tooltip
 from holoview.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
 from holoview.document.optimisation_job import (
     OptimisationJob,
@@ -35,6 +35,7 @@ from holoview.optimise.settings import LOSS_SPACES
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 
+_KEEP, _PAUSE, _CANCEL = "Keep the best so far", "Pause or go on", "Cancel the optimisation"
 _AS_IT_IS, _BY_OBSERVER = "the bench as it is", "by the observer"
 _TIPS = {
     "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
@@ -55,32 +56,20 @@ class OptimisePanel(Panel):
 
     def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
-        add = context.commands.add
-        add(
-            "Optimise",
-            lambda: self.start(context),
-            "Optimise",
-            "Ctrl+Enter",
-            "Find patterns for the target; undo brings the old ones back.",
-            is_enabled=lambda: running_optimisation(context.session) is None,
-        )
-        for name, action in (
-            ("Keep the best so far", OptimisationJob.stop_and_keep),
-            ("Pause or go on", _pause_or_go_on),
-            ("Cancel the optimisation", OptimisationJob.cancel),
+        add = partial(context.commands.add, "Optimise")
+
+        def is_running() -> bool:
+            return running_optimisation(context.session) is not None
+
+        find = "Find patterns for the target; undo brings the old ones back."
+        add("Optimise", lambda: self.start(context), "Ctrl+Enter", find, is_enabled=lambda: not is_running())
+        for name, action, help in (
+            (_KEEP, OptimisationJob.stop_and_keep, "Ends it with the best so far; undo brings the old patterns back."),
+            (_PAUSE, _pause_or_go_on, ""),
+            (_CANCEL, OptimisationJob.cancel, "Ends it; the old patterns stay."),
         ):
-            add(
-                name,
-                partial(_with_running, context, action),
-                "Optimise",
-                is_enabled=lambda: running_optimisation(context.session) is not None,
-            )
-        add(
-            "Quick look",
-            lambda: _quick_optimisation(context),
-            "Optimise",
-            help="A few iterations with large pixels: seconds.",
-        )
+            add(name, partial(_with_running, context, action), help=help, is_enabled=is_running)
+        add("Quick look", lambda: _quick_optimisation(context), help="A few iterations with large pixels: seconds.")
 
     def draw(self, context: AppContext) -> None:
         """Draws the target, then the settings or the progress of a running optimisation."""
@@ -92,7 +81,7 @@ class OptimisePanel(Panel):
         if job is None:
             self._draw_choices(context)
         else:
-            _draw_progress(job)
+            _draw_progress(context, job)
         shown = job or last_optimisation(context.session)
         if shown is not None and len(shown.progress) > 1:
             _draw_plot(shown)
@@ -118,9 +107,9 @@ class OptimisePanel(Panel):
 def _draw_settings(session: EditingSession) -> None:
     """Draws scheme, loss, start, iterations and the weight of the eyebox, and keeps what is chosen."""
     choices = session.optimisation_choices
-    scheme = _combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES))
-    loss = _combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES))
-    start_patterns = _combo("begin", choices.start_patterns, START_PATTERNS)
+    scheme = combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES), _TIPS["scheme"])
+    loss = combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES), _TIPS["loss"])
+    start_patterns = combo("begin", choices.start_patterns, START_PATTERNS, _TIPS["begin"])
     _, iterations = imgui.input_int("iterations", choices.iterations, 10, 100)
     tooltip(_TIPS["iterations"])
     is_weighed, weight = imgui.input_float("eyebox", choices.eyebox, 0.005, 0.05, "%.3g")
@@ -153,9 +142,10 @@ def _draw_target(context: AppContext) -> None:
         )
 
 
-def _draw_progress(job: OptimisationJob) -> None:
-    left = job.seconds_left
-    text = f"{job.fraction:.0%}" + ("" if left is None else f", {_duration(left)} left")
+def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
+    left, text = job.seconds_left, f"{job.fraction:.0%}"
+    if left is not None:
+        text += f", {left:.0f} s left" if left < 90 else f", {left / 60:.0f} min left"
     imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else text)
     latest = job.latest
     if latest is None:
@@ -163,20 +153,12 @@ def _draw_progress(job: OptimisationJob) -> None:
     else:
         imgui.text(f"iteration {latest.iteration} of {latest.iterations}")
         imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
-    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
-    size = imgui.ImVec2(width, 0)
-    if imgui.button("Go on" if job.status == "paused" else "Pause", size):
-        _pause_or_go_on(job)
+    width = share_of_width(3)
+    command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
     imgui.same_line()
-    imgui.begin_disabled(latest is None)
-    if imgui.button("Keep", size):
-        job.stop_and_keep()
-    imgui.end_disabled()
-    tooltip("Ends it with the best so far; undo brings the old patterns back.")
+    command_button(context, _KEEP, "Keep", width=width, is_enabled=latest is not None)
     imgui.same_line()
-    if imgui.button("Cancel", size):
-        job.cancel()
-    tooltip("Ends it; the old patterns stay.")
+    command_button(context, _CANCEL, "Cancel", width=width)
 
 
 def _draw_plot(job: OptimisationJob) -> None:
@@ -209,16 +191,6 @@ def _quick_optimisation(context: AppContext) -> None:
     start_quick_optimisation(context.session)
 
 
-def _combo(name: str, chosen: str, options: tuple[str, ...]) -> str:
-    found, index = imgui.combo(name, options.index(chosen), list(options))
-    tooltip(_TIPS[name])
-    return options[index] if found else chosen
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
-
-
 # --- The fields of the panel *Optimise* for the eye: places of its pupil, and what is done about its colour error ---
 
 
@@ -247,22 +219,18 @@ def draw_eye_fields(context: AppContext) -> None:
     imgui.begin_disabled(not has_eye)
     choices = session.optimisation_choices
     pupils = _edit_pupils(parse_pupils(choices.pupils) if choices.pupils else None)
-    found, index = imgui.combo("colour error", CHROMATIC.index(choices.chromatic), list(CHROMATIC))
-    tooltip(_EYE_TIPS["colour error"])
+    chromatic = combo("colour error", choices.chromatic, CHROMATIC, _EYE_TIPS["colour error"])
     imgui.end_disabled()
-    chromatic = CHROMATIC[index] if found else choices.chromatic
     text = "" if pupils is None else str(pupils)
     session.choose_optimisation(replace(choices, pupils=text, chromatic=chromatic))
 
 
 def _edit_pupils(pupils: PupilChoice | None) -> PupilChoice | None:
     """Draws where the pupil is; returns that as it is after the edit."""
-    names = list(_KINDS)
     kind = next(name for name, usual in _KINDS.items() if type(usual) is type(pupils))
-    found, index = imgui.combo("pupil", names.index(kind), names)
-    tooltip(_EYE_TIPS["pupil"])
-    if found and names[index] != kind:
-        return _KINDS[names[index]]
+    chosen = combo("pupil", kind, tuple(_KINDS), _EYE_TIPS["pupil"])
+    if chosen != kind:
+        return _KINDS[chosen]
     if isinstance(pupils, PupilGrid):
         _, (rows, columns) = imgui.input_int2("rows, columns", [pupils.rows, pupils.columns])
         rows, columns = (min(max(count, 1), MOST_ALONG_AXIS) for count in (rows, columns))

@@ -14,7 +14,8 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field, tooltip
+from holoview.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field
+from holoview.app.widgets import button, combo, tooltip
 from holoview.model import fields as describe
 from holoview.model.effects.effect import Effect, Parameter
 from holoview.model.effects.registry import get_effect, listed_effects, unmet_requirement
@@ -177,9 +178,8 @@ def _draw_light(context: AppContext, system: System) -> None:
 def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
     count = "continuous" if value is None else str(len(value))
     options = list(_LEVELS) + ([] if count in _LEVELS else [count])
-    changed, index = imgui.combo(name, options.index(count), options)
-    tooltip(doc)
-    return WidgetEdit(_LEVELS[options[index]], False) if changed and options[index] in _LEVELS else None
+    chosen = combo(name, count, options, doc)
+    return WidgetEdit(_LEVELS[chosen], False) if chosen != count and chosen in _LEVELS else None
 
 
 # --- effects ----------------------------------------------------------------------------------------------------------
@@ -208,8 +208,8 @@ class EffectsPanel(Panel):
 
     def set_up(self, context: AppContext) -> None:
         """Adds the command that switches off all effects."""
-        add = context.commands.add
-        add("Switch off all effects", lambda: self._switch_off(context), "Edit", help="The plain model of the bench.")
+        help = "The plain model of the bench."
+        context.commands.add("Edit", "Switch off all effects", lambda: self._switch_off(context), help=help)
 
     def draw(self, context: AppContext) -> None:
         """Draws a switch for each effect, and the sliders of those that are on."""
@@ -217,11 +217,9 @@ class EffectsPanel(Panel):
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
         _, self._query = imgui.input_text_with_hint("##words", "find an effect", self._query)
         imgui.same_line()
-        imgui.begin_disabled(not system.effects)
-        if imgui.button("All off", imgui.ImVec2(-1, 0)):
+        tip = f"{len(system.effects)} of {len(effects)} are switched on."
+        if button(context, "All off", tip, width=-1, is_enabled=bool(system.effects)):
             self._switch_off(context)
-        imgui.end_disabled()
-        tooltip(f"{len(system.effects)} of {len(effects)} are switched on.")
         imgui.begin_child("effects")
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
         for location, group in _by_place(self._found(effects.values())).items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from holoview.app.rig_controls import CameraPanes, RigControls
 
 
-_GROUP = "Rig"
 _PANELS = ("Rig", "Rig diagnosis", "Camera")
 
 
@@ -35,38 +35,23 @@ class RigPanel(Panel):
         self.dialog = FileDialog(context.session, "Rig files")
         context.overlays.append(self.dialog)
         if not context.is_read_only:
-            context.commands.add(
-                "Open a rig…", lambda: self._ask_rig(context), "File", help="The devices of a bench: rig.toml."
-            )
+            help = "The devices of a bench: rig.toml."
+            context.commands.add("File", "Open a rig…", lambda: self._ask_rig(context), help=help)
             self._add_commands(context)
 
     def _add_commands(self, context: AppContext) -> None:
-        add, is_there = context.commands.add, lambda: context.opened_rig is not None
-        add(
-            "Lasers off",
-            lambda: context.rig.lasers_off(),
-            _GROUP,
-            "F9",
-            "All lasers, at once, whatever the devices do; ends a plan.",
-            is_enabled=is_there,
-            is_urgent=True,
-        )
-        for name, action, keys, help in (
-            ("Take a capture", lambda: self.controls.captures.take(context), "F8", "As the devices are set."),
-            (
-                "Send the viewer's pattern",
-                lambda: self.controls.patterns.send_drive(context),
-                "F7",
-                "To the modulators, in their levels.",
-            ),
-            ("Live camera", lambda: context.rig.set_live(not context.rig.is_live), "", "Pictures all the time."),
-            ("Run the default plan", lambda: context.rig.run_plan(None), "", "Captures of every laser and plane."),
-            ("Diagnose the captures", lambda: context.rig.diagnose(), "", "What is wrong with the bench."),
-            ("Bench of the rig", lambda: self.controls.patterns.take_bench(context), "", "The viewer shows it."),
-            ("Connect again", lambda: context.rig.reconnect(), "", "Closes and opens the devices, lasers off."),
-            ("Close the rig", lambda: context.rig.close_rig(), "", "Lasers off, devices closed."),
-        ):
-            add(name, action, _GROUP, keys, help, is_enabled=is_there)
+        add = partial(context.commands.add, "Rig", is_enabled=lambda: context.opened_rig is not None)
+        off = "All lasers, at once, whatever the devices do; ends a plan."
+        add("Lasers off", lambda: context.rig.lasers_off(), "F9", off, is_urgent=True)
+        add("Take a capture", lambda: self.controls.captures.take(context), "F8", "As the devices are set.")
+        levels = "To the modulators, in their levels."
+        add("Send the viewer's pattern", lambda: self.controls.patterns.send_drive(context), "F7", levels)
+        add("Live camera", lambda: context.rig.set_live(not context.rig.is_live), "", "Pictures all the time.")
+        add("Run the default plan", lambda: context.rig.run_plan(None), "", "Captures of every laser and plane.")
+        add("Diagnose the captures", lambda: context.rig.diagnose(), "", "What is wrong with the bench.")
+        add("Bench of the rig", lambda: self.controls.patterns.take_bench(context), "", "The viewer shows it.")
+        add("Connect again", lambda: context.rig.reconnect(), "", "Closes and opens the devices, lasers off.")
+        add("Close the rig", lambda: context.rig.close_rig(), "", "Lasers off, devices closed.")
 
     @property
     def controls(self) -> RigControls:

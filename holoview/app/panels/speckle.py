@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
 from holoview.app.plots import draw_retinal_curve, draw_retinal_state
+from holoview.app.widgets import command_button, share_of_width, tooltip, wrapped_text
 from holoview.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 from holoview.metrics.speckle import SpeckleHistogram
 
-_GROUP = "Speckle"
 _TIPS = {
     "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
     "together have 1/√N. With a target, the picture's own structure is divided out.",
@@ -46,34 +47,14 @@ class SpecklePanel(Panel):
 
     def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
-        add = context.commands.add
-        add(
-            "Draw a region",
-            lambda: _toggle_tool(context, "region"),
-            _GROUP,
-            "Shift+R",
-            "Drag on the image; figures follow it.",
-        )
-        add(
-            "Draw a line",
-            lambda: _toggle_tool(context, "line"),
-            _GROUP,
-            "Shift+L",
-            "Drag on the image; its profile is plotted.",
-        )
-        add(
-            "Forget region and line",
-            lambda: _clear_selection(context),
-            _GROUP,
-            help="Back to the central half of the image.",
-        )
-        add(
-            "Simultaneous beside HoloChrome",
-            lambda: self._compare(context),
-            _GROUP,
-            "F5",
-            "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast.",
-        )
+        add, region, line = partial(context.commands.add, "Speckle"), "region", "line"
+        add("Draw a region", lambda: _toggle_tool(context, region), "Shift+R", "Drag on the image; figures follow it.")
+        profile = "Drag on the image; its profile is plotted."
+        add("Draw a line", lambda: _toggle_tool(context, line), "Shift+L", profile)
+        back = "Back to the central half of the image."
+        add("Forget region and line", lambda: _clear_selection(context), help=back)
+        both = "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast."
+        add("Simultaneous beside HoloChrome", lambda: self._compare(context), "F5", both)
 
     def draw(self, context: AppContext) -> None:
         """Draws tools, numbers, plots, and the comparison of schemes."""
@@ -107,8 +88,7 @@ class SpecklePanel(Panel):
             if imgui.button("Cancel##showcase"):
                 job.cancel()
             return
-        if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
-            self._compare(context)
+        command_button(context, "Simultaneous beside HoloChrome", "Compare##showcase", width=-1)
         if self.comparison is not None:
             for compared in (self.comparison.left, self.comparison.right):
                 imgui.text_wrapped(f"{compared.name}: contrast {compared.contrast:.3f}")
@@ -129,19 +109,11 @@ def _clear_selection(context: AppContext) -> None:
 
 
 def _draw_tools(context: AppContext) -> None:
-    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
-    for tool, name in (("region", "Region"), ("line", "Line")):
-        is_active = context.drag_tool == tool
-        if is_active:
-            imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
-        if imgui.button(name, imgui.ImVec2(width, 0)):
-            _toggle_tool(context, tool)
-        if is_active:
-            imgui.pop_style_color()
-        tooltip(f"Draw a {tool} on the image by a drag; its figures are below.")
+    width = share_of_width(3)
+    for tool in ("region", "line"):
+        command_button(context, f"Draw a {tool}", tool.capitalize(), width=width, is_on=context.drag_tool == tool)
         imgui.same_line()
-    if imgui.button("Forget", imgui.ImVec2(width, 0)):
-        _clear_selection(context)
+    command_button(context, "Forget region and line", "Forget", width=width)
     state = context.session.document
     changed, numbers = imgui.input_int4(
         "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
@@ -155,9 +127,7 @@ def _draw_tools(context: AppContext) -> None:
 
 def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     if measurements.problem:
-        imgui.push_style_color(imgui.Col_.text, theme.WARNING)
-        imgui.text_wrapped(measurements.problem)
-        imgui.pop_style_color()
+        wrapped_text(measurements.problem, theme.WARNING)
     region = measurements.region
     if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
         return

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.widgets import button, command_button, tooltip
 from holoview.model import preset
 from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import (
@@ -53,33 +53,24 @@ class ViewPanel(Panel):
     dock = "Low right"
 
     def set_up(self, context: AppContext) -> None:
-        add, session = context.commands.add, context.session
-        add("Brighter", lambda: _adjust_exposure(context, _STOP), "Image", "E", "A quarter stop.", repeats=True)
-        add("Darker", lambda: _adjust_exposure(context, -_STOP), "Image", "Shift+E", "A quarter stop.", repeats=True)
-        add("Reset tone", lambda: _reset(context), "Image", "R", "Exposure, gamma, black and white as at first.")
-        add("Next channel", lambda: _cycle(context, "channel", CHANNELS), "Image", "C")
-        add(
-            "False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels."
-        )
-        add(
-            "Next page",
-            lambda: _cycle(context, "page", PAGES),
-            "Image",
-            "G",
-            "Image, planes, phase, field, eyebox, target.",
-        )
+        add = partial(context.commands.add, "Image")
+        add("Brighter", lambda: _adjust_exposure(context, _STOP), "E", "A quarter stop.", repeats=True)
+        add("Darker", lambda: _adjust_exposure(context, -_STOP), "Shift+E", "A quarter stop.", repeats=True)
+        tone = partial(context.edit_view, "Reset tone", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
+        add("Reset tone", tone, "R", "Exposure, gamma, black and white as at first.")
+        add("Next channel", lambda: _cycle(context, "channel", CHANNELS), "C")
+        add("False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "K", "For single channels.")
+        add("Next page", lambda: _cycle(context, "page", PAGES), "G", "Image, planes, phase, field, eyebox, target.")
+        add = partial(context.commands.add, "Compare")
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, context, name)
-            add(title, action, "Compare", keys, _COMPARE_DOCS[name], is_enabled=lambda: not context.help_overlay.page)
+            add(title, action, keys, _COMPARE_DOCS[name], is_enabled=lambda: not context.help_overlay.page)
+        add("Swap A and B", lambda: _swap(context), "X", "A becomes B and B becomes A.")
         add(
-            "Swap A and B",
-            lambda: context.edit_view("Swap", a=session.view_settings.b, b=session.view_settings.a),
-            "Compare",
-            "X",
+            "Pin a snapshot", lambda: _pin(context), "P", "Keeps the present state under a name, to compare with later."
         )
-        add("Pin a snapshot", lambda: _pin(context), "Compare", "P", "Keeps the present state, to compare with later.")
-        add("Compare with target", lambda: context.edit_view("Compare", b=TARGET, compare="wipe"), "Compare", "T")
+        add("Compare with target", lambda: context.edit_view("Compare", b=TARGET, compare="wipe"), "T")
 
     def draw(self, context: AppContext) -> None:
         view = context.session.view_settings
@@ -112,13 +103,11 @@ class ViewPanel(Panel):
         tooltip("Values of a channel, after exposure, that are shown black and white.")
         if changed and low < high:
             context.edit_view("Black and white", low=low, high=high)
-        if imgui.button("Reset"):
-            _reset(context)
-        tooltip("Exposure, gamma, black and white as at first.")
+        command_button(context, "Reset tone", "Reset")
         imgui.same_line()
-        if imgui.button("Fit brightness"):
+        tip = "An exposure at which only the brightest hundredth of the image is beyond white."
+        if button(context, "Fit brightness", tip):
             _fit_brightness(context)
-        tooltip("An exposure at which only the brightest hundredth of the image is beyond white.")
 
     def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
         frames, modulators = context.session.system.frames, len(context.session.system.modulators)
@@ -134,13 +123,9 @@ class ViewPanel(Panel):
             self._draw_side(context, key, getattr(view, key))
         if view.compare == "wipe":
             _slider(context, "wipe", view.wipe, 0.0, 1.0, "%.2f", 0.5, "Share of the width that shows A.")
-        if imgui.button("Pin"):
-            _pin(context)
-        tooltip("Keeps the present state under a name, to compare with later.")
+        command_button(context, "Pin a snapshot", "Pin")
         imgui.same_line()
-        if imgui.button("Swap"):
-            context.edit_view("Swap", a=view.b, b=view.a)
-        tooltip("A becomes B and B becomes A.")
+        command_button(context, "Swap A and B", "Swap")
         for name in context.session.snapshots:
             _draw_snapshot(context, name)
 
@@ -159,9 +144,8 @@ class ViewPanel(Panel):
 
 def _draw_snapshot(context: AppContext, name: str) -> None:
     imgui.push_id(name)
-    is_forgotten = imgui.button("×")
-    context.record_item_rect(f"forget {name}")
-    tooltip("Forgets this snapshot; what compares with it compares with the present.")
+    tip = "Forgets this snapshot; what compares with it compares with the present."
+    is_forgotten = button(context, "×", tip, name=f"forget {name}")
     imgui.same_line()
     _, text = imgui.input_text("snapshot", name)
     imgui.pop_id()
@@ -216,10 +200,6 @@ def _adjust_exposure(context: AppContext, stops: float) -> None:
     context.edit_view("Exposure", exposure_stops=context.session.view_settings.exposure_stops + stops)
 
 
-def _reset(context: AppContext) -> None:
-    context.edit_view("Reset tone", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
-
-
 def _fit_brightness(context: AppContext) -> None:
     xyz = context.side_renderers.xyz(displayed_side(context.session.view_settings))
     if xyz is None:
@@ -236,6 +216,11 @@ def _cycle(context: AppContext, field: str, options: tuple[str, ...]) -> None:
 def _compare(context: AppContext, name: str) -> None:
     is_on = context.session.view_settings.compare == name
     context.edit_view("Compare", compare="off" if is_on else name)
+
+
+def _swap(context: AppContext) -> None:
+    view = context.session.view_settings
+    context.edit_view("Swap", a=view.b, b=view.a)
 
 
 def _pin(context: AppContext) -> None:
