@@ -348,14 +348,16 @@ class NestedList:
         return [to_mapping(entry) for entry in value]
 
 
-def described_field(field_type: FieldType, doc: str, **kwargs: Any) -> Any:
+def described_field(field_type: ValueType, doc: str, **kwargs: Any) -> Any:
     """`dataclasses.field` with the field's type and a sentence that explains it, as metadata "kind" and "doc"."""
     return dataclasses.field(metadata={"kind": field_type, "doc": doc}, **kwargs)
 
 
 def key_without_unit(name: str) -> str:
     """A field's key in tables: its name without the unit."""
-    return name.removesuffix("_m").removesuffix("_rad").removesuffix("_dpt").removesuffix("_deg")
+    for unit in ("_m", "_s", "_rad", "_dpt", "_deg"):
+        name = name.removesuffix(unit)
+    return name
 
 
 def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:

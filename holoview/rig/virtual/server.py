@@ -59,8 +59,8 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import ORIENTATIONS, Captures, inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import Nuisances, jittered_effects, read_out
-from holoview.model.effects.registry import EffectTable
-from holoview.model.fields import Integer, Number
+from holoview.model.effects.registry import EffectTable, EffectValues
+from holoview.model.fields import Integer, Number, described_field, from_mapping, validate
 from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, Levels
 from holoview.rig.virtual.client import Connection, Disconnected, Message
@@ -71,7 +71,7 @@ from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
 _EXPECTED = "what a virtual bench really is, in TOML"
 _TURNED = ("slm1", "slm2", "camera")
-_SHARE = Number(low=0.0, high=1.0)
+_SHARE, _SECONDS, _SMALL = Number(low=0.0, high=1.0), Number(low=0.0, high=100.0), Number("um", low=0.0, high=1e-3)
 _HOUR_S = 3600.0
 _BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
 _MIN_SHARE, _MAX_SHARE = 1e-4, 0.95  # of a pattern before: below it is gone; the most that the effect takes
@@ -95,7 +95,9 @@ class OrientationTable:
 class LaserLogName:
     """Field type of the log of the lasers, which is written: a stranger's bench mustn't choose another file."""
 
-    def parse(self, value: Any, where: str) -> str:
+    def parse(self, value: Any, where: str) -> str | None:
+        if value is None:
+            return None
         if not (isinstance(value, str) and _LASER_LOG.fullmatch(value)):
             raise UserError(where, f"{value!r}", expected='"lasers.txt", or letters and digits between these words')
         return value
@@ -118,6 +120,8 @@ class FaultTable:
     """Field type of the table [faults]."""
 
     def parse(self, value: Any, where: str) -> FaultSettings:
+        if isinstance(value, FaultSettings):
+            return value
         if not isinstance(value, Mapping):
             raise UserError(where, f"{value!r}", expected="a table such as [faults] timeout = 0.01")
         shares = read_table(value, _FAULTS, f"{where}.")
@@ -125,52 +129,42 @@ class FaultTable:
 
 
 @dataclass(frozen=True)
-class DriftSettings:
-    """Standard deviations after an hour. camera_m: of its place, in y and in x. power: of the power's logarithm."""
-
-    camera_m: float = 0.0
-    power: float = 0.0
-
-
-_KEYS: dict[str, ValueType] = {
-    "seed": Number(low=0, high=2**31),
-    "settle": Number(low=0.0, high=100.0),
-    "finer": Number(low=1, high=8),
-    "readout": Number(low=0.0, high=100.0),
-    "exposure_jitter": _SHARE,
-    "prnu": _SHARE,
-    "camera_jitter": Number("um", low=0.0, high=1e-3),
-    "wavelength_jitter": Number("nm", low=0.0, high=1e-7),
-    "trigger_jitter": Number(low=0.0, high=100.0),
-    "camera_drift": Number("um", low=0.0, high=1e-3),
-    "power_drift": _SHARE,
-    "laser_log": LaserLogName(),
-    "faults": FaultTable(),
-    "effects": EffectTable(),
-    "placement": OrientationTable(),
-}
-
-
-@dataclass(frozen=True)
 class VirtualSettings:
-    """effects: {id: {parameter: value}}. settle_s: time constant of the modulators. readout_s: of a picture.
+    """What a virtual bench really is. Keys of its table are the names of these fields without `_m` and `_s`."""
 
-    finer: factor by which light is computed finer than a model of the captures would. seed: of all random numbers.
-    slm_turns: how the pattern of each modulator arrives on the bench. camera_turn: how the picture is recorded.
-    """
+    effects: EffectValues = described_field(EffectTable(), "hidden effects", default=())
+    placement: Mapping[str, str] = described_field(OrientationTable(), "how devices are turned", default_factory=dict)
+    seed: float = described_field(Number(low=0, high=2**31), "of all random numbers", default=0)
+    settle_s: float = described_field(_SECONDS, "time constant of the modulators", default=0.0)
+    readout_s: float = described_field(_SECONDS, "of a picture", default=0.02)
+    finer: float = described_field(Number(low=1, high=8), "finer light than of a model of the captures", default=1)
+    exposure_jitter: float = described_field(_SHARE, "relative, of each exposure", default=0.0)
+    prnu: float = described_field(_SHARE, "relative, of the pixels' sensitivities", default=0.0)
+    camera_jitter_m: float = described_field(_SMALL, "shift of the camera in each capture", default=0.0)
+    wavelength_jitter_m: float = described_field(Number("nm", 0.0, 1e-7), "of the laser in each capture", default=0.0)
+    trigger_jitter_s: float = described_field(_SECONDS, "by which exposures begin late", default=0.0)
+    camera_drift_m: float = described_field(_SMALL, "in y and in x, after an hour", default=0.0)
+    power_drift: float = described_field(_SHARE, "of the power's logarithm, after an hour", default=0.0)
+    laser_log: str | None = described_field(LaserLogName(), "notes each switching of a laser", default=None)
+    faults: FaultSettings = described_field(FaultTable(), "of devices at random moments", default=FaultSettings())
 
-    effects: Mapping[str, Mapping[str, Any]]
-    nuisances: Nuisances
-    seed: int = 0
-    settle_s: float = 0.0
-    readout_s: float = 0.02
-    finer: int = 1
-    trigger_jitter_s: float = 0.0
-    drift: DriftSettings = field(default_factory=DriftSettings)
-    faults: FaultSettings = field(default_factory=FaultSettings)
-    laser_log: Path | None = None
-    slm_turns: tuple[str, ...] = ("none", "none")
-    camera_turn: str = "none"
+    def __post_init__(self) -> None:
+        validate(self)
+        object.__setattr__(self, "effects", {name: dict(pairs) for name, pairs in dict(self.effects).items()})
+
+    @property
+    def nuisances(self) -> Nuisances:
+        """The variations from capture to capture."""
+        return Nuisances(self.exposure_jitter, self.prnu, self.camera_jitter_m, self.wavelength_jitter_m)
+
+    def slm_turns(self, count: int) -> tuple[str, ...]:
+        """How the pattern of each of `count` modulators arrives on the bench."""
+        return tuple(self.placement.get(f"slm{n}", "none") for n in range(1, count + 1))
+
+    @property
+    def camera_turn(self) -> str:
+        """How the picture on the bench is recorded."""
+        return self.placement.get("camera", "none")
 
 
 def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
@@ -181,31 +175,15 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
             raise UserError(f"{where}.bench", "isn't the only key, or no text", expected="the name of a file alone")
         file = rig.path.parent / table["bench"]
         table, where = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED), str(file)
-    values = read_table(table, _KEYS, f"{where}.")
-    turns = values.get("placement", {})
-    slm_turns = tuple(turns.get(f"slm{n}", "none") for n in range(1, len(rig.bench.slms) + 1))
-    if len({oriented_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
+    try:
+        settings: VirtualSettings = from_mapping(VirtualSettings, table)
+    except UserError as error:
+        raise error.inside(f"{where}.") from error
+    turns = settings.slm_turns(len(rig.bench.slms))
+    if len({oriented_shape(rig.slm_shape, turn) for turn in turns}) > 1:
         expected = "turns that leave both modulators the same shape"
-        raise UserError(f"{where}.placement", f"{slm_turns[0]} and {slm_turns[1]}", expected=expected)
-    return VirtualSettings(
-        effects={name: dict(pairs) for name, pairs in values.get("effects", ())},
-        nuisances=Nuisances(
-            values.get("exposure_jitter", 0.0),
-            values.get("prnu", 0.0),
-            values.get("camera_jitter", 0.0),
-            values.get("wavelength_jitter", 0.0),
-        ),
-        seed=int(values.get("seed", 0)),
-        settle_s=values.get("settle", 0.0),
-        readout_s=values.get("readout", 0.02),
-        finer=int(values.get("finer", 1)),
-        trigger_jitter_s=values.get("trigger_jitter", 0.0),
-        drift=DriftSettings(values.get("camera_drift", 0.0), values.get("power_drift", 0.0)),
-        faults=values.get("faults", FaultSettings()),
-        laser_log=rig.path.parent / values["laser_log"] if "laser_log" in values else None,
-        slm_turns=slm_turns,
-        camera_turn=turns.get("camera", "none"),
-    )
+        raise UserError(f"{where}.placement", f"{turns[0]} and {turns[1]}", expected=expected)
+    return settings
 
 
 class Drift:
@@ -214,24 +192,25 @@ class Drift:
     camera_m: shift (y, x) of the camera. power: factor of the lasers' light.
     """
 
-    def __init__(self, settings: DriftSettings, rng: np.random.Generator) -> None:
-        self._settings, self._rng, self._time_s = settings, rng, 0.0
+    def __init__(self, camera_m: float, power: float, rng: np.random.Generator) -> None:
+        """Standard deviations after an hour: of the camera's place in y and in x, and of the power's logarithm."""
+        self._of_camera_m, self._of_power, self._rng, self._time_s = camera_m, power, rng, 0.0
         self._walk = np.zeros(3)
 
     def advance(self, time_s: float) -> None:
         """Goes on to this time on the bench."""
-        if time_s > self._time_s and (self._settings.camera_m or self._settings.power):
+        if time_s > self._time_s and (self._of_camera_m or self._of_power):
             self._walk += math.sqrt((time_s - self._time_s) / _HOUR_S) * self._rng.standard_normal(3)
         self._time_s = max(time_s, self._time_s)
 
     @property
     def camera_m(self) -> tuple[float, float]:
-        y, x, _ = self._settings.camera_m * self._walk
+        y, x, _ = self._of_camera_m * self._walk
         return float(y), float(x)
 
     @property
     def power(self) -> float:
-        return math.exp(self._settings.power * float(self._walk[2]))
+        return math.exp(self._of_power * float(self._walk[2]))
 
 
 @dataclass(frozen=True)
@@ -255,8 +234,9 @@ class VirtualBench:
         self, rig: RigDescription, settings: VirtualSettings, on_laser: Callable[[str], None] = lambda _: None
     ) -> None:
         self._rig, self._settings, self._on_laser = rig, settings, on_laser
-        self._rng = np.random.default_rng(settings.seed)
-        self._drift = Drift(settings.drift, np.random.default_rng((settings.seed, 1)))
+        seed = int(settings.seed)
+        self._rng, self._turns = np.random.default_rng(seed), settings.slm_turns(len(rig.bench.slms))
+        self._drift = Drift(settings.camera_drift_m, settings.power_drift, np.random.default_rng((seed, 1)))
         self._sensitivity = 1 + settings.nuisances.prnu * self._rng.standard_normal(rig.camera_shape)
         lasers = rig.wavelengths_m
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
@@ -333,7 +313,7 @@ class VirtualBench:
 
     def _dark_picture(self) -> Counts:
         captures, settings = self._one_capture(self._rig.wavelengths_m[0], 0.0), self._settings
-        dark = Predictor(captures, finer=settings.finer).without_lasers([0], settings.effects)
+        dark = Predictor(captures, finer=int(settings.finer)).without_lasers([0], settings.effects)
         light = np.zeros(self._picture_shape) if dark.ambient is None else dark.ambient[0].double().numpy()
         return self._recorded(light, dark.black_level)
 
@@ -341,7 +321,7 @@ class VirtualBench:
         settings = self._settings
         jittered = jittered_effects(settings.effects, settings.nuisances, self._rng)
         effects = self._with_settling(self._with_drift(jittered), begin)
-        prediction = Predictor(self._one_capture(wavelength_m, power), finer=settings.finer)([0], effects)
+        prediction = Predictor(self._one_capture(wavelength_m, power), finer=int(settings.finer))([0], effects)
         signal = prediction.signal[0].double().numpy()
         light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error() * self._drift.power
         if prediction.ambient is not None:
@@ -368,8 +348,7 @@ class VirtualBench:
 
     def _on_the_bench(self, displayed: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Patterns as they arrive on the bench (modulator, y, x)."""
-        turns = self._settings.slm_turns
-        return np.stack([turned(own, turn) for own, turn in zip(displayed, turns, strict=True)])
+        return np.stack([turned(own, turn) for own, turn in zip(displayed, self._turns, strict=True)])
 
     def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
         """The effects, with the share of the patterns before that remains when an exposure begins."""
@@ -556,7 +535,7 @@ def main() -> int:
     try:
         rig = read_rig(sys.argv[1], is_registered=False)
         settings = read_virtual_settings(rig)
-        log = LaserLog(settings.laser_log)
+        log = LaserLog(None if settings.laser_log is None else rig.path.parent / settings.laser_log)
         bench = VirtualBench(rig, settings, log.note)
     except UserError as error:
         print(f"error {error}", flush=True)

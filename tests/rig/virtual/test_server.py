@@ -17,7 +17,7 @@ import pytest
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.devices import DeviceError, DeviceGone, Devices
 from holoview.rig.virtual.client import Connection, Disconnected, Message, VirtualBenchProcess, ask, connect
-from holoview.rig.virtual.server import Drift, DriftSettings, FaultInjector, FaultSettings, read_virtual_settings
+from holoview.rig.virtual.server import Drift, FaultInjector, FaultSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
@@ -322,11 +322,11 @@ def test_a_bench_with_faults_is_a_device_that_fails(make_rig: MakeRig) -> None:
 
 
 def test_random_walks_spread_with_the_square_root_of_time() -> None:
-    settings = DriftSettings(camera_m=1e-6, power=0.02)
+    camera_m, power = 1e-6, 0.02
     for hours, step_s in ((1.0, 3600.0), (4.0, 600.0)):
         ends = []
         for seed in range(400):
-            drift = Drift(settings, np.random.default_rng(seed))
+            drift = Drift(camera_m, power, np.random.default_rng(seed))
             for time_s in np.arange(step_s, hours * 3600 + 1, step_s):
                 drift.advance(float(time_s))
             ends.append((*drift.camera_m, 5e-5 * np.log(drift.power)))
@@ -335,10 +335,10 @@ def test_random_walks_spread_with_the_square_root_of_time() -> None:
 
 
 def test_time_that_doesnt_pass_moves_nothing() -> None:
-    drift = Drift(DriftSettings(1e-6, 0.1), np.random.default_rng(0))
+    drift = Drift(1e-6, 0.1, np.random.default_rng(0))
     drift.advance(0.0)
     assert drift.camera_m == (0.0, 0.0) and drift.power == 1.0
-    still = Drift(DriftSettings(), np.random.default_rng(0))
+    still = Drift(0.0, 0.0, np.random.default_rng(0))
     still.advance(1e6)
     assert still.camera_m == (0.0, 0.0) and still.power == 1.0
 
