@@ -300,13 +300,16 @@ def scheme_jobs(
     study: Study, schemes: Sequence[str], scale: StudyScale, seed: int, what: str = "", **settings: Any
 ) -> list[StudyJob]:
     """A job for each scheme, target and seed, with further settings. what: addition to the labels."""
+    cases = {f"{scheme}{what and f', {what}'}": {"scheme": scheme, **settings} for scheme in schemes}
+    return case_jobs(study, cases, scale, seed)
+
+
+def case_jobs(study: Study, cases: Mapping[str, JobSettings], scale: StudyScale, seed: int) -> list[StudyJob]:
+    """A job for each case, target and seed. cases: the settings of a job by the words that its label begins with."""
     return [
-        study.make_job(
-            f"{scheme}{what and f', {what}'}, {case['target']}, seed {case['seed']}",
-            {**case, "scheme": scheme, **settings},
-        )
-        for scheme in schemes
-        for case in targets_and_seeds(scale, seed)
+        study.make_job(f"{label}, {shared['target']}, seed {shared['seed']}", {**shared, **case})
+        for label, case in cases.items()
+        for shared in targets_and_seeds(scale, seed)
     ]
 
 

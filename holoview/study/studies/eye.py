@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from holoview.study.hologram_study import (
     ROW_MIDDLE_NM,
     SHOWN,
     aimed_jobs,
+    case_jobs,
     first_results,
     gain_claim,
     groups_of_lasers,
@@ -33,7 +35,6 @@ from holoview.study.hologram_study import (
     score_numbers,
     score_settings,
     table_row,
-    targets_and_seeds,
 )
 from holoview.study.plots import line_plot
 from holoview.study.study import (
@@ -198,23 +199,17 @@ class _EyeSpacing(Study):
     quick_note = f"{QUICK_SIZE}."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            self.make_job(
-                f"{lasers} of wavelengths {spacing:g} nm apart, for {aim}, {case['target']}, seed {case['seed']}",
-                {
-                    **case,
-                    "scheme": "simultaneous",
-                    "lasers": lasers,
-                    "spacing_nm": spacing,
-                    "optimised_for": aim,
-                    "set": row_of_lasers(8, spacing) if lasers == "row" else groups_of_lasers(spacing),
-                },
-            )
-            for aim in ("planes", "eye")
-            for lasers in _SETS
-            for spacing in _SPACINGS_NM
-            for case in targets_and_seeds(scale, seed)
-        ]
+        cases = {
+            f"{lasers} of wavelengths {spacing:g} nm apart, for {aim}": {
+                "scheme": "simultaneous",
+                "lasers": lasers,
+                "spacing_nm": spacing,
+                "optimised_for": aim,
+                "set": row_of_lasers(8, spacing) if lasers == "row" else groups_of_lasers(spacing),
+            }
+            for aim, lasers, spacing in product(("planes", "eye"), _SETS, _SPACINGS_NM)
+        }
+        return case_jobs(self, cases, scale, seed)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         state, planes_m = _optimised(settings, status)

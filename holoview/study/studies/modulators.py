@@ -22,6 +22,7 @@ from holoview.study.hologram_study import (
     REPRODUCES,
     SHOWN,
     HologramStudy,
+    case_jobs,
     gain_claim,
     hologram_metrics,
     job_system,
@@ -35,7 +36,6 @@ from holoview.study.hologram_study import (
     result_table,
     scheme_jobs,
     table_row,
-    targets_and_seeds,
 )
 from holoview.study.plots import bar_chart, bar_panels, line_plot
 from holoview.study.study import (
@@ -85,14 +85,9 @@ class _Modulators(HologramStudy):
             rows=result_table(results, "eyebox"),
             claims=[
                 gain_claim(
-                    results,
-                    what,
-                    paper_db,
-                    {"scheme": schemes[0], **eyebox},
-                    {"scheme": schemes[1], **eyebox},
-                    reason=_REASON,
+                    results, what, paper_db, {"scheme": two, **eyebox}, {"scheme": one, **eyebox}, reason=_REASON
                 )
-                for what, paper_db, schemes, eyebox in pairs
+                for what, paper_db, (two, one), eyebox in pairs
             ],
             plots=[
                 psnr_plot(results, labels, cases),
@@ -147,15 +142,13 @@ class _SecondModulator(HologramStudy):
     quick_note = f"{QUICK_SIZE}, and one value of each setting."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            self.make_job(
-                f"{scheme}, {label}, {case['target']}, seed {case['seed']}",
-                {"eyebox": _WEIGHT, **case, "scheme": scheme, **_settings(change, scheme, case["iterations"])},
-            )
+        shared = {"eyebox": scale.eyebox or _WEIGHT}
+        cases = {
+            f"{scheme}, {label}": {**shared, "scheme": scheme, **_settings(change, scheme, scale.iterations)}
             for label, change in _labelled(is_short=scale.shape[0] <= QUICK.shape[0]).items()
             for scheme in (_TWO, _ONE)
-            for case in targets_and_seeds(scale, seed)
-        ]
+        }
+        return case_jobs(self, cases, scale, seed)
 
     def analyse(self, results: Results) -> Findings:
         labels = dict.fromkeys(job.label.split(", ")[1] for job, _ in results)
@@ -315,22 +308,14 @@ class _Multiplexing(Study):
     revision = 3
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            self.make_job(
-                f"{drive}, {mix:.0%} of the longer wavelength, {case['target']}, seed {case['seed']}",
-                {
-                    **case,
-                    "scheme": "simultaneous",
-                    "drive": drive,
-                    "mix": mix,
-                    "set": {"wavelengths": list(_LASERS_M), "amplitudes": _DRIVES[drive]},
-                    "options": {"loss": "xyz"},
-                },
-            )
+        shared = {"scheme": "simultaneous", "options": {"loss": "xyz"}}
+        cases = {
+            f"{drive}, {mix:.0%} of the longer wavelength": {**shared, "drive": drive, "mix": mix}
+            | {"set": {"wavelengths": list(_LASERS_M), "amplitudes": amplitudes}}
             for mix in _MIXES
-            for drive in _DRIVES
-            for case in targets_and_seeds(scale, seed)
-        ]
+            for drive, amplitudes in _DRIVES.items()
+        }
+        return case_jobs(self, cases, scale, seed)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system = job_system(settings)

@@ -6,6 +6,7 @@ less saturated colours with 3 and with 16 lasers.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from holoview.study.hologram_study import (
     SHOWN,
     HologramStudy,
     SchemeStudy,
+    case_jobs,
     equal_claim,
     gain_claim,
     job_system,
@@ -33,7 +35,6 @@ from holoview.study.hologram_study import (
     result_table,
     row_of_lasers,
     scheme_jobs,
-    targets_and_seeds,
 )
 from holoview.study.plots import heat_map, line_plot
 from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
@@ -174,21 +175,12 @@ class _Bandwidth(HologramStudy):
     )
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            self.make_job(
-                f"{count} wavelengths {spacing} nm apart, {case['target']}, seed {case['seed']}",
-                {
-                    **case,
-                    "scheme": "simultaneous",
-                    "set": row_of_lasers(count, spacing),
-                    "count": count,
-                    "spacing_nm": spacing,
-                },
-            )
-            for count in _COUNTS
-            for spacing in _SPACINGS_NM
-            for case in targets_and_seeds(scale, seed)
-        ]
+        cases = {
+            f"{count} wavelengths {spacing} nm apart": {"count": count, "spacing_nm": spacing}
+            | {"scheme": "simultaneous", "set": row_of_lasers(count, spacing)}
+            for count, spacing in product(_COUNTS, _SPACINGS_NM)
+        }
+        return case_jobs(self, cases, scale, seed)
 
     def analyse(self, results: Results) -> Findings:
         table = np.array(
@@ -250,7 +242,10 @@ class _Gamut(HologramStudy):
             measured = f"{change:+.1f} (mean CIEDE2000)"
             claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", measured, verdict))
         base = job_system(results[0][0].settings)
-        areas = [_gamut_area_xy(with_scheme(base, scheme).wavelengths_m) / SRGB_AREA for scheme in (_FEW, _MANY)]
+        areas = [
+            gamut_area(chromaticity(observer_weights("cie1931", with_scheme(base, scheme).wavelengths_m))) / SRGB_AREA
+            for scheme in (_FEW, _MANY)
+        ]
         claims.append(
             Claim("gamut's area in xy, 3 and 16 lasers, of sRGB's", "", f"{areas[0]:.2f}, {areas[1]:.2f}", SHOWN)
         )
@@ -294,10 +289,6 @@ def _falling_gain_claim(results: Results) -> Claim:
 
 def _many_and_few(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
-
-
-def _gamut_area_xy(wavelengths_m: np.ndarray) -> float:
-    return gamut_area(chromaticity(observer_weights("cie1931", wavelengths_m)))
 
 
 STUDIES = (_Schemes(), _WavelengthCount(), _Multisource(), _Wavelengths(), _Bandwidth(), _Gamut())
