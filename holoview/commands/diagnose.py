@@ -97,34 +97,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
     """Adds how finely the bench is sampled, and in how many processes."""
-    parser.add_argument(
-        "--finer",
-        metavar="N",
-        type=whole(-9),
-        default=1,
-        help="samples each way for each of the model's own (default 1)",
-    )
-    parser.add_argument(
-        "--padding",
-        metavar="N",
-        type=whole(-9),
-        default=2,
-        help="size of the grid in sizes of the modulators (default 2)",
-    )
-    parser.add_argument(
-        "--points",
-        metavar="N",
-        type=whole(-9),
-        help="points each way that a camera pixel averages (default: its samples)",
-    )
     most = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
-    parser.add_argument(
-        "--workers",
-        metavar="N",
-        type=whole(-9),
-        default=most,
-        help="processes side by side (default: cores, at most 8)",
-    )
+    for flag, low, high, default, help in (
+        ("--finer", 1, 8, 1, "samples each way for each of the model's own (default 1)"),
+        ("--padding", 2, 8, 2, "size of the grid in sizes of the modulators (default 2)"),
+        ("--points", 1, 16, None, "points each way that a camera pixel averages (default: its samples)"),
+        ("--workers", 1, 1024, most, "processes side by side (default: cores, at most 8)"),
+    ):
+        parser.add_argument(flag, metavar="N", type=whole(low, high), default=default, help=help)
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -268,14 +248,8 @@ class _SoFar:
 
 
 def _check_arguments(args: argparse.Namespace) -> None:
-    """Raises UserError for numbers out of range and for outputs that can't be written."""
+    """Raises UserError for options that don't belong together and for outputs that can't be written."""
     check_rig_options(args)
-    if args.workers < 1:
-        raise UserError("--workers", f"{args.workers}", expected="1 or more")
-    for name, least, most in (("finer", 1, 8), ("padding", 2, 8), ("points", 1, 16)):
-        given = getattr(args, name)
-        if given is not None and not least <= given <= most:
-            raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
     if args.report is not None:
         require_matplotlib("--report")
 
@@ -353,7 +327,7 @@ def add_rig_options(parser: argparse.ArgumentParser) -> None:
         "--captures",
         dest="most_captures",
         metavar="N",
-        type=whole(-9),
+        type=whole(1),
         help=f"take at most so many (default: {_SETTINGS.max_captures})",
     )
     group.add_argument("--bench-time", metavar="TIME", type=parse_duration, help="take captures for at most so long")
@@ -372,8 +346,6 @@ def check_rig_options(args: argparse.Namespace) -> None:
         raise UserError("--preset", "together with --rig", remedy="state the geometry in rig.toml")
     if args.certainty is not None and not 0.5 <= args.certainty < 1:
         raise UserError("--certainty", f"{args.certainty:g}", expected="0.5 or more, below 1")
-    if args.most_captures is not None and args.most_captures < 1:
-        raise UserError("--captures", f"{args.most_captures}", expected="1 or more")
 
 
 def _settings(args: argparse.Namespace) -> LoopSettings:

@@ -272,10 +272,10 @@ def test_files_that_arent_captures_are_refused(holoview: Run, file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--workers", "0"), "--workers: 0; expected 1 or more"),
-        (("--finer", "0"), "--finer: 0; expected 1 to 8"),
-        (("--padding", "1"), "--padding: 1; expected 2 to 8"),
-        (("--points", "99"), "--points: 99; expected 1 to 16"),
+        (("--workers", "0"), "--workers: '0'; expected a whole number of at least 1"),
+        (("--finer", "0"), "--finer: '0'; expected a whole number of at least 1, at most 8"),
+        (("--padding", "1"), "--padding: '1'; expected a whole number of at least 2, at most 8"),
+        (("--points", "99"), "--points: '99'; expected a whole number of at least 1, at most 16"),
         (("--json", "d.txt"), 'd.txt: the suffix ".txt"; expected .json'),
         (("--save-preset", "gone/p.toml"), "the folder gone doesn't exist"),
         (("--report", "c.h5"), "c.h5: can't be made: it is a file"),
