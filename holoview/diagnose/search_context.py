@@ -204,11 +204,15 @@ class PerThreadPredictor:
         """How many fields this thread has asked for."""
         return self._local.predictor.fields_requested if hasattr(self._local, "predictor") else 0
 
+    def counted(self, **options: Any) -> PredictorProtocol:
+        """A further predictor, of other captures perhaps, whose fields count as well. options: of `create`."""
+        self._predictors.append(self.create(**options))
+        return self._predictors[-1]
+
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         self.end.check()
         if not hasattr(self._local, "predictor"):
-            self._local.predictor = self.create()
-            self._predictors.append(self._local.predictor)
+            self._local.predictor = self.counted()
         prediction: Prediction = self._local.predictor(indices, values, grad=grad)
         return prediction
 

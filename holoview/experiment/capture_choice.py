@@ -24,8 +24,8 @@ with Bhattacharyya's distances of Gaussians of equal variance, a lower bound of 
 and capture (Kolchinsky & Tracey, Entropy 19, 361 (2017)). It is never negative, nor more than the entropy of p.
 
 The gradient raises the separation Σ (m₁ − a m₂)²/σ² of leader and rival, with the gain a that suits best and the
-rival's values refitted to first order to the proposal. At these values the derivative by them vanishes, so that the
-gradient by the pattern is that of a fixed rival.
+rival's values refitted to first order to the pattern of each step. At these values the derivative by them vanishes, so
+that the gradient by the pattern is that of a fixed rival. The pattern of largest E[Δχ²] is kept.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ from holoview.util.errors import UserError
 
 T = TypeVar("T")
 
-START_COUNT = 4
+START_COUNT = 2
 
-_START_SIGMAS_PX = (6.0, 3.0, 6.0, 0.0)  # smooth patterns survive large errors, rough patterns show small errors
+_START_SIGMAS_PX = (0.0, 3.0)  # rough patterns show small errors, smooth patterns survive large errors
 _PERIODS_PX = (4, 6, 8, 12, 16)
 _LOW_POWER = 0.5  # of the highest: a power law needs two
-_LOW_POWER_SHARE, _DIM_SHARE = 0.25, 0.125  # of the proposals
-_DIM = 0.1  # of the exposure: light of the room and the camera's response show there
+_POWERS = (_LOW_POWER, 1.0, 1.0, 1.0)
+_BRIGHTNESSES = (0.1, *[1.0] * 7)  # light of the room and the camera's response show in a tenth of the exposure
 
 
 @dataclass(frozen=True)
@@ -95,31 +95,32 @@ class Proposal:
 
 
 def starting_proposals(rig: RigDescription, seed: int) -> list[Proposal]:
-    """The captures to begin with: smooth and rough, of wavelengths, planes and powers as different as possible."""
+    """The captures to begin with. They differ in wavelength, plane and power, so that every effect shows that the rig
+    can show: a rough pattern at the shortest wavelength in the last plane, where light spreads most, and a smooth one
+    at the longest wavelength in the first plane."""
     rng = np.random.default_rng((seed, 0))
     planes, lasers = planes_of(rig), rig.wavelengths_m
-    wavelengths = (lasers[0], lasers[-1], lasers[len(lasers) // 2], lasers[0])
-    distances = (planes[0], planes[0], planes[-1], planes[-1])
-    powers = (1.0, _LOW_POWER, 1.0, _LOW_POWER)
+    places = ((min(lasers), planes[-1], 1.0), (max(lasers), planes[0], _LOW_POWER))
     return [
         Proposal(λ, z, power * rig.limits.power, _blurred(rng, rig, sigma), _blur_words(rig, sigma))
-        for λ, z, power, sigma in zip(wavelengths, distances, powers, _START_SIGMAS_PX, strict=True)
+        for (λ, z, power), sigma in zip(places, _START_SIGMAS_PX, strict=True)
     ]
 
 
 def draw_proposals(rig: RigDescription, rng: np.random.Generator, count: int) -> list[Proposal]:
-    """Random ones; every pair of wavelength and plane, and every class of patterns, comes about as often."""
+    """Random ones; every pair of wavelength and plane, every class of patterns, every power and brightness comes about
+    as often as it should."""
     low, high = rig.limits.stage_m
     planes = [*planes_of(rig)]
     if len(planes) > 1:
         planes.append(float(rng.uniform(low, high)))
     places = _cycled(rng, list(itertools.product(rig.wavelengths_m, planes)), count)
     classes = _cycled(rng, _classes(rig), count)
+    powers, brightnesses = _cycled(rng, _POWERS, count), _cycled(rng, _BRIGHTNESSES, count)
     drawn = []
-    for (λ, z), pattern in zip(places, classes, strict=True):
+    for (λ, z), pattern, power, brightness in zip(places, classes, powers, brightnesses, strict=True):
         levels, words = pattern(rng)
-        power = rig.limits.power * (_LOW_POWER if rng.random() < _LOW_POWER_SHARE else 1.0)
-        drawn.append(Proposal(λ, z, power, levels, words, _DIM if rng.random() < _DIM_SHARE else 1.0))
+        drawn.append(Proposal(λ, z, power * rig.limits.power, levels, words, brightness))
     return drawn
 
 
@@ -379,7 +380,7 @@ class ProposalPrediction:
         self._belief, self._gains = belief, _gains(belief)
         self.captures = searched_part(_as_captures(taken, proposals), belief.context.config)
         self._all = np.arange(len(proposals))
-        self._predictor: PredictorProtocol = belief.context.predictor.create(captures=self.captures, **options)
+        self._predictor: PredictorProtocol = belief.context.predictor.counted(captures=self.captures, **options)
         self.proposals = self._with_exposures(proposals, limits)
         signal, dark = self.light(self._predictor, belief.leader.values)
         self.scale = np.array([self._gain(p.wavelength_m) for p in self.proposals])[:, None, None]
@@ -498,51 +499,53 @@ def improve_pattern(
     belief: Belief, taken: Captures, proposal: Proposal, rival: Hypothesis, limits: SafetyLimits
 ) -> Levels:
     """Levels (modulator, y, x) that separate the leader from the rival better, or those of the proposal."""
-    prediction = ProposalPrediction(belief, taken, [proposal], limits)
-    other = _refitted(prediction, belief.leader, rival)
-    drive = torch.from_numpy(prediction.captures.drive(0)).requires_grad_(True)
-    shown = ShownPatterns(drive)
-    predictor = belief.context.predictor.create(captures=prediction.captures, extra_effects=[shown], cache_mb=1)
-    weight = torch.from_numpy(prediction.weight[0])
-    best, best_separation = drive.detach().clone(), -1.0
+    levels = best = proposal.levels
+    best_delta, drive = -1.0, None
     for _ in range(_STEPS + 1):
-        separation = _separation(predictor, belief.leader.values, other, weight, float(prediction.scale[0, 0, 0]))
-        if separation.item() > best_separation:
-            best, best_separation = drive.detach().clone(), separation.item()
-        (slope,) = torch.autograd.grad(separation, drive)
+        prediction = ProposalPrediction(belief, taken, [replace(proposal, levels=levels)], limits)
+        ((leading, other),) = prediction.responses([belief.leader, rival])
+        delta = expected_delta_chi2(leading, other)
+        if delta > best_delta:
+            best, best_delta = levels, delta
+        drive = torch.from_numpy(prediction.captures.drive(0)) if drive is None else drive
+        slope = _separation_slope(prediction, belief, _refitted(leading, other, rival), drive)
         rms = slope.square().mean().sqrt()
         if not rms.item() > 0:
             break
-        with torch.no_grad():
-            drive.add_(slope, alpha=_STEP / rms.item()).clamp_(0.0, 1.0)
-    return _as_levels(best.numpy(), proposal.levels, taken)
+        drive = (drive + _STEP / rms * slope).clamp(0.0, 1.0)
+        levels = _as_levels(drive.numpy(), proposal.levels, taken)
+    return best
 
 
-def _separation(predictor: PredictorProtocol, first: Values, second: Values, weight: Tensor, scale: float) -> Tensor:
-    """Σ (m₁ − a m₂)²/σ² with the best gain a. scale: counts per unit of signal."""
+def _separation_slope(prediction: ProposalPrediction, belief: Belief, rival: Values, drive: Tensor) -> Tensor:
+    """∂/∂drive of Σ (m₁ − a m₂)²/σ², leader and rival with the best gain a; (modulator, y, x)."""
+    drive = drive.clone().requires_grad_(True)
+    shown, captures = ShownPatterns(drive), prediction.captures
+    predictor = belief.context.predictor.counted(captures=captures, extra_effects=[shown], cache_mb=1)
+    weight = torch.from_numpy(prediction.weight[0]) * float(prediction.scale[0, 0, 0])
     index, on = np.array([0]), {ShownPatterns.id: {"on": 1.0}}
     m, n = (
-        weight * scale * without_border(predictor(index, {**values, **on}, grad=True).signal[0].double())  # type: ignore[arg-type]
-        for values in (first, second)
+        weight * without_border(predictor(index, {**values, **on}, grad=True).signal[0].double())  # type: ignore[arg-type]
+        for values in (belief.leader.values, rival)
     )
     gain = (m * n).sum() / (n * n).sum().clamp_min(1e-300)
-    return (m - gain * n).square().sum()
+    (slope,) = torch.autograd.grad((m - gain * n).square().sum(), drive)
+    return slope
 
 
-def _refitted(prediction: ProposalPrediction, leader: Hypothesis, rival: Hypothesis) -> Values:
+def _refitted(leading: Response, other: Response, rival: Hypothesis) -> Values:
     """Values of the rival, fitted to first order to the leader's prediction; an open one's at one standard deviation.
 
-    Of an open rival the direction that the proposal shows best.
+    leading, other: the proposal as leader and rival predict it. Of an open rival the direction that it shows best.
     """
-    ((first, second),) = prediction.responses([leader, rival])
-    spreads = second.spreads
+    spreads = other.spreads
     if not len(rival.free):
         return rival.values
     if rival.is_open:
         along = np.linalg.eigh(spreads @ spreads.T)[1][:, -1]
     else:
         normal = np.eye(len(spreads)) + spreads @ spreads.T
-        along = np.linalg.solve(normal, spreads @ (first.picture - second.picture))
+        along = np.linalg.solve(normal, spreads @ (leading.picture - other.picture))
     x = rival.free.pack(rival.values) + rival.root @ along
     bounds = rival.free.bounds()
     return rival.free.unpack(bounds.clip(x), rival.values)

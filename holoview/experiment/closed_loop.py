@@ -31,6 +31,7 @@ from holoview.experiment.capture_choice import (
     Choice,
     Proposal,
     draw_proposals,
+    planes_of,
     starting_proposals,
 )
 from holoview.experiment.hypotheses import Belief, HypothesisFits, loop_context
@@ -44,11 +45,13 @@ from holoview.rig.measurement import Measurement
 from holoview.rig.open_rig import open_rig
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
+from holoview.util.progress import no_progress
 
 _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
 # After a diagnosis that named other causes than the leading hypothesis, the next one waits for so many more captures,
 # and for a third more at least.
-_BETWEEN_CHECKS, _CHECK_SHARE = 2, 3
+_BETWEEN_CHECKS, _CHECK_SHARE = 1, 3
+_CHECK_FIELDS = 0.5  # of the fields of a diagnosis, for those that the loop asks for before its end
 _EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
 _EVERY = 4
 _PROPOSALS = 20
@@ -69,12 +72,14 @@ class LoopSettings:
 @dataclass(frozen=True)
 class Step:
     """A capture of the loop. number: from 1. reason: why it was taken. seconds: on the bench. believed: the most
-    probable cause afterwards, in words, with its probability; None while there are too few captures."""
+    probable cause afterwards, in words, with its probability; None while there are too few captures. fields: computed
+    for its choice and for the belief afterwards, without those of a diagnosis."""
 
     number: int
     choice: Choice
     seconds: float
     believed: tuple[str, float] | None = None
+    fields: int = 0
 
     @property
     def sentence(self) -> str:
@@ -97,6 +102,7 @@ class Step:
             "seconds": float(f"{self.seconds:.6g}"),
             "believed": None if self.believed is None else self.believed[0],
             "probability": None if self.believed is None else round(self.believed[1], 6),
+            "fields": self.fields,
         }
 
 
@@ -145,6 +151,7 @@ class ClosedLoop:
         self._measurement, self._time = Measurement(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
+        self._fields = 0  # computed since the last step
 
     def run(self, before: Sequence[Captures] = ()) -> LoopResult:
         """Takes captures and diagnoses them. before: captures of a loop that this one goes on with.
@@ -171,7 +178,8 @@ class ClosedLoop:
             diagnosis = self._judge(parts)
             belief = self._belief
             believed = None if belief is None else (belief.leader.name, belief.certainty)
-            steps.append(dataclasses.replace(step, believed=believed))
+            steps.append(dataclasses.replace(step, believed=believed, fields=self._fields))
+            self._fields = 0
             if diagnosis is not None:
                 ended = f"{believed[0] if believed else 'the cause'} is certain"
         if diagnosis is None:
@@ -191,8 +199,11 @@ class ClosedLoop:
         return ""
 
     def _choose(self, parts: Sequence[Captures]) -> Choice | None:
-        taken = join_captures(parts) if parts else None
-        return self._planner.next(PlannerState(taken, len(parts), self._belief, self._here_m, self._time))
+        taken, belief = join_captures(parts) if parts else None, self._belief
+        before = 0 if belief is None else belief.fields
+        choice = self._planner.next(PlannerState(taken, len(parts), belief, self._here_m, self._time))
+        self._fields += 0 if belief is None else belief.fields - before
+        return choice
 
     def _take(self, number: int, choice: Choice) -> tuple[Step, Captures]:
         """One capture; the lasers are off afterwards, while the next capture is chosen."""
@@ -217,18 +228,29 @@ class ClosedLoop:
             context = loop_context(
                 join_captures(parts), self._effects, self._settings.config, end, self._options["known"]
             )
-            self._belief = belief = self._fits.update(context)
+            self._belief = belief = self._fits.update(context, self._options.get("progress") or no_progress)
+            self._fields += belief.fields
             is_certain = belief.explains and belief.certainty >= self._settings.certainty
-            if not is_certain or count < self._next_check:
+            if not is_certain or count < self._next_check or self._can_show_more(belief):
                 return None
             self._next_check = count + max(_BETWEEN_CHECKS, count // _CHECK_SHARE)
-            diagnosis = self._diagnose(parts, self._effects)
+            diagnosis = self._diagnose(parts, self._effects, config=_with_fields(self._settings.config, _CHECK_FIELDS))
             if self._agrees(diagnosis, belief):
                 return diagnosis
             self._fits.include(context, [found for found in (_searched(diagnosis.values), *diagnosis.rivals) if found])
         except SearchEnded:
             pass
         return None
+
+    def _can_show_more(self, belief: Belief) -> bool:
+        """Whether further wavelengths or planes of this rig would show effects that the captures so far can't."""
+        shown, lasers, planes = (
+            belief.context.kept_captures.data_properties(),
+            self._rig.wavelengths_m,
+            planes_of(self._rig),
+        )
+        all_shown = dataclasses.replace(shown, wavelengths=len(lasers), planes=max(len(planes), shown.planes))
+        return any(not effect.needs.unmet_by(all_shown) for effect in belief.context.unseen.values())
 
     def _agrees(self, diagnosis: Diagnosis, belief: Belief) -> bool:
         """Whether the diagnosis is sure of the cause that leads, by its own rules."""
@@ -240,7 +262,8 @@ class ClosedLoop:
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
         """A diagnosis; it corrects the placement of an aligned rig."""
-        found = diagnose(join_captures(parts), effects, config=self._settings.config, **{**self._options, **options})
+        options = {"config": self._settings.config, **self._options, **options}
+        found = diagnose(join_captures(parts), effects, **options)
         self._options["known"] = found.known
         return found
 
@@ -255,6 +278,12 @@ class ClosedLoop:
         found = self._diagnose(parts, effects, free_maps=False)
         note = "The loop was interrupted; only the causes that were left were searched."
         return dataclasses.replace(found, notes=(*found.notes, note))
+
+
+def _with_fields(config: SearchConfig, share: float) -> SearchConfig:
+    """The configuration with a share of the budget of fields."""
+    budget = dataclasses.replace(config.budget, max_fields=round(share * config.budget.max_fields))
+    return dataclasses.replace(config, budget=budget)
 
 
 def _searched(values: Any) -> tuple[str, ...]:

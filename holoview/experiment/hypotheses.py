@@ -58,7 +58,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.numerics.minimise import jacobian
 from holoview.util.errors import UserError
-from holoview.util.progress import no_progress
+from holoview.util.progress import ProgressCallback, no_progress
 
 Floats = NDArray[np.float64]
 PRIOR_WIDTH = 3.0
@@ -116,6 +116,11 @@ class Belief:
     temperature: float
     context: SearchContext = field(repr=False)
     comparison: Comparison = field(repr=False)
+
+    @property
+    def fields(self) -> int:
+        """How many fields were computed for these hypotheses, and for choices among captures since."""
+        return self.context.predictor.fields_requested
 
     @property
     def leader(self) -> Hypothesis:
@@ -277,14 +282,17 @@ class HypothesisFits:
                 base = fit_over_range(context, base, context.effects[name], []).values
             self._fits.append(refine_fit(context, CandidateFit(tuple(causes), base, float("inf"))))
 
-    def update(self, context: SearchContext) -> Belief:
-        """The belief after the captures of this context, with every hypothesis fitted to them."""
+    def update(self, context: SearchContext, progress: ProgressCallback = no_progress) -> Belief:
+        """The belief after the captures of this context, with every hypothesis fitted to them.
+
+        progress: of a search, which isn't begun after every capture.
+        """
         self._fits = [fit for fit in self._fits if all(name in context.effects for name in fit.causes)]
         context, comparison = self._fit_all(context)
         count = len(context.kept)
         if not self._is_explained(context, comparison) and count >= _NEW_SEARCH * self._searched:
             self._searched = count
-            found = select_causes(context, _searched_effects(context), no_progress)
+            found = select_causes(context, _searched_effects(context), context.telling_time_left(progress))
             self._fits = first_per_cause_set([*(c.fit for c in found.candidates[:_MAX_FITTED]), *self._fits])
             context, comparison = self._fit_all(context)
             if not self._allows_movements and not self._is_explained(context, comparison):

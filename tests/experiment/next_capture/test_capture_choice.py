@@ -1,17 +1,37 @@
-"""How well captures tell hypotheses apart, and how long they take."""
+"""How well captures tell hypotheses apart, which is taken, and how long they take."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
 
+from holoview.captures.dataset import Captures, join_captures
+from holoview.captures.patterns import random_levels
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.fit import FreeParameters
+from holoview.diagnose.search_context import NEVER
+from holoview.effects.dispersion import Dispersion
 from holoview.experiment.capture_choice import (
+    START_COUNT,
     BenchTime,
+    CaptureChooser,
+    Choice,
+    Proposal,
+    ProposalPrediction,
     Response,
+    draw_proposals,
     expected_delta_chi2,
     expected_information,
     pairwise_delta_chi2,
+    planes_of,
+    starting_proposals,
 )
+from holoview.experiment.hypotheses import Belief, Hypothesis, loop_context
+from holoview.model.effects.registry import listed_effects
+from holoview.rig.measurement import Measurement
+from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
 NOTHING = np.zeros((0, 1))
 
@@ -101,3 +121,95 @@ def test_one_exposure_that_had_to_be_searched_misleads_nobody() -> None:
     for seconds in (0.15, 0.15, 0.9):
         time.note(0.0, 0.02, seconds)
     assert time.expect(0.0, 0.02) == pytest.approx(0.15, rel=1e-9)
+
+
+# Two hypotheses without free values that predict the same pictures at one setting of the bench.
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> BenchInProcess:
+    return make_bench(tmp_path_factory.mktemp("bench"), {})
+
+
+def _proposal(bench: BenchInProcess, wavelength: int, plane: int, brightness: float = 1.0) -> Proposal:
+    rng = np.random.default_rng((1, wavelength, plane))
+    levels = np.stack([random_levels(rng, bench.rig.slm_shape, 256, 1.5) for _ in range(2)])
+    place = bench.rig.wavelengths_m[wavelength], planes_of(bench.rig)[plane]
+    return Proposal(*place, bench.rig.limits.power, levels, "noise", brightness)
+
+
+def _taken(bench: BenchInProcess) -> Captures:
+    """One capture of each wavelength, in the first plane."""
+    measurement, proposals = Measurement(bench.rig, bench.devices()), [_proposal(bench, k, 0) for k in (0, 1)]
+    return join_captures([measurement.take(p.request, p.levels) for p in proposals])
+
+
+def _belief(taken: Captures, *values: dict[str, dict[str, float]]) -> Belief:
+    """Hypotheses of these values, all as probable."""
+    context = loop_context(taken, list(listed_effects().values()), SearchConfig(), NEVER, {})
+    comparison = context.model_weighted_comparison(context.kept, values[0])
+    known = [Hypothesis(tuple(v), {**v}, FreeParameters(()), np.zeros((0, 0)), 0.0) for v in values]
+    p = np.full(len(known), 1 / len(known))
+    return Belief(tuple(known), p, 1.0, True, 1.0, context, comparison)
+
+
+def _choose(bench: BenchInProcess, belief: Belief, taken: Captures, proposals: list[Proposal]) -> Choice:
+    chooser = CaptureChooser(belief, taken, bench.rig.limits, BenchTime(0.1, moved_m=1.0, moving_s=1e-3), 0.0)
+    return chooser.choose(proposals)
+
+
+def test_light_of_the_room_is_told_from_a_black_level_by_another_exposure(bench: BenchInProcess) -> None:
+    """The hypotheses differ by level·(t − t₀) counts in every pixel, of which a gain imitates a part."""
+    taken = _taken(bench)
+    at_exposure_s, level = float(taken.exposure_s[0]), 20 / float(taken.exposure_s[0])
+    belief = _belief(taken, {"camera_black": {"black": 20.0}}, {"ambient": {"level": level}})
+    proposals = [_proposal(bench, 0, 0, brightness) for brightness in (1.0, 0.1)]
+    prediction = ProposalPrediction(belief, taken, proposals, bench.rig.limits)
+    for k, responses in enumerate(prediction.responses(list(belief.hypotheses))):
+        t = float(prediction.captures.exposure_s[k])
+        signal, _ = prediction.light(belief.context.predictor.create(captures=prediction.captures), {})
+        difference = prediction.weight[k] * level * (t - at_exposure_s)
+        gain = signal[k] * prediction.weight[k]
+        apart = difference - gain * (gain * difference).sum() / np.square(gain).sum()
+        # counts in single precision: 10⁻⁴ of some thousand, squared, in a thousand pixels, over their variance
+        assert expected_delta_chi2(*responses) == pytest.approx(np.square(apart).sum(), rel=1e-3, abs=1e-4)
+    choice = _choose(bench, belief, taken, proposals)
+    assert choice.proposal.brightness == 0.1 and choice.promises_something
+    assert choice.reason.startswith("separates camera_black from ambient")
+
+
+@pytest.mark.parametrize(("wavelength", "plane"), [(0, 1), (1, 1)])
+def test_a_distance_is_told_from_the_scale_of_the_stage_in_another_plane(
+    bench: BenchInProcess, wavelength: int, plane: int
+) -> None:
+    taken, near = _taken(bench), planes_of(bench.rig)[0]
+    belief = _belief(taken, {"distance": {"distance_error": 0.1 * near}}, {"stage": {"scale": 0.1}})
+    here, there = _proposal(bench, wavelength, 0), _proposal(bench, wavelength, plane)
+    assert not _choose(bench, belief, taken, [here]).promises_something
+    choice = _choose(bench, belief, taken, [here, there])
+    assert choice.proposal.distance_m == there.distance_m and choice.promises_something
+
+
+def test_dispersion_is_told_from_a_stroke_at_another_wavelength(bench: BenchInProcess) -> None:
+    taken = _taken(bench).subset(np.array([0]))
+    factor = Dispersion().path_factor(bench.rig.wavelengths_m[0], {"slope": 0.02, "offset": 0.0, "curvature": 0.0})
+    belief = _belief(taken, {"stroke": {"stroke_error": factor - 1}}, {"dispersion": {"slope": 0.02}})
+    here, there = _proposal(bench, 0, 1), _proposal(bench, 1, 1)
+    assert not _choose(bench, belief, taken, [here]).promises_something
+    choice = _choose(bench, belief, taken, [here, there])
+    assert choice.proposal.wavelength_m == there.wavelength_m and choice.promises_something
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_proposals_hold_every_kind(bench: BenchInProcess, seed: int) -> None:
+    """Of 20: both exposures, both powers, both wavelengths and all planes, whatever the seed."""
+    drawn = draw_proposals(bench.rig, np.random.default_rng(seed), 20)
+    assert {p.brightness for p in drawn} == {0.1, 1.0} and len({p.power for p in drawn}) == 2
+    places = {(p.wavelength_m, p.distance_m) for p in drawn}
+    assert {*itertools.product(bench.rig.wavelengths_m, planes_of(bench.rig))} <= places
+
+
+def test_the_first_captures_show_every_effect_that_the_rig_can_show(bench: BenchInProcess) -> None:
+    first = starting_proposals(bench.rig, seed=0)
+    for differ in ("wavelength_m", "distance_m", "power"):
+        assert len({getattr(p, differ) for p in first}) == len(first) == START_COUNT
