@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
-    """Carries out the command; what prevents it is one line on stderr."""
+    """Carries out the command; an error is one line on stderr."""
     try:
         with handled_signals(raise_interrupted), OutputLocks() as locks:
             args = _parser(words[0] if words else "").parse_args(words)

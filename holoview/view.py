@@ -48,7 +48,7 @@ class View:
     accommodation_dpt: (accommodation,) vergences of `focus_m` in dioptres; None without an eye.
     degrees_per_sample: visual angle from one sample to the next, degrees; None without an eye.
     pitch_m: distance between samples, the modulator's pitch divided by `upsample`, m.
-    backend: what computed the view, in words.
+    backend: the executor that computed the view, in words.
     notes: where the model isn't true of the bench, each as a sentence (docs/physics.md has the limits).
 
     >>> import holoview as hv

@@ -1,4 +1,4 @@
-"""The application context: what panels, overlays, menus and commands of the viewer share.
+"""The application context: the objects that panels, overlays, menus and commands of the viewer share.
 
 It holds the editing session, the GPU device, the renderers, the commands and the drawing services, and imports no
 panel: panels import it, and `App` owns both.
@@ -267,10 +267,10 @@ class AppContext:
     and saved sessions; None where nothing is stored.
 
     renderer: that of the displayed document, if it has been started already. is_read_only: whether the user can't open,
-    save or export files nor end the viewer; commands and buttons for these aren't there.
-    drag_tool: what a drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each
-    frame in which it shows measurements of the image. item_rects: where items were drawn in the last frame, by name.
-    displayed_pixels: returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
+    save or export files nor end the viewer; commands and buttons for these aren't there. drag_tool: the mark that a
+    drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each frame in which it
+    shows measurements of the image. item_rects: where items were drawn in the last frame, by name. displayed_pixels:
+    returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
     """
 
     def __init__(

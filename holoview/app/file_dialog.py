@@ -22,9 +22,9 @@ _ROWS = 12
 
 @dataclass(frozen=True)
 class FileRequest:
-    """What the dialog asks for: a file to open, which must exist, or one to save with one of the suffixes.
+    """A request to the dialog: a file to open, which must exist, or a file to save with one of the suffixes.
 
-    on_chosen: called with the path. name: what the name field contains at first. takes_folders: offers a button that
+    on_chosen: called with the path. name: the first content of the name field. takes_folders: offers a button that
     chooses the listed folder itself.
     """
 

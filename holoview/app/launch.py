@@ -27,8 +27,8 @@ class LaunchOptions:
     """How `holoview view` opens the viewer.
 
     is_random: whether a new session shows random patterns instead of the example. names: files to open in it. request:
-    what is known of them as the parts of a field of another program; None where they may be anything. size: of the
-    window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
+    the user's statements on them as the parts of a field of another program; None where they may be anything. size: of
+    the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
     session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
     serve_options: to whom it is served; where that is to look at only, nothing is stored and no session restored.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script

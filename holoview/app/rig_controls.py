@@ -331,7 +331,7 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
 
 
 def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
-    """The verdict, quality before and after, and causes. seen: captures there were; count: those there are."""
+    """The verdict, quality before and after, and causes. seen: number of captures then; count: of captures now."""
     of_all = f"{found.captures} captures" if found.captures == seen else f"{found.captures} of {seen} captures"
     imgui.separator_text(of_all + (f"; {count - seen} came since" if count > seen else ""))
     imgui.text(str(found.verdict))

@@ -198,7 +198,7 @@ class InputDriver:
     def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
         """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does.
 
-        What never rests, such as a pupil that moves along its path, isn't waited for.
+        Endless motions, such as that of a pupil along its path, aren't waited for.
         """
         self.draw_frames(2)
         for _ in range(_MOST_ROUNDS):  # what a frame shows for the first time, such as a score, is computed after it

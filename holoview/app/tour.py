@@ -21,7 +21,7 @@ _Box = tuple[imgui.ImVec2, imgui.ImVec2]
 
 
 class Tour:
-    """Shows one step after the other, until the user leaves; that it was seen is stored with the preferences.
+    """Shows one step after the other, until the user leaves; the preferences store whether a user has seen the tour.
 
     step: index of the step that is shown; None while the tour is closed.
     """

@@ -1,4 +1,4 @@
-"""Steps of input: what the events of windows and browsers mean for Dear ImGui, one change at a time.
+"""Steps of input: the events of windows and browsers as Dear ImGui needs them, one change at a time.
 
 An event states more than what its name says: where the pointer is, which buttons and which modifiers are held. The
 reader compares this with what it has seen and adds the steps that it missed, such as the second button of a drag, which
@@ -14,10 +14,10 @@ nobody is faster than that. At 2 frames a second a whole sentence arrives within
 click that came with the movement before it would miss its item, Ctrl+P and the word after it would run the commands
 whose keys the letters are, and two keys would run in the order of the menus.
 
-A frame therefore gets movements, or turns of the wheel, or text, or a single press or release; before each of these
-it gets the changes of modifiers and releases of keys that come first. A press, a release, a turn of the wheel or text
-waits until the interface has settled after the action before it. What a sequence of events does then doesn't depend
-on how it falls on frames. The frames in between need not be drawn: `Window` draws only the last one.
+A frame therefore gets movements, or turns of the wheel, or text, or a single press or release; before each of these it
+gets the changes of modifiers and releases of keys that come first. A press, a release, a turn of the wheel or text
+waits until the interface has settled after the action before it. The effect of a sequence of events then doesn't depend
+on how the events fall on frames. The frames in between need not be drawn: `Window` draws only the last one.
 
 While a text field has the keyboard, text goes to it as a whole and keys that type characters are left out, since
 their characters arrive as text. While none has it, keys are commands and their characters are left out.

@@ -355,7 +355,7 @@ def frame_bytes(renderer: IncrementalRenderer) -> int:
     """Bytes that the kernels of a frame must read and write, from the source to XYZ, for one frame and source.
 
     The fields between the kernels of each wavelength, the patterns, the intensities (written once, read once), and XYZ.
-    What a strategy moves between the passes of one transform isn't counted.
+    Bytes that a strategy moves between the passes of one transform aren't counted.
     """
     wavelengths, samples = len(renderer.system.wavelengths_m), math.prod(renderer.compositor.shape)
     return wavelengths * (renderer.traffic_bytes + samples * _F32) + samples * _XYZ_PIXEL_BYTES

@@ -479,7 +479,7 @@ class CalibrationTask:
 
     @property
     def notes(self) -> list[str]:
-        """What the captures can't show."""
+        """Limits of the captures: properties of the bench that they can't show."""
         notes = []
         if len(self.captures.wavelengths_m) == 1:
             notes.append("one wavelength only: what changes with the wavelength can't be known")

@@ -183,7 +183,7 @@ def _line_progress(title: str) -> ProgressCallback:
 def deferred_interrupt(step: str = "iteration") -> Iterator[Interruption]:
     """Defers Ctrl-C, SIGTERM and SIGHUP in the block; yields whether one came. A second one interrupts.
 
-    A loop that asks after each step can end with a complete result. step: what a step is called in the message.
+    A loop that asks after each step can end with a complete result. step: the name of a step in the message.
     """
     interruption = Interruption()
 

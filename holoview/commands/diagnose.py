@@ -1,4 +1,4 @@
-"""`holoview diagnose CAPTURES.h5`: what the simulation gets wrong about a real bench, and by how much.
+"""`holoview diagnose CAPTURES.h5`: the errors of the simulation of a real bench, and their sizes.
 
 With `--rig RIG.toml` in place of a file it takes the captures itself, each chosen by what is still open, until the
 cause is certain.
@@ -221,7 +221,7 @@ def _search_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _source(args: argparse.Namespace) -> str:
-    """What is diagnosed."""
+    """The name of the captures' file or of the rig."""
     return str(args.rig or args.file)
 
 

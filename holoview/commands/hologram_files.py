@@ -87,7 +87,7 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
 
 
 def request_from_args(args: argparse.Namespace) -> ReadRequest:
-    """What the options say of a file. Raises UserError for lengths and words that aren't any."""
+    """The statements of the options on a file. Raises UserError for lengths and words that aren't any."""
     pitch = None if args.pitch is None else [units.parse(text, "--pitch") for text in args.pitch]
     if pitch is not None and len(pitch) > 2:
         raise UserError("--pitch", f"{len(pitch)} lengths", expected="one, or two: along y and along x")
@@ -185,8 +185,8 @@ def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:
 class Shown:
     """A system and the drive that it shows; None of a preset.
 
-    read: what was read of files, for JSON; else empty. other_side: the system and the drive of the conjugate field,
-    where its image is clearly sharper.
+    read: the properties that were read of files, for JSON; else empty. other_side: the system and the drive of the
+    conjugate field, where its image is clearly sharper.
     """
 
     system: System
@@ -196,7 +196,8 @@ class Shown:
 
 
 def shown_by_args(args: argparse.Namespace) -> Shown:
-    """What PRESET|FILE… of `args.names` stands for, with the changes of --set, --scheme and --effects.
+    """The bench or the hologram that PRESET|FILE… of `args.names` names, with the changes of --set, --scheme and
+    --effects.
 
     The name of a preset becomes `args.preset`. Raises UserError as `open_files` and `system_from_args` do.
     """
@@ -219,7 +220,7 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
 
 
 def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:
-    """What was read, guessed and why, for --json."""
+    """The properties that were read or guessed, and the reasons, for --json."""
     system = opened.hologram.system
     return {
         "files": list(names),

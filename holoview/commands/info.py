@@ -1,4 +1,4 @@
-"""`holoview info PRESET|FILE…`: what is known of a hologram's file, and numbers that follow from its bench.
+"""`holoview info PRESET|FILE…`: the known properties of a hologram's file, and numbers that follow from its bench.
 
 Cut-offs, sampling, diffraction angles, limits of the model, memory.
 """

@@ -172,7 +172,7 @@ def check_folder(path: Path) -> None:
 
 
 class ResultSaver:
-    """Saves the results of a command; what can't be written where it was wanted is kept at another place.
+    """Saves the results of a command; a result that can't be written where it was wanted is kept at another place.
 
     exit_code: 0, or EXIT_FAILED once a result had to go elsewhere.
     """

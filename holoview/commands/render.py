@@ -431,7 +431,7 @@ def _path_stops(args: argparse.Namespace) -> float:
 
 
 def _open_output(args: argparse.Namespace, output: Path, count: int, duration_s: float) -> Encoder | None:
-    """What writes an animation; None for a folder, which is made. Raises UserError for what can't be written."""
+    """The encoder of an animation; None for a folder, which is made. Raises UserError for what can't be written."""
     suffix = output.suffix.lower()
     if suffix in SUFFIXES:
         check_suffix(output, suffix)

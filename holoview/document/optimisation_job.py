@@ -383,7 +383,7 @@ class RetinalCurves:
 
     @property
     def job(self) -> RetinalCurveJob | None:
-        """The job while it computes; one for a document that has changed since is cancelled."""
+        """The job while it computes; a job for a document that has changed since is cancelled."""
         if self._job is None or not self._job.is_active:
             return None
         if not self._is_current:

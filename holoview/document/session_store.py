@@ -380,7 +380,7 @@ _MOST = 100
 
 
 def set_aside(path: Path) -> str:
-    """Renames a damaged file or folder; returns the outcome in words. A disk may refuse; it stays then."""
+    """Renames a damaged file or folder; returns the outcome in words. Where the disk refuses, the name stays."""
     for number in range(1, _MOST):
         aside = path.with_name(f"{path.name}{_MARK}{'' if number == 1 else f'-{number}'}")
         if not aside.exists():

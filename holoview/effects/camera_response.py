@@ -1,4 +1,4 @@
-"""What a camera counts: its response to light, its black level, and light that isn't the lasers'."""
+"""The counts of a camera: its response to light, its black level, and light that isn't the lasers'."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ _GROWTHS = (-0.04, -0.02, -0.01, 0.01, 0.02, 0.04)  # at the farthest plane
 
 
 class Stage(Effect):
-    """Plane z → z·(1 + scale); what should be at r in its picture is at (1 + growth·z)·r + walk·z, with the true z.
+    """Plane z → z·(1 + scale); light that should be at r in its picture is at (1 + growth·z)·r + walk·z, with the true
+    z.
 
     The scale is that of a screw whose pitch is wrong. `walk` is the angle between rail and axis, for small angles, and
     `growth` is what light makes that isn't collimated as the relay should leave it. All three are zero at z = 0, on a
@@ -77,8 +78,9 @@ _START_M = 0.3e-3
 class PlaneErrors(Effect):
     """Plane z_j → z_j + error_j, for each nominal distance z_j that is listed; other planes are right.
 
-    The errors are those of a stage that stops beside its target, or of a wrong entry in the list of positions. One
-    that all planes share is that of `distance`, and one that grows with z that of `stage`, which take fewer numbers.
+    The errors are those of a stage that stops beside its target, or of a wrong entry in the list of positions. An error
+    that all planes share is the effect `distance`, and an error that grows with z the effect `stage`; both take fewer
+    numbers.
     """
 
     id = "plane_errors"

@@ -58,7 +58,7 @@ def load_field(
     pitch: distance between samples, or a pair (y, x); metres or text such as "8 um".
     wavelengths: of each laser, metres or text such as "532 nm", in vacuum.
     distance: from the plane of the field to where its image is expected; negative where it lies before the plane.
-    known: what else is known of a file: other fields of `ReadRequest`, such as quantity="phase".
+    known: further known properties of a file: other fields of `ReadRequest`, such as quantity="phase".
 
     Returns a `Hologram` whose system has the plane of the field in place of modulators. Raises UserError for an array
     of another shape or of real numbers, for impossible lengths and lengths that nothing tells, and for a file that
@@ -106,7 +106,7 @@ def _field_of_array(
 def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> OpenedHologram:
     """The hologram of a file of holoview or of another program, or of several files that are the parts of one.
 
-    request: what the user knows of a file of another program; one of holoview tells all but the distance.
+    request: the user's statements on a file of another program; one of holoview tells all but the distance.
 
     Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """

@@ -204,7 +204,8 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class ScoredImages:
-    """What an observer sees of a hologram, and the target, at the planes of its bench and at held-out planes.
+    """The images of a hologram that an observer sees, and the target, at the planes of its bench and at held-out
+    planes.
 
     view: at all planes, the held-out ones last. target: (plane, y, x, 3), linear sRGB, at the same planes.
     held_out_m: distances of the held-out planes, for which the patterns weren't optimised.

@@ -69,7 +69,7 @@ def _bench(system: System) -> list[InfoRow]:
 
 
 def _eye(plan: Plan) -> list[InfoRow]:
-    """What the eye of a system sees: its pupil beside the eyebox, and where it is focused."""
+    """The view of a system's eye: its pupil beside the eyebox, and where it is focused."""
     system, eye, λ = plan.nominal, plan.nominal.eye, plan.system.wavelengths_m
     if eye is None:
         return []
@@ -143,7 +143,7 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
 
 
 def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
-    """What a relay's stops pass at each wavelength."""
+    """The frequencies that a relay's stops pass at each wavelength."""
     rows = []
     if relay.iris_na is not None:
         sines = [relay.iris_na] * len(system.wavelengths_m)
@@ -200,7 +200,7 @@ def format_wrap_around(plan: Plan) -> str:
 
 
 def _limits(plan: Plan) -> list[InfoRow]:
-    """What each limit of the model says of a bench."""
+    """The verdict of each limit of the model on a bench."""
     rows = []
     for reading in read_limits(plan):
         text = f"{reading.measured.value:.3g}, true if {reading.limit.threshold}"

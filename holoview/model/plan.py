@@ -244,7 +244,7 @@ def make_plan(
 
     system: the display.
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
-    when None, or with an eye those on which it is focused. Those of a field may be negative: before its plane.
+    when None, or with an eye those on which it is focused. Distances of a field may be negative: before its plane.
     places_m: places (y, x) of the eye's pupil, from each of which all planes are seen, in this order; its own place
     when empty.
 

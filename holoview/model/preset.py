@@ -131,7 +131,7 @@ def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, 
 
 
 def _absolute_path(file: Any, folder: Path) -> Any:
-    """A path beside the preset as an absolute one; what isn't text stays, and is refused where it is read."""
+    """A path beside the preset as an absolute one; a value that isn't text stays, and is refused where it is read."""
     return str(folder / file) if isinstance(file, str) else file
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class FrameInputs:
-    """What the frames of a plan are computed from.
+    """The data from which the frames of a plan are computed.
 
     drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex.
     An array, or a tensor, which may require a gradient. Raises UserError when it has another shape than

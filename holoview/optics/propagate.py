@@ -1,4 +1,4 @@
-"""What a relay does to a spectrum: free space with the relay's stops, and pupils, evaluated in float64.
+"""The action of a relay on a spectrum: free space with the relay's stops, and pupils, evaluated in float64.
 
     H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]),  A = |λu|²
 

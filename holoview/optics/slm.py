@@ -5,7 +5,7 @@ The phase is 2π·opd/λ. The optical path of a drive doesn't depend on the wave
 The first diffraction order of a modulator, |f| ≤ 1/(2·pitch), which is the eyebox, divided into blocks.
 
 Whatever the pattern, a pixel of u samples sends power in proportion to (sin(πuf)/(u·sin(πf)))² into the frequency f
-(cycles a sample), which is sinc² for large u. This envelope is divided out.
+(cycles a sample), which is sinc² for large u. The envelope is divided out.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def export_html(
 
     path: of the HTML file, which is replaced if it exists.
     holograms: one, or several by the names that the page gives them, all with images of the same shape.
-    target: what they should show, as `target_for` makes it; the page then wipes to it and states the PSNR.
+    target: the light that they should show, as `target_for` makes it; the page then wipes to it and states the PSNR.
     title, note: text above the image; the names of the holograms when empty.
     plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
@@ -118,7 +118,7 @@ def export_html(
 
 
 def _colours() -> dict[str, Any]:
-    """What a page has whatever it shows: its format, and the colours of screens and eyes."""
+    """The constants of every page: its format, and the colours of screens and eyes."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -185,7 +185,7 @@ def _stored_view(hologram: Hologram, backend: str, progress: StepCallback | None
 def _claims(
     hologram: Hologram, view: View, target: Target | None, plane_m: float, region: Region | None, backend: str
 ) -> list[dict[str, Any]]:
-    """What the page says of the first hologram at the first plane, computed here; the page computes it again."""
+    """The page's statements on the first hologram at the first plane, computed here; the page computes it again."""
     near = np.flatnonzero(np.isclose(view.focus_m, plane_m, rtol=0, atol=1e-9))
     if len(near) == 0:
         view, near = simulate(hologram.system, hologram.drive, planes=[plane_m], backend=backend), np.array([0])

@@ -1,4 +1,4 @@
-"""What a page knows of a hologram: its bench in numbers, its patterns, and the frame recording.
+"""The data of a hologram in a page: its bench in numbers, its patterns, and the frame recording.
 
 `record_frames` turns a frame into data: every buffer, pipeline and dispatch that computes it, for a program without
 Python to replay.
@@ -80,7 +80,7 @@ _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are reco
 
 @dataclass(frozen=True)
 class Frame:
-    """What is recorded: the frame of a plan by a strategy within limits of the device, first at the plane `plane_m`."""
+    """The recording: the frame of a plan by a strategy within limits of the device, first at the plane `plane_m`."""
 
     plan: Plan
     inputs: ShaderInputs

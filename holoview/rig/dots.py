@@ -100,7 +100,7 @@ class Geometry:
         return bool((np.abs(self.values - other.values) <= deviations * np.diag(self.covariance) ** 0.5).all())
 
     def uncertain_by(self, other: Geometry) -> Geometry:
-        """This geometry, with its difference from another geometry as a further uncertainty."""
+        """The geometry, with its difference from another geometry as a further uncertainty."""
         step = np.diag((self.values - other.values) ** 2)
         return replace(self, covariance=self.covariance + step)
 

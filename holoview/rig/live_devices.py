@@ -236,7 +236,7 @@ class DeviceWorker:
 
 
 class LaserInterlock(Wrapped[LasersDevice]):
-    """Lasers of a rig. Calls have rising numbers: those up to the last `forbid` can't switch a laser on any more.
+    """Lasers of a rig. Calls have rising numbers: calls up to the last `forbid` can't switch a laser on any more.
 
     A thread that is inside a call of another device may go on with a plan long after the lasers were switched off by
     hand; then, too, they stay off.

@@ -80,7 +80,7 @@ def open_rig(rig: RigDescription) -> Devices:
     """Opens all devices of a rig, within its safety limits and registered; use it in a `with` statement.
 
     Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
-    answer; those that were open by then are closed.
+    answer; devices that were open by then are closed.
     """
     with ExitStack() as stack:
         opening = OpeningRig(rig.as_described, stack)

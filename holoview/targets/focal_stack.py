@@ -54,7 +54,7 @@ class Target:
     """The focal stack that a hologram is optimised for.
 
     stack: (plane, y, x, 3) float32 linear sRGB with `brightness` already applied. planes_m: distances of the planes.
-    source: what it was made from, in words. notes: what was changed on the way, for the user.
+    source: its source, in words. notes: changes that were made on the way, for the user.
     Raises UserError when the numbers of pictures and of planes differ, ValueError for other shapes.
     """
 
@@ -179,7 +179,7 @@ def target_from_stack(
 
     path: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF file with
     a page for each plane, or an OpenEXR file with a part or a numbered layer for each. brightness: factor on linear
-    light. saturation: factor on chroma in CIE LCHuv. space: what float files hold, "srgb" or "xyz".
+    light. saturation: factor on chroma in CIE LCHuv. space: the colour space of float files, "srgb" or "xyz".
 
     Raises UserError when a picture can't be read, when their sizes differ, or when there isn't one for each plane.
     """

@@ -175,8 +175,8 @@ class Raster:
 
     values: (y, x, 1 or 3), integers scaled to 0…1 of their full range, floats as stored. alpha: (y, x) or None.
     encoded: whether the samples were integers (a display signal) rather than floats (light).
-    premultiplied: whether the colours are already multiplied by alpha. notes: what was changed, for the user.
-    page: which picture of a file with several, in words. primaries: those that the file states.
+    premultiplied: whether the colours are already multiplied by alpha. notes: changes that were made, for the user.
+    page: which picture of a file with several, in words. primaries: the chromaticities that the file states.
     """
 
     values: NDArray[np.float64]

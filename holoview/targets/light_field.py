@@ -24,9 +24,9 @@ A target holds three colours, so that its light is spread over the display's las
     C = Σ_λ M_λ·C,    M_λ = w_λ·P_λ + (1 − W·P)/n
 
 with the n lasers' colours at unit intensity w_λ, the columns of W (3, wavelength), and its pseudo-inverse P: of all
-mixtures of the colour, the one with the least sum of squared intensities. What fewer than three lasers can't mix is
-spread evenly. M_λ·C is blurred for the focus of λ, and the results are added. Blur and occlusion act on all colours of
-a wavelength alike, so that M_λ is applied to what they give: all wavelengths share the layers of the scene.
+mixtures of the colour, the one with the least sum of squared intensities. A colour that fewer than three lasers can't
+mix is spread evenly. M_λ·C is blurred for the focus of λ, and the results are added. Blur and occlusion act on all
+colours of a wavelength alike, so that M_λ is applied to what they give: all wavelengths share the layers of the scene.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class LightField:
     Rows go downwards and columns to the right as the viewer moves in the eyebox, and as `Eye.pupil_y_m` and
     `Eye.pupil_x_m` do. spacing_m: of the viewpoints. centre_m: place (y, x) of the grid's middle in the eyebox.
     zero_m: distance z behind the last modulator at which things are in the same place in all views.
-    eyepiece_m: focal length of the eyepiece. source: in words. notes: what was changed on the way, for the user.
+    eyepiece_m: focal length of the eyepiece. source: in words. notes: changes that were made on the way, for the user.
 
     Raises ValueError for other shapes, and lengths that aren't positive.
     """
@@ -215,7 +215,8 @@ def render_views(
     """The light field of a picture (y, x, 3) with depth: grid (rows, columns) of views, with occlusion.
 
     depth_m: distance z of each pixel (y, x) or of all, m; larger is nearer to the viewer. The others are those of
-    `LightField`. What near things hide in the picture is filled in from its surroundings, see `render_focal_stack`.
+    `LightField`. Parts of the picture that near things hide are filled in from their surroundings, see
+    `render_focal_stack`.
     """
     y, x = view_slopes(grid, spacing_m, centre_m, eyepiece_m)
     cones = [LightCone(0.0, "disc", (a, b)) for a in y.tolist() for b in x.tolist()]
@@ -432,8 +433,8 @@ def read_light_field(
     """The light field of a folder, each view resized to the simulation grid of a system with an eye.
 
     grid: used instead of that of `views.toml`, or where the folder has none. zero_m: the distance of zero disparity
-    where `views.toml` states none; the middle plane when None. saturation: factor on chroma in CIE LCHuv. space: what
-    float files hold, "srgb" or "xyz".
+    where `views.toml` states none; the middle plane when None. saturation: factor on chroma in CIE LCHuv. space: the
+    colour space of float files, "srgb" or "xyz".
 
     Raises UserError without an eye, and for views that are missing, can't be read or differ in size.
     """

@@ -31,7 +31,8 @@ _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 
 @dataclass(frozen=True)
 class Picture:
-    """rgb: (y, x, 3) float32 linear sRGB. source: the file. notes: what was changed when it was read, for the user."""
+    """rgb: (y, x, 3) float32 linear sRGB. source: the file. notes: changes that were made when it was read, for the
+    user."""
 
     rgb: NDArray[np.float32]
     source: str
@@ -41,8 +42,8 @@ class Picture:
 def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
     """A PNG, JPEG, TIFF or OpenEXR file as linear light; the first picture of a file with several.
 
-    space: what a float file holds, one of `COLOUR_SPACES`. Alpha is composited over black, grey is copied to three
-    channels, and values above 1 or below 0 in float files are kept; `notes` mentions each.
+    space: the colour space of a float file, one of `COLOUR_SPACES`. Alpha is composited over black, grey is copied to
+    three channels, and values above 1 or below 0 in float files are kept; `notes` mentions each.
 
     Raises UserError when the file is missing, damaged, no picture or without pixels, holds NaN or infinity, or doesn't
     have three float channels although `space` is "xyz".

@@ -130,7 +130,8 @@ class TargetSource:
     viewpoints. A target that is a focal stack (`is_stack`) has its own planes.
 
     reach_m: how far from its place the eye's pupil is moved, at most; views cover it unless their spacing is given.
-    tell: called once with each note on the files. scene: what the file holds, where it isn't a picture or pictures.
+    tell: called once with each note on the files. scene: the kind of content of the file, where it isn't a picture or
+    pictures.
 
     Raises UserError for files that can't be read.
     """

@@ -49,7 +49,7 @@ class UserError(ValueError):
     def inside(self, outer: str) -> Self:
         """The same mistake with a longer description of its place.
 
-        outer: what comes before `where`, with its own punctuation.
+        outer: the text before `where`, with its own punctuation.
 
         >>> import holoview as hv
         >>> hv.UserError("gap", "is missing").inside("bench.toml: ").where

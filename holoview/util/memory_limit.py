@@ -96,7 +96,7 @@ def free_bytes() -> int:
 def require_memory(where: str, needed: float, remedy: str = "make it smaller") -> None:
     """Raises UserError, with the numbers, if `needed` bytes exceed what this process may still take.
 
-    where: the file or the computation that needs them. remedy: what makes it need less.
+    where: the file or the computation that needs them. remedy: a change by which it needs less.
     """
     if needed <= (allowed := allowed_bytes()):
         return

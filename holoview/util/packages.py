@@ -37,8 +37,8 @@ EXTRAS = {
 def import_optional(module: str, purpose: str) -> Any:
     """Imports a module of a library in `EXTRAS`.
 
-    module: its dotted name. purpose: what needs it, such as an option or a kind of file; the error starts with it.
-    Raises UserError, which names the extra, if the library isn't installed or can't be loaded.
+    module: its dotted name. purpose: the feature that needs it, such as an option or a kind of file; the error starts
+    with it. Raises UserError, which names the extra, if the library isn't installed or can't be loaded.
 
     >>> from holoview.util.packages import import_optional
     >>> import_optional("matplotlib.figure", "--plot").Figure.__name__

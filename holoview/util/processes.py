@@ -102,8 +102,8 @@ def raise_interrupted(number: int) -> None:
 def signals_blocked() -> Iterator[None]:
     """Holds the signals `ENDING` back in this thread until the block ends, and for good in processes that it starts.
 
-    Such a process is ended by `kill`. Where there are no signal masks (Windows) it does nothing; such a process can
-    ignore signals only once it runs.
+    A process with these signals blocked is ended by `kill`. Where there are no signal masks (Windows) it does nothing;
+    such a process can ignore signals only once it runs.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

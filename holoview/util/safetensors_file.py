@@ -164,7 +164,7 @@ def differing_fields(stored: Any, given: Any) -> list[str]:
 def refuse_differences(differing: Sequence[str], where: str, run: str, inputs: str) -> None:
     """Raises UserError that names what differs, located at `where`, unless nothing does.
 
-    run: the kind of run in words ("optimisation"). inputs: what must be the same as when it was begun.
+    run: the kind of run in words ("optimisation"). inputs: the setting that must be the same as when it was begun.
     """
     if differing:
         raise UserError(

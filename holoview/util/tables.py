@@ -40,8 +40,8 @@ _DEEP_KEY = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 def parse_toml(text: str, where: str, expected: str) -> dict[str, Any]:
     """The table of a TOML text.
 
-    where: how errors name the text. expected: what it is to be. Raises UserError for text that isn't TOML, is too long
-    or too deep, or holds whole numbers of more than 64 bits.
+    where: how errors name the text. expected: the kind of table that is wanted. Raises UserError for text that isn't
+    TOML, is too long or too deep, or holds whole numbers of more than 64 bits.
     """
     try:
         return _load_toml(text, where, expected)
@@ -140,8 +140,8 @@ def check_keys(
 ) -> None:
     """Raises UserError for a key that isn't known, with similar ones that are, and for a required one that is missing.
 
-    outer: what comes before the key in errors, with its punctuation, such as "bench.toml: camera.".
-    expected: what the error for a missing key expects. noun: what the keys name, such as "key" or "table".
+    outer: the text before the key in errors, with its punctuation, such as "bench.toml: camera.". expected: the words
+    for a missing key in the error. noun: the kind of things that the keys name, such as "key" or "table".
     """
     given = list(keys)
     for key in given:
@@ -197,7 +197,7 @@ def record_from_table(
 ) -> Record:
     """An instance of a dataclass from the table of its fields, as JSON has them; see `read_record`.
 
-    outer: what comes before a key in errors, with its punctuation. skips_unknown: leave keys out that aren't fields.
+    outer: the text before a key in errors, with its punctuation. skips_unknown: leave keys out that aren't fields.
     given: values of fields that the table doesn't tell.
     """
     hints = typing.get_type_hints(record)

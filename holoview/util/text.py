@@ -17,8 +17,8 @@ _MAX_NAME_BYTES = 120  # of 255, so that a suffix and the number of a file have 
 def printable(text: str) -> str:
     r"""The text as one line that does nothing but show: for names, titles and descriptions that came from a file.
 
-    Line breaks become spaces. What is no character to see (terminal escapes and other control characters, marks that
-    change the direction of writing, halves of surrogate pairs) is written as \u001b, as in JSON and TOML.
+    Line breaks become spaces. Everything but visible characters (terminal escapes and other control characters, marks
+    that change the direction of writing, halves of surrogate pairs) is written as \u001b, as in JSON and TOML.
 
     >>> printable("\x1b[31mred\x07")
     '\\u001b[31mred\\u0007'
@@ -36,7 +36,7 @@ def printable_lines(text: str) -> str:
 def plain_name(text: str, fallback: str) -> str:
     """A file name without suffix, made of letters, digits and a few signs: it has no folder and no special meaning.
 
-    fallback: what to call it if nothing is left.
+    fallback: the name if nothing is left.
 
     >>> plain_name("../../etc/passwd", "bench"), plain_name("..", "bench"), plain_name("Größe 8 µm", "bench")
     ('etc-passwd', 'bench', 'Größe 8 µm')

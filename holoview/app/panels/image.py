@@ -25,7 +25,8 @@ _WIPE_GRIP_PX = 8.0  # from the line of the wipe, within which a drag moves it
 class ImagePanel(Panel):
     """Shows the page of the view settings.
 
-    picture: what was drawn last, and where. shows_b: whether B of a comparison is shown while a key is held.
+    picture: the picture that was drawn last, and its place. shows_b: whether B of a comparison is shown while a key is
+    held.
     """
 
     title = "Image"

@@ -108,7 +108,7 @@ class RigDiagnosisPanel(Panel):
 
 
 class CameraPanel(Panel):
-    """Shows what the camera sees and what it should see. view: that, once a rig was open; None before."""
+    """Shows what the camera sees and what it should see. view: both pictures, once a rig was open; None before."""
 
     title = "Camera"
     dock = "Centre"

@@ -130,7 +130,7 @@ class FaultTable:
 
 @dataclass(frozen=True)
 class VirtualSettings:
-    """What a virtual bench really is. Keys of its table are the names of these fields without `_m` and `_s`."""
+    """The hidden truth of a virtual bench. Keys of its table are the names of these fields without `_m` and `_s`."""
 
     effects: EffectValues = described_field(EffectTable(), "hidden effects", default=())
     placement: Mapping[str, str] = described_field(OrientationTable(), "how devices are turned", default_factory=dict)

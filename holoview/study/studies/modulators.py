@@ -193,7 +193,7 @@ def _label(name: str, change: Change) -> str:
 
 
 def _settings(change: Change, scheme: str, iterations: int) -> dict[str, Any]:
-    """The settings of a job for a change: what concerns the gap or relay 1 is left out with one modulator."""
+    """The settings of a job for a change: changes of the gap or of relay 1 are left out with one modulator."""
     out, edits = {k: v for k, v in change.items() if k not in ("stop", "gap_mm", "times")}, {}
     if "stop" in change:
         relays = ("relay2",) if scheme == _ONE else ("relay1", "relay2")
