@@ -86,12 +86,7 @@ def require_matplotlib(purpose: str) -> None:
     import_optional("matplotlib.figure", purpose)
 
 
-def new_figure(
-    size_in: tuple[float, float],
-    *,
-    dpi: float | None = None,
-    layout: str | None = "constrained",
-) -> Figure:
+def new_figure(size_in: tuple[float, float], *, dpi: float | None = None, layout: str | None = "constrained") -> Figure:
     """An empty figure that is drawn in memory.
 
     size_in: width and height in inches. dpi: pixels an inch, matplotlib's default when None. layout: how axes are

@@ -11,10 +11,7 @@ from holoview.colour import gamut_map, observer_weights, srgb_encode, xyz_to_lin
 
 THEMES = ("Dark", "Light")
 FONT_PIXELS = 15.0
-_BASES = {
-    "Dark": hello_imgui.ImGuiTheme_.darcula_darker,
-    "Light": hello_imgui.ImGuiTheme_.light_rounded,
-}
+_BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
 ACCENT = imgui.ImVec4(0.30, 0.62, 0.95, 1.0)
 WARNING = imgui.ImVec4(0.95, 0.70, 0.25, 1.0)
 ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)

@@ -255,13 +255,7 @@ class PrunedTorchBaseline:
         return torch.fft.ifft(self._rows, dim=1)
 
     def _transfer(
-        self,
-        inputs: FrameInputs,
-        relay: int,
-        wavelength: int,
-        distance_m: float,
-        ky: torch.Tensor,
-        kx: torch.Tensor,
+        self, inputs: FrameInputs, relay: int, wavelength: int, distance_m: float, ky: torch.Tensor, kx: torch.Tensor
     ) -> torch.Tensor:
         """Transfer function × pupil, (P_y/u, P_x/u) complex128."""
         transfer = self._plan.transfer(relay, wavelength, distance_m)
@@ -436,11 +430,7 @@ def one_wavelength(system: System) -> System:
 
 
 def frame_error(
-    system: System,
-    device: Device,
-    half: bool,
-    strategy: StrategyOption,
-    expected: NDArray[np.floating] | None = None,
+    system: System, device: Device, half: bool, strategy: StrategyOption, expected: NDArray[np.floating] | None = None
 ) -> float:
     """Relative L2 error of the intensity of the first wavelength against PyTorch in complex128.
 

@@ -473,8 +473,7 @@ class _Stages:
         """The field at the second modulator."""
         key, band = (*spectrum.key, "field"), self._model.band(relay, self._component)
         return _Light(
-            key,
-            lambda: self._model.cache.get(key, lambda: band.inverse(spectrum.values(), self.plan.grid.shape)),
+            key, lambda: self._model.cache.get(key, lambda: band.inverse(spectrum.values(), self.plan.grid.shape))
         )
 
     def _transmission(self, number: int) -> Tensor:

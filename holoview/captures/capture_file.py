@@ -79,11 +79,7 @@ IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera
 
 PER_CAPTURE = tuple(ArraySchema(name, _REAL, ("capture",)) for name in ("wavelength", "distance", "power", "exposure"))
 
-SLM_NUMBERS = (
-    NumberSchema("pitch"),
-    NumberSchema("num_levels", 2, 65536, whole=True),
-    NumberSchema("opd_range"),
-)
+SLM_NUMBERS = (NumberSchema("pitch"), NumberSchema("num_levels", 2, 65536, whole=True), NumberSchema("opd_range"))
 CAMERA_NUMBERS = (
     NumberSchema("pitch"),
     NumberSchema("bit_depth", 1, 16, whole=True),

@@ -98,11 +98,7 @@ _CAMERA_KEYS: dict[str, Number] = {
     "read_noise": Number(),
     "black_level": Number(),
 }
-_GEOMETRY_KEYS: dict[str, FieldType] = {
-    "gap": Number("mm"),
-    "focal_length": Number("mm"),
-    **STOP_KEYS,
-}
+_GEOMETRY_KEYS: dict[str, FieldType] = {"gap": Number("mm"), "focal_length": Number("mm"), **STOP_KEYS}
 KEYS: Mapping[str, Mapping[str, FieldType]] = {
     "slm1": _SLM_KEYS,
     "slm2": _SLM_KEYS,

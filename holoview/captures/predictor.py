@@ -175,12 +175,7 @@ class Predictor:
         return CameraContext(c.camera.pitch_m, c.shape, float(c.wavelength_m[k]), int(self._laser_number[k]), c.frame)
 
     def _unit_intensity(
-        self,
-        k: int,
-        plan: Plan,
-        active: TorchEffects,
-        exposure_samples: Sequence[ExposureSample],
-        cache: TensorCache,
+        self, k: int, plan: Plan, active: TorchEffects, exposure_samples: Sequence[ExposureSample], cache: TensorCache
     ) -> Tensor:
         """Intensity (y, x) on the camera for unit power: the weighted sum over all incoherent components."""
         earlier = self._earlier_drives(k) if active.with_hooks("settled_share") else None

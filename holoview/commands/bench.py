@@ -47,10 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
     parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
     parser.add_argument(
-        "--strategy",
-        choices=("auto", *STRATEGIES),
-        default="auto",
-        help="of the transforms; auto: the fastest",
+        "--strategy", choices=("auto", *STRATEGIES), default="auto", help="of the transforms; auto: the fastest"
     )
     parser.add_argument(
         "--tune", action="store_true", help="time the strategies of the transforms anew, remember the fastest, and stop"

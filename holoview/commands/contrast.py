@@ -23,11 +23,7 @@ from holoview.commands.output_files import add_input, add_output
 from holoview.figures import figure_bytes, require_matplotlib
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import central_region, contrast_by_pupil, hologram_luminance, picture_luminance
-from holoview.metrics.speckle import (
-    independent_patterns,
-    pupils_of,
-    speckle_contrast,
-)
+from holoview.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
 from holoview.model.focus import parse_plane
 from holoview.page.page import export_html
 from holoview.study.plots import make_figure, retinal_figure, speckle_figure

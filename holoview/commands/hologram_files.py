@@ -63,9 +63,7 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
     group.add_argument("--quantity", choices=get_args(Quantity), help="what the numbers are")
     group.add_argument("--variable", metavar="NAME", help="which array, where a file holds several")
     group.add_argument(
-        "--parts",
-        metavar="A,B",
-        help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…",
+        "--parts", metavar="A,B", help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…"
     )
     group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
     group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")

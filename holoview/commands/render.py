@@ -67,13 +67,7 @@ from holoview.view import View, field_at, random_drive, simulate
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(
-        parser,
-        "names",
-        nargs="*",
-        metavar="PRESET|FILE",
-        help=NAMES_HELP,
-    )
+    add_input(parser, "names", nargs="*", metavar="PRESET|FILE", help=NAMES_HELP)
     add_changes(parser)
     add_effects(parser, dest="switched_on")
     add_input(parser, "--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")

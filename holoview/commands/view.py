@@ -54,11 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--listen-port", metavar="PORT", type=whole(0, 65535), help="the port to listen on; a free one if absent"
     )
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
-    parser.add_argument(
-        "--until-image",
-        action="store_true",
-        help="end when the first image is displayed, and say so",
-    )
+    parser.add_argument("--until-image", action="store_true", help="end when the first image is displayed, and say so")
     add_field_options(parser, has_plane=False)
     parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     add_input(parser, "--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")

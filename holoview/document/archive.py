@@ -63,11 +63,7 @@ _TARGET_KEYS = ("title", "brightness", "saturation", "space", "is_example")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 """Exceptions that a damaged file raises when it is read; UserError is a ValueError."""
 _ARRAY = TensorFormat(
-    "holoview-object",
-    "1",
-    "patterns or a picture of a saved session",
-    (ArraySchema("array", ("float32",), None),),
-    (),
+    "holoview-object", "1", "patterns or a picture of a saved session", (ArraySchema("array", ("float32",), None),), ()
 )
 
 

@@ -114,9 +114,7 @@ class ContrastCurve:
 
 
 def contrast_by_wavelength(
-    intensity: Callable[[int], NDArray[np.floating]],
-    system: System,
-    region: Region,
+    intensity: Callable[[int], NDArray[np.floating]], system: System, region: Region
 ) -> ContrastCurve:
     """Speckle contrast of a region as lasers are added one by one, brightest first.
 

@@ -223,10 +223,7 @@ def chosen_optimisation(choices: OptimisationChoices, system: System) -> Optimis
     """The optimisation that a user has chosen, for a system. Raises UserError for invalid choices."""
     settings = Settings(iterations=choices.iterations, loss=choices.loss or None, eyebox=choices.eyebox)
     return OptimisationRequest(
-        settings,
-        scheme=choices.scheme or None,
-        start_patterns=choices.start_patterns,
-        eyes=choices.eyes_for(system),
+        settings, scheme=choices.scheme or None, start_patterns=choices.start_patterns, eyes=choices.eyes_for(system)
     )
 
 

@@ -252,11 +252,7 @@ class Autosave:
     """
 
     def __init__(
-        self,
-        session: EditingSession,
-        folder: Path,
-        open_folder: Callable[[], None],
-        on_closed: Callable[[bool], None],
+        self, session: EditingSession, folder: Path, open_folder: Callable[[], None], on_closed: Callable[[bool], None]
     ) -> None:
         self.folder = folder
         self._session, self._open_folder, self._on_closed = session, open_folder, on_closed

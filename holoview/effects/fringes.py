@@ -102,10 +102,7 @@ class SlmFringes(Effect):
         "Fringes of depth {depth} lie over {modulator}; {fringes_y} (y) and {fringes_x} (x) of them fit onto it at "
         "550 nm: the cover glass is a wedge."
     )
-    parameters = (
-        *_wedge("modulator"),
-        *depth_parameters("the modulator's centre"),
-    )
+    parameters = (*_wedge("modulator"), *depth_parameters("the modulator's centre"))
     start_kinds = (StartKind.MODULATOR_FRINGES,)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
@@ -164,10 +161,7 @@ class CameraFringes(Effect):
         "Fringes of depth {depth} lie over the picture; {fringes_y} (y) and {fringes_x} (x) of them fit into it at "
         "550 nm: the cover glass is a wedge."
     )
-    parameters = (
-        *_wedge("picture", least_y=0.0),
-        *depth_parameters("the picture's centre"),
-    )
+    parameters = (*_wedge("picture", least_y=0.0), *depth_parameters("the picture's centre"))
     acts_on = ("camera",)
     start_kinds = (StartKind.CAMERA_FRINGES,)
     degenerate_limit = ("vignetting",)

@@ -272,12 +272,7 @@ def first_order_window(shape: tuple[int, int], pitch_m: Pair, wavelength_m: floa
 
 
 def fresnel_propagate(
-    values: Tensor,
-    pitch_m: Pair,
-    wavelength_m: float,
-    distance_m: float,
-    window: Window,
-    radius_m: float | None = None,
+    values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: Window, radius_m: float | None = None
 ) -> Tensor:
     """The field in a window, (…, rows, columns), of a field (…, y, x) complex, by Fresnel's integral.
 

@@ -93,9 +93,7 @@ class FoundGeometry:
 
 
 def find_geometry(
-    rig: RigDescription,
-    devices: Devices,
-    progress: ProgressCallback = lambda done, total, note: None,
+    rig: RigDescription, devices: Devices, progress: ProgressCallback = lambda done, total, note: None
 ) -> FoundGeometry:
     """Finds where modulators and camera are. The caller closes the devices.
 
@@ -246,13 +244,7 @@ class PictureTaker:
     total: number of pictures in all, for the progress.
     """
 
-    def __init__(
-        self,
-        rig: RigDescription,
-        devices: Devices,
-        total: int,
-        progress: ProgressCallback,
-    ) -> None:
+    def __init__(self, rig: RigDescription, devices: Devices, total: int, progress: ProgressCallback) -> None:
         self._rig, self._devices, self._total = rig, devices, total
         self._progress, self._done, self._exposure_s = progress, 0, _FIRST_EXPOSURE_S
         self.camera_turn = "none"
@@ -551,9 +543,7 @@ def check_plan(rig: RigDescription) -> CapturePlan:
 
 
 def check_rig_records(
-    rig: RigDescription,
-    devices: Devices,
-    progress: ProgressCallback = lambda done, total, note: None,
+    rig: RigDescription, devices: Devices, progress: ProgressCallback = lambda done, total, note: None
 ) -> RecordFindings:
     """Takes two captures of every laser and plane, and checks their records.
 

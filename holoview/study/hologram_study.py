@@ -29,12 +29,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8
 from holoview.io.hologram import Hologram
 from holoview.metrics.fidelity import psnr, psnr_linear_srgb
-from holoview.metrics.image_quality import (
-    central_region,
-    eyebox_uniformity_of,
-    measure_image_quality,
-    plane_midpoints,
-)
+from holoview.metrics.image_quality import central_region, eyebox_uniformity_of, measure_image_quality, plane_midpoints
 from holoview.metrics.perceptual import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
 from holoview.model import preset

@@ -207,11 +207,7 @@ def split_layers(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int
 
 
 def blurred_layer(
-    rgb: NDArray[np.float32],
-    labels: NDArray[np.int64],
-    layer: int,
-    kernels: Sequence[NDArray[np.float64]],
-    reach: int,
+    rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, kernels: Sequence[NDArray[np.float64]], reach: int
 ) -> tuple[Window, Iterator[NDArray[np.float32]]]:
     """The window (y, x) of a layer, and there its light and coverage (4, y, x), blurred by each kernel in turn.
 

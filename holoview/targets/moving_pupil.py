@@ -233,10 +233,7 @@ class MovingPupilTarget:
 
 
 def _beam(
-    wavelengths: tuple[int, ...],
-    to_beam: NDArray[np.float64],
-    covers: NDArray[np.float64],
-    to_rgb: NDArray[np.float64],
+    wavelengths: tuple[int, ...], to_beam: NDArray[np.float64], covers: NDArray[np.float64], to_rgb: NDArray[np.float64]
 ) -> _Beam:
     return _Beam(wavelengths, *(matrix.astype(np.float32) for matrix in (to_beam, covers, to_rgb)))
 

@@ -194,11 +194,7 @@ def _quick_optimisation(context: AppContext) -> None:
 # --- The fields of the panel *Optimise* for the eye: places of its pupil, and what is done about its colour error ---
 
 
-_KINDS = {
-    "where it is": None,
-    "on a grid": PupilGrid(3, 3, 0.6e-3),
-    "drawn anew": PupilDraw(4, 0.8e-3),
-}
+_KINDS = {"where it is": None, "on a grid": PupilGrid(3, 3, 0.6e-3), "drawn anew": PupilDraw(4, 0.8e-3)}
 _LEAST_MM, _MOST_MM = 0.1, 2.0
 _EYE_TIPS = {
     "pupil": "Places of the pupil from each of which the target counts, about where it is. Drawn anew: other ones in "

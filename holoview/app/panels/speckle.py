@@ -27,12 +27,7 @@ _TIPS = {
     "Patterns": "Independent speckle patterns that lasers, frames and sources could bring, by their brightness: "
     "(Σm)²/Σm².",
 }
-_NAMES = {
-    "Contrast": "speckle contrast",
-    "Cones": "as cones see it",
-    "Grains": "grains",
-    "Mean": "mean luminance",
-}
+_NAMES = {"Contrast": "speckle contrast", "Cones": "as cones see it", "Grains": "grains", "Mean": "mean luminance"}
 
 
 class SpecklePanel(Panel):
