@@ -31,6 +31,7 @@ from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.render.page_images import PageImages
 from holoview.render.planes import PlanePreviews
+from holoview.render.point_probe import PointProbe
 from holoview.render.progressive_renderer import ProgressiveRenderer, SideRenderers
 from holoview.util.errors import UserError, suggest_matches
 
@@ -200,7 +201,7 @@ class HelpOverlay:
         imgui.end_table()
         imgui.text_disabled(
             "On the image: wheel zooms about the pointer, Ctrl+wheel changes the focal plane, "
-            "drag pans, Shift+drag draws a region, double click fits."
+            "drag pans, Shift+drag draws a region, Ctrl+click places the cursor, double click fits."
         )
 
     def _draw_palette(self) -> None:
@@ -290,6 +291,7 @@ class AppContext:
         self.side_renderers = SideRenderers(device, session, renderer)
         self.plane_previews = PlanePreviews(device)
         self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
+        self.point_probe = PointProbe(device, session.call_on_owner, session.messages.post_error)
         self.live_measurement = LiveMeasurement(session, window.wake)
         self.live_psnr = LiveScore("psnr", session, window.wake)
         self.live_score = LiveScore("score", session, window.wake)
@@ -313,6 +315,7 @@ class AppContext:
             self.side_renderers.is_busy
             or self.plane_previews.is_busy
             or self.page_images.is_busy
+            or self.point_probe.is_busy
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
             or self.live_psnr.is_busy
@@ -385,6 +388,7 @@ class AppContext:
         self.live_score.close()
         self.side_renderers.close()
         self.page_images.close()
+        self.point_probe.close()
 
     def _run_command(self, name: str) -> None:
         self.attempt(self.commands.run, name)

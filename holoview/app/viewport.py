@@ -112,16 +112,18 @@ class Viewport:
         *,
         shape: tuple[int, int] | None = None,
         shows_b: bool = False,
+        is_stretched: bool = False,
     ) -> None:
         """Draws into `size` logical pixels at a corner.
 
         a, b: the sides of the comparison; only a is shown when b is None. shape: that of a when None. shows_b: shows b
-        in place of a.
+        in place of a. is_stretched: the whole image fills the area, whatever its aspect ratio.
         """
         self.corner, self.size, self.shape = corner, size, shape or a.shape
         self._scale = imgui.get_io().display_framebuffer_scale.x
         pixels = (max(round(size[0] * self._scale), 1), max(round(size[1] * self._scale), 1))
-        self.visible_area = visible_area_of(view, pixels, self.shape)
+        whole = VisibleArea(pixels, (0.0, 0.0), (1 / pixels[0], 1 / pixels[1]))
+        self.visible_area = whole if is_stretched else visible_area_of(view, pixels, self.shape)
         self._draw_texture(a, b, view, self.visible_area, shows_b)
         assert self._reference is not None
         imgui.get_window_draw_list().add_image(self._reference, corner, self.end)
@@ -298,7 +300,7 @@ class PlaneTiles:
         else:
             shown = self._viewport_of(plane_m)
             picture = replace(picture, gain=self._context.side_renderers.now.quick_gain)
-            shown.draw(picture, None, _tile_view_settings(self._context.session.view_settings), size, corner)
+            shown.draw(picture, None, tile_view_settings(self._context.session.view_settings), size, corner)
         self._draw_label(canvas, corner, name, plane_m)
         if is_chosen or imgui.is_item_hovered():
             canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
@@ -324,9 +326,9 @@ def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
     return max(round(height * shape[1] / shape[0]), 24), max(round(height), 16)
 
 
-def _tile_view_settings(view: ViewSettings) -> ViewSettings:
+def tile_view_settings(view: ViewSettings) -> ViewSettings:
     """View settings of a tile: the same tone mapping, but all of the image and no comparison."""
-    neither = {"region": None, "profile": None, "pupil_path": None}
+    neither = {"region": None, "profile": None, "cursor": None, "pupil_path": None}
     return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, **neither)
 
 

@@ -63,6 +63,8 @@ class TorchPropagation(ABC):
     """The stages that light passes, in PyTorch; differentiable with respect to the optical paths of the inputs.
 
     double: complex128 instead of complex64. device: of torch.
+
+    transforms: between the samples of a field and the band of relay 0 and 1. dtype: of fields.
     """
 
     def __init__(
@@ -75,12 +77,12 @@ class TorchPropagation(ABC):
     ) -> None:
         self.plan, self._modulators = plan, modulators
         self._device = torch.device(device)
-        self._dtype = torch.complex128 if double else torch.complex64
-        self._transforms = [PrunedTransform(_axes(plan, relay)) for relay in (0, 1)]
+        self.dtype = torch.complex128 if double else torch.complex64
+        self.transforms = [PrunedTransform(_axes(plan, relay)) for relay in (0, 1)]
 
     def illuminate(self, wavelength: int, source: int) -> TorchField:
         """The plane wave of unit amplitude that illuminates the first modulator."""
-        arguments = (self.plan, wavelength, source, self._dtype, self._device)
+        arguments = (self.plan, wavelength, source, self.dtype, self._device)
         if has_pixel_spectra(self.plan.grid) and not self._modulators.is_sampled(0):
             return TorchField(pixel_wave(*arguments), (wavelength, source))
         return TorchField(plane_wave(*arguments))
@@ -89,7 +91,7 @@ class TorchPropagation(ABC):
         """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one."""
         sampled = self._modulators.transmission(frame, modulator, wavelength)
         if sampled is not None:
-            return TorchField(field.values * sampled.to(self._dtype).to(self._device))
+            return TorchField(field.values * sampled.to(self.dtype).to(self._device))
         opd, λ = self._modulators.path_m(frame, modulator), float(self.plan.system.wavelengths_m[wavelength])
         upsample = 1 if field.pixels_of else self.plan.grid.upsample
         return TorchField(modulated(field.values, opd.to(self._device), λ, upsample), field.pixels_of)
@@ -98,10 +100,10 @@ class TorchPropagation(ABC):
         """Forward FFT of the zero-padded field behind a modulator, at the frequencies of the next relay's band."""
         relay = relay_behind(self.plan, modulator)
         if field.pixels_of is None:
-            return TorchField(self._transforms[relay].forward(field.values))
+            return TorchField(self.transforms[relay].forward(field.values))
         (wavelength, source), grid = field.pixels_of, self.plan.grid
         axes = [
-            PixelAxis.at(grid, axis, float(self.plan.slopes[source, wavelength, axis]), k, self._dtype, first)
+            PixelAxis.at(grid, axis, float(self.plan.slopes[source, wavelength, axis]), k, self.dtype, first)
             for axis, (k, first) in enumerate(zip(self._frequency_tensors(relay), grid.offset, strict=True))
         ]
         return TorchField(spectrum_of_pixels(field.values, axes))
@@ -112,7 +114,7 @@ class TorchPropagation(ABC):
 
     def field(self, spectrum: TorchField, relay: int) -> TorchField:
         """Inverse FFT of the spectrum behind a relay, cropped to the modulator's area."""
-        return TorchField(self._transforms[relay].inverse(spectrum.values))
+        return TorchField(self.transforms[relay].inverse(spectrum.values))
 
     @abstractmethod
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
@@ -120,7 +122,7 @@ class TorchPropagation(ABC):
 
     def frequencies(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Signed frequency indices of the rows and of the columns of a relay's spectra: those of `Plan.band`."""
-        y, x = self._transforms[relay].axes
+        y, x = self.transforms[relay].axes
         return y.indices, x.indices
 
     def _frequency_tensors(self, relay: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -189,19 +191,23 @@ class TorchExecutor(TorchPropagation):
             self._cached_wavelength = wavelength
         key = (relay, distance_m)
         if key not in self._transfers:
-            pupil, transfer = self.inputs.pupils[relay][wavelength], self.plan.transfer(relay, wavelength, distance_m)
-            self._transfers[key] = relay_response(transfer, *self._frequency_tensors(relay), pupil, self._dtype)
+            self._transfers[key] = self.derived_transfer(relay, wavelength, distance_m)
         return self._transfers[key]
+
+    def derived_transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+        """`transfer` without its cache, which would hold every plane of a long series."""
+        pupil, transfer = self.inputs.pupils[relay][wavelength], self.plan.transfer(relay, wavelength, distance_m)
+        return relay_response(transfer, *self._frequency_tensors(relay), pupil, self.dtype)
 
     def upload_field(self, values: NDArray[np.complexfloating]) -> TorchField:
         """A field (y, x), or a spectrum of a relay's band, as the input of a single stage."""
-        return TorchField(torch.from_numpy(values).to(self._dtype).to(self._device))
+        return TorchField(torch.from_numpy(values).to(self.dtype).to(self._device))
 
     def download_field(self, field: TorchField) -> NDArray[np.complexfloating]:
         """The samples of a field (y, x), or a spectrum, on the host."""
         if field.pixels_of is None:
             return field.values.cpu().numpy()
-        wave = [of(self.plan, *field.pixels_of, self._dtype, self._device) for of in (plane_wave, pixel_wave)]
+        wave = [of(self.plan, *field.pixels_of, self.dtype, self._device) for of in (plane_wave, pixel_wave)]
         samples = upsample_nearest(field.values / wave[1], self.plan.grid.upsample) * wave[0]
         return samples.cpu().numpy()
 

@@ -66,6 +66,16 @@ class PrunedAxis:
         """The matrix of `inverse`, transposed: 1/P·Σ_n x_n·exp(2πi·k·(n + offset)/P) in the band."""
         return self._to_band(torch.fft.ifft, field, dim)
 
+    def inverse_at(self, spectrum: Tensor, index: int, dim: int) -> Tensor:
+        """The sample of an index of `inverse`, without its axis."""
+        weights = self.sample_phasor(index).to(spectrum.dtype).to(spectrum.device)
+        return torch.tensordot(torch.movedim(spectrum, dim, -1), weights, dims=1)
+
+    def sample_phasor(self, index: int) -> Tensor:
+        """1/P·exp(2πi·k·(index + offset)/P) of each frequency: `inverse_transposed` of a 1 at a sample, complex128."""
+        turns = torch.from_numpy((self.indices * (index + self.offset)) % self.padded).double() / self.padded
+        return phasor_of_turns(turns) / self.padded
+
     def _to_band(self, function: Callable[..., Tensor], field: Tensor, dim: int) -> Tensor:
         after = self.padded - self.offset - self.count
         spectrum = _transformed(function, _padded(field, dim, self.offset, after), dim)
@@ -101,6 +111,26 @@ class PrunedTransform:
         """The field in the window, of a spectrum that is zero outside the band."""
         y, x = self.axes
         return x.inverse(y.inverse(spectrum, -2), -1)
+
+    def inverse_lines(self, spectrum: Tensor, row: int, column: int) -> tuple[Tensor, Tensor]:
+        """One row (count_x,) and one column (count_y,) of `inverse`, which need no transform of the whole."""
+        y, x = self.axes
+        return x.inverse(y.inverse_at(spectrum, row, -2), -1), y.inverse(x.inverse_at(spectrum, column, -1), -1)
+
+    def at_sample(self, row: int, column: int) -> Tensor:
+        """W (frequencies_y, frequencies_x) complex128 with `inverse`(X) at the sample (row, column) = Σ W·X."""
+        y, x = self.axes
+        return y.sample_phasor(row)[:, None] * x.sample_phasor(column)[None, :]
+
+    def forward_transposed(self, spectrum: Tensor) -> Tensor:
+        """The matrix of `forward`, transposed and not conjugated."""
+        y, x = self.axes
+        return x.forward_transposed(y.forward_transposed(spectrum, -2), -1)
+
+    def inverse_transposed(self, field: Tensor) -> Tensor:
+        """The matrix of `inverse`, transposed."""
+        y, x = self.axes
+        return y.inverse_transposed(x.inverse_transposed(field, -1), -2)
 
 
 def _transformed(function: Callable[..., Tensor], values: Tensor, dim: int) -> Tensor:

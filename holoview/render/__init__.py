@@ -5,5 +5,6 @@ view_settings         how an image is shown: focal plane, exposure, channel, com
 progressive_renderer  a quick image at once, the full one when editing pauses; one renderer for each compared side
 planes                images of focal planes and along a pupil's path; previews of planes
 page_images           the phase of a pattern; a complex field; the eyebox
+point_probe           sections through a point of the image, and where its light comes from
 tone_mapping          XYZ to 8-bit sRGB; colour maps of single channels; pictures of complex fields
 """

@@ -19,7 +19,7 @@ from holoview.engine.frame import spectrum_behind_modulators
 from holoview.gpu.device import Device
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.render.scene import DeviceImage, Drive, Scene
+from holoview.render.scene import DeviceImage, Drive, Scene, uploaded_image
 from holoview.render.tone_mapping import field_picture
 from holoview.render.view_settings import ViewSettings
 from holoview.util.processes import LatestTask
@@ -85,9 +85,7 @@ class PageImages:
         if isinstance(result, SeenField):
             self.seen_field = result
         xyz = result.xyz if isinstance(result, SeenField) else result
-        four = np.zeros((*xyz.shape[:2], 4), np.float32)
-        four[..., :3] = xyz
-        self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
+        self._pictures[page] = (key, uploaded_image(self._device, xyz, page))
 
 
 def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:

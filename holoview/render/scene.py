@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from holoview.gpu.device import Buffer
+from holoview.gpu.device import Buffer, Device
 from holoview.model.system import System
 
 Drive = NDArray[Any]
@@ -45,6 +46,13 @@ class DeviceImage:
     is_quick: bool = False
     version: int = 0
     gain: float = 1.0
+
+
+def uploaded_image(device: Device, xyz: NDArray[np.float32], label: str) -> DeviceImage:
+    """An image XYZ (y, x, 3) of the host on the device."""
+    four = np.zeros((*xyz.shape[:2], 4), np.float32)
+    four[..., :3] = xyz
+    return DeviceImage(device.upload(four, label), (xyz.shape[0], xyz.shape[1]))
 
 
 def image_shape(system: System) -> tuple[int, int]:

@@ -78,7 +78,8 @@ class ViewSettings:
     stage, quantity: what the page "field" shows, of the frame and of the solo laser, or else of the first: one of
     `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
-    region: where speckle is measured. profile: a line along which the luminance is plotted.
+    region: where speckle is measured. profile: a line along which the luminance is plotted. cursor: the sample (x, y)
+    whose light is looked into; the middle of the image when None.
     score: one of SCORES, shown beside the PSNR.
     zoom: screen pixels for each sample, 0 to fit the window. centre: (x, y) of the middle of the view, as fractions of
     the image. pupil_path: a path of the pupil through the eyebox that was recorded or opened.
@@ -106,6 +107,7 @@ class ViewSettings:
     wipe: float = 0.5
     region: Region | None = None
     profile: Line | None = None
+    cursor: tuple[int, int] | None = None
     score: str = ""
     zoom: float = 0.0
     centre: tuple[float, float] = (0.5, 0.5)
@@ -135,6 +137,8 @@ class ViewSettings:
             raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        if self.cursor is not None and min(self.cursor) < 0:
+            raise UserError("cursor", str(self.cursor), expected="x, y ≥ 0")
         if min(self.frame, self.modulator, self.solo or 0, *self.muted) < 0:
             raise UserError("frame, modulator and lasers", "a negative number", expected="whole numbers from 0")
         if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
@@ -148,6 +152,11 @@ class ViewSettings:
     def shows_laser(self, index: int) -> bool:
         """Whether a laser contributes to the image: it is the solo one, or none is and it isn't muted."""
         return self.solo == index if self.solo is not None else index not in self.muted
+
+    def cursor_in(self, shape: tuple[int, int]) -> tuple[int, int]:
+        """Row and column of the cursor in an image of a shape (y, x)."""
+        x, y = (shape[1] // 2, shape[0] // 2) if self.cursor is None else self.cursor
+        return min(y, shape[0] - 1), min(x, shape[1] - 1)
 
     def with_side_replaced(self, old: ComparisonSide, new: ComparisonSide) -> ViewSettings:
         """A copy in which the side `old` of the comparison is replaced by `new`."""
@@ -164,6 +173,7 @@ class ViewSettings:
             solo=solo,
             muted=muted,
             region=_clip_region(self.region, shape),
+            cursor=None if self.cursor is None else self.cursor_in(shape)[::-1],
             frame=min(self.frame, frames - 1),
             modulator=min(self.modulator, modulators - 1),
         )

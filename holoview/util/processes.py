@@ -18,7 +18,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import wait
@@ -308,7 +308,7 @@ T = TypeVar("T")
 
 
 class LatestTask(Generic[T]):
-    """Runs the request that was submitted last and delivers its result, or its exception, to the owner.
+    """Runs the request that was submitted last and delivers its results, or its exception, to the owner.
 
     name: of the thread. deliver: has the owner make a call. on_error: called by the owner with the exception.
     """
@@ -318,7 +318,7 @@ class LatestTask(Generic[T]):
     ) -> None:
         self._name, self._deliver, self._on_error = name, deliver, on_error
         self._condition, self._closed = Condition(), False
-        self._request: tuple[Callable[[], T], Callable[[T], None]] | None = None
+        self._request: Callable[[], Callable[[], None]] | None = None  # does the work and returns its last call
         self._untaken = 0  # requests that were begun and whose results the owner hasn't got
         self._thread: Thread | None = None
 
@@ -330,8 +330,23 @@ class LatestTask(Generic[T]):
 
     def submit(self, work: Callable[[], T], on_result: Callable[[T], None]) -> None:
         """Runs `work` on the thread; the owner then calls `on_result` with what it returned."""
+        self._submit(lambda: partial(on_result, work()))
+
+    def submit_steps(self, steps: Callable[[], Iterable[T]], on_result: Callable[[T], None]) -> None:
+        """Runs `steps` on the thread; the owner calls `on_result` with each result. A newer request ends the steps."""
+
+        def run() -> Callable[[], None]:
+            for result in steps():
+                self._deliver(partial(on_result, result))
+                if self._is_superseded():
+                    break
+            return lambda: None
+
+        self._submit(run)
+
+    def _submit(self, request: Callable[[], Callable[[], None]]) -> None:
         with self._condition:
-            self._request = (work, on_result)
+            self._request = request
             self._condition.notify()
         if self._thread is None:
             self._thread = Thread(target=self._run, name=f"holoview: {self._name}", daemon=True)
@@ -349,16 +364,20 @@ class LatestTask(Generic[T]):
                 self._condition.wait_for(lambda: self._closed or self._request is not None)
                 if self._closed or self._request is None:
                     return
-                (work, on_result), self._request = self._request, None
+                request, self._request = self._request, None
                 self._untaken += 1
             try:
-                call = partial(on_result, work())
+                call = request()
             except Exception as error:  # any exception is reported to the owner, as nobody waits for this thread
                 call = partial(self._on_error, error)
             self._deliver(partial(self._hand_over, call))
 
+    def _is_superseded(self) -> bool:
+        with self._condition:
+            return self._closed or self._request is not None
+
     def _hand_over(self, call: Callable[[], None]) -> None:
-        """Called by the owner: makes the call of a request that has been run."""
+        """Called by the owner: makes the last call of a request that has been run."""
         with self._condition:
             self._untaken -= 1
         call()

@@ -11,6 +11,7 @@ from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.app.panels.parameters import BenchPanel, EffectsPanel
+from holoview.app.panels.point import PointPanel, SectionsPanel
 from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.app.panels.view_settings import ViewPanel
@@ -24,6 +25,8 @@ ALL: tuple[type[Panel], ...] = (
     GamutPanel,
     ViewPanel,
     SpecklePanel,
+    SectionsPanel,
+    PointPanel,
     OptimisePanel,
     FilesPanel,
     HistoryPanel,

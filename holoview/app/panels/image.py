@@ -19,6 +19,7 @@ from holoview.render.view_settings import DERIVED_PAGES, ViewSettings, displayed
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05
 _MARK_COLOUR = imgui.IM_COL32(255, 220, 80, 255)
+_CURSOR_PX = 7.0  # half the length of the lines of its cross
 _WIPE_GRIP_PX = 8.0  # from the line of the wipe, within which a drag moves it
 
 
@@ -35,7 +36,7 @@ class ImagePanel(Panel):
 
     def __init__(self) -> None:
         self._drag_start: tuple[float, float] | None = None
-        self._drags_wipe = self.shows_b = False
+        self._drags_wipe = self._drags_cursor = self.shows_b = False
 
     def set_up(self, context: AppContext) -> None:
         self.picture, self._plane_sheet = Viewport(context, "viewport"), PlaneSheet(context)
@@ -117,7 +118,7 @@ class ImagePanel(Panel):
         draw_pupil(context, middle, scale)
 
     def _draw_marks(self, view: ViewSettings, draw_list: imgui.ImDrawList) -> None:
-        """The region and the line of the profile."""
+        """The region, the line of the profile, and the cursor."""
         at = self.picture.to_screen
         if view.region is not None:
             x, y, width, height = view.region
@@ -125,6 +126,11 @@ class ImagePanel(Panel):
         if view.profile is not None:
             x0, y0, x1, y1 = view.profile
             draw_list.add_line(at(x0 + 0.5, y0 + 0.5), at(x1 + 0.5, y1 + 0.5), _MARK_COLOUR, 1.5)
+        if view.cursor is not None:
+            middle = at(view.cursor[0] + 0.5, view.cursor[1] + 0.5)
+            for dx, dy in ((_CURSOR_PX, 0), (0, _CURSOR_PX)):
+                ends = imgui.ImVec2(middle.x - dx, middle.y - dy), imgui.ImVec2(middle.x + dx, middle.y + dy)
+                draw_list.add_line(*ends, _MARK_COLOUR, 1.5)
 
     # --- pointer ----------------------------------------------------------------------------------------------------
 
@@ -135,10 +141,8 @@ class ImagePanel(Panel):
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 _edit_zoom(context, zoom=0.0, centre=(0.5, 0.5))
         if imgui.is_item_activated() and io.key_alt:
-            rows, columns = self.picture.shape
-            x, y = self.picture.to_sample(io.mouse_pos)
-            place = min(max(int(y), 0), rows - 1), min(max(int(x), 0), columns - 1)
-            context.attempt(focus_on, context.session, *place)
+            x, y = self._nearest_sample(io.mouse_pos)
+            context.attempt(focus_on, context.session, y, x)
         elif imgui.is_item_activated():
             self._begin_drag(context, io)
         if imgui.is_item_active():
@@ -146,7 +150,7 @@ class ImagePanel(Panel):
         if imgui.is_item_deactivated():
             if self._drag_start is not None:
                 context.drag_tool = ""
-            self._drag_start, self._drags_wipe = None, False
+            self._drag_start, self._drags_wipe, self._drags_cursor = None, False, False
             context.session.end_gesture()
 
     def _handle_wheel(self, context: AppContext, io: imgui.IO) -> None:
@@ -184,6 +188,7 @@ class ImagePanel(Panel):
         assert area is not None
         x = self.picture.to_pixel(io.mouse_pos)[0]
         self._drags_wipe = view.compare == "wipe" and abs(x - view.wipe * area.size[0]) < _WIPE_GRIP_PX
+        self._drags_cursor = io.key_ctrl and view.page == "image"
         if context.drag_tool or io.key_shift:
             context.drag_tool = context.drag_tool or "region"
             self._drag_start = self.picture.to_sample(io.mouse_pos)
@@ -194,6 +199,8 @@ class ImagePanel(Panel):
         if self._drags_wipe:
             share = self.picture.to_pixel(io.mouse_pos)[0] / area.size[0]
             context.edit_view("Wipe", wipe=min(max(share, 0.0), 1.0))
+        elif self._drags_cursor:
+            context.edit_view("Cursor", cursor=self._nearest_sample(io.mouse_pos))
         elif self._drag_start is not None:
             self._drag_tool(context, self._drag_start, self.picture.to_sample(io.mouse_pos))
         elif io.mouse_delta.x or io.mouse_delta.y:
@@ -210,6 +217,11 @@ class ImagePanel(Panel):
         width, height = min(int(x1) + 1, columns) - left, min(int(y1) + 1, rows) - top
         if width > 1 and height > 1:
             context.edit_view("Region", region=(left, top, width, height))
+
+    def _nearest_sample(self, place: imgui.ImVec2) -> tuple[int, int]:
+        """The sample (x, y) of the image at a place on the screen, or the one at its edge that is nearest."""
+        (x, y), (rows, columns) = self.picture.to_sample(place), self.picture.shape
+        return min(max(int(x), 0), columns - 1), min(max(int(y), 0), rows - 1)
 
     def _under_pointer(self) -> tuple[float, float] | None:
         """The position of the pointer as fractions of the image; None if it isn't over the image."""

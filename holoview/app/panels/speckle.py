@@ -47,7 +47,7 @@ class SpecklePanel(Panel):
         profile = "Drag on the image; its profile is plotted."
         add("Draw a line", lambda: _toggle_tool(context, line), "Shift+L", profile)
         back = "Back to the central half of the image."
-        add("Forget region and line", lambda: _clear_selection(context), help=back)
+        add("Forget region, line and cursor", lambda: _clear_selection(context), help=back)
         both = "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast."
         add("Simultaneous beside HoloChrome", lambda: self._compare(context), "F5", both)
 
@@ -100,7 +100,7 @@ def _toggle_tool(context: AppContext, tool: str) -> None:
 
 def _clear_selection(context: AppContext) -> None:
     context.drag_tool = ""
-    context.session.edit_view("Forget region and line", region=None, profile=None)
+    context.session.edit_view("Forget region, line and cursor", region=None, profile=None, cursor=None)
 
 
 def _draw_tools(context: AppContext) -> None:
@@ -108,7 +108,7 @@ def _draw_tools(context: AppContext) -> None:
     for tool in ("region", "line"):
         command_button(context, f"Draw a {tool}", tool.capitalize(), width=width, is_on=context.drag_tool == tool)
         imgui.same_line()
-    command_button(context, "Forget region and line", "Forget", width=width)
+    command_button(context, "Forget region, line and cursor", "Forget", width=width)
     state = context.session.document
     changed, numbers = imgui.input_int4(
         "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true

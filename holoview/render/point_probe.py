@@ -1,0 +1,165 @@
+"""Keeps the light through the cursor up to date: sections, directions, and the areas that contribute.
+
+It is computed in torch on threads, step by step; an edit ends what is computed, and the pictures before stay until new
+ones are there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.gpu.device import Device
+from holoview.render.scene import DeviceImage, Scene, image_shape, uploaded_image
+from holoview.render.view_settings import ViewSettings
+from holoview.util.processes import LatestTask
+
+if TYPE_CHECKING:
+    from holoview.engine.point_light import PointLight, Sections
+
+SECTION_PLANES = 65
+"""Planes of a section: every 2ⁿ-th of them first."""
+WINDOWS = (16, 32, 64, 128, 256)
+"""Samples across the window of a local spectrum."""
+_BRIGHTEST = 99.5  # percentile of a picture in units of its own that is white
+_DECADES = 4.0  # of power that the picture of a local spectrum spans
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSections:
+    """The sections through a sample (row, column), with z to the right: x–z (x, z) and y–z (y, z) on the device.
+
+    low_m, high_m: distances of the first and the last plane. share: of the planes that are computed.
+    """
+
+    place: tuple[int, int]
+    low_m: float
+    high_m: float
+    xz: DeviceImage
+    yz: DeviceImage
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPoint:
+    """The light of a sample, and pictures of it on the device: the areas of each modulator, and the directions."""
+
+    light: PointLight
+    areas: tuple[DeviceImage, ...]
+    directions: DeviceImage
+
+    def frequency_at(self, u: float, v: float) -> tuple[float, float]:
+        """The spatial frequency (y, x), 1/m, at a place of the picture of directions, given as fractions (x, y)."""
+        window = self.light.window
+        y, x = (int(share * window) - window // 2 for share in (v, u))
+        return y * self.light.frequency_step, x * self.light.frequency_step
+
+
+class PointProbe:
+    """The newest sections and the newest light of the cursor.
+
+    deliver: has the owner make a call. on_error: called by the owner with the exception.
+    """
+
+    def __init__(
+        self, device: Device, deliver: Callable[[Callable[[], None]], None], on_error: Callable[[BaseException], None]
+    ) -> None:
+        self._device = device
+        self._section_task: LatestTask[Sections] = LatestTask("sections", deliver, on_error)
+        self._point_task: LatestTask[PointLight] = LatestTask("light of a point", deliver, on_error)
+        self._keys: dict[str, tuple[Any, ...]] = {}
+        self.sections: SeenSections | None = None
+        self.point: SeenPoint | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being computed."""
+        return self._section_task.is_busy or self._point_task.is_busy
+
+    def request_sections(self, scene: Scene, view: ViewSettings, low_m: float, high_m: float) -> None:
+        """Has the sections through the cursor computed from one distance to another, unless they are there already."""
+        place, lasers = view.cursor_in(image_shape(scene.system)), _lasers(scene, view)
+        if self._is_new("sections", (scene.system, scene.drive, place, lasers, low_m, high_m)):
+            planes_m = np.linspace(low_m, high_m, SECTION_PLANES)
+            steps = partial(_section_steps, scene, planes_m, place, lasers)
+            self._section_task.submit_steps(steps, partial(self._put_sections, place))
+
+    def request_point(self, scene: Scene, view: ViewSettings, window: int) -> None:
+        """Has the light of the cursor computed, unless it is there already. window: one of `WINDOWS`."""
+        place, lasers = view.cursor_in(image_shape(scene.system)), _lasers(scene, view)
+        if self._is_new("point", (scene.system, scene.drive, place, lasers, scene.plane_m, window)):
+            self._point_task.submit_steps(partial(_point_steps, scene, place, lasers, window), self._put_point)
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._section_task.close()
+        self._point_task.close()
+
+    def _is_new(self, name: str, key: tuple[Any, ...]) -> bool:
+        """Whether a key differs from the last one of a name; drives are compared by identity, as edits share them."""
+        last = self._keys.get(name)
+        is_same = last is not None and last[1] is key[1] and last[0] == key[0] and last[2:] == key[2:]
+        self._keys[name] = key
+        return not is_same
+
+    def _put_sections(self, place: tuple[int, int], found: Sections) -> None:
+        if not found.share:
+            return
+        xz, yz = (
+            uploaded_image(self._device, np.ascontiguousarray(np.swapaxes(picture, 0, 1)), "section")
+            for picture in (found.xz, found.yz)
+        )
+        low_m, high_m = float(found.planes_m[0]), float(found.planes_m[-1])
+        self.sections = SeenSections(place, low_m, high_m, xz, yz, found.share)
+
+    def _put_point(self, found: PointLight) -> None:
+        areas = tuple(uploaded_image(self._device, _scaled(area), "area") for area in found.areas)
+        directions = uploaded_image(self._device, _by_decades(found.directions), "directions")
+        self.point = SeenPoint(found, areas, directions)
+
+
+def angle_deg(frequency: float, wavelength_m: float) -> float:
+    """The angle to the axis, in degrees along y or x, of a spatial frequency, 1/m; NaN for one that is evanescent."""
+    sine = frequency * wavelength_m
+    return math.degrees(math.asin(sine)) if abs(sine) <= 1 else math.nan
+
+
+def _lasers(scene: Scene, view: ViewSettings) -> tuple[int, ...]:
+    """The indices of the lasers that are shown."""
+    return tuple(index for index in range(len(scene.system.wavelengths_m)) if view.shows_laser(index))
+
+
+def _section_steps(
+    scene: Scene, planes_m: NDArray[np.float64], place: tuple[int, int], lasers: Sequence[int]
+) -> Iterator[Sections]:
+    from holoview.engine.point_light import section_steps  # slow start: it imports torch
+
+    return section_steps(scene.system, scene.drive, planes_m, place, lasers)
+
+
+def _point_steps(scene: Scene, place: tuple[int, int], lasers: Sequence[int], window: int) -> Iterator[PointLight]:
+    from holoview.engine.point_light import point_steps  # slow start: it imports torch
+
+    return point_steps(scene.system, scene.drive, scene.plane_m, place, lasers, window)
+
+
+def _scaled(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture XYZ (y, x, 3) in units of its own, in which only its brightest parts are beyond white."""
+    white = float(np.percentile(xyz[..., 1], _BRIGHTEST))
+    return xyz / np.float32(white) if white > 0 else xyz
+
+
+def _by_decades(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture XYZ (y, x, 3) of the same colours whose brightness rises with the logarithm of the power."""
+    power = xyz[..., 1:2]
+    most = float(power.max())
+    if not most > 0:
+        return xyz
+    level = np.clip(1 + np.log10(np.maximum(power / most, 1e-30)) / _DECADES, 0, 1)
+    return np.asarray(xyz / np.maximum(power, np.float32(most * 1e-30)) * level**2, dtype=np.float32)
