@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.rig_adaptive import are_same, hidden_candidates, make_rig
+from benchmarks.rig_adaptive import are_same, hidden_candidates, make_rig, sample_effects
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import effect_jacobian, free_parameters_of, identity_values
@@ -50,10 +50,10 @@ from holoview.experiment.hypotheses import (
     log_prior,
     loop_context,
     probabilities,
+    shows_at_identity,
 )
 from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.rig.measurement import Measurement
-from tests.diagnose.effect_sampling import sample_effect
 from tests.experiment.next_capture.benches import BenchInProcess
 
 SIZES = (0.01, 0.03, 0.1)  # of the edge of the range that a diagnosis scans
@@ -94,7 +94,7 @@ def measure_derivatives(seed: int) -> Derivatives:
     owner, slopes = list[str](), []
     for name, effect in context.effects.items():
         found = effect_jacobian(effect, {name: identity_values(effect)}, comparison, nominal)
-        if len(found) and not changes_only_power(effect):
+        if shows_at_identity(found) and not changes_only_power(effect):
             owner += [name] * len(found)
             slopes.append(found.reshape(len(found), len(captures), -1))
     pictures = np.concatenate(slopes).transpose(1, 0, 2)
@@ -115,12 +115,10 @@ class LinearBench:
 def draw_bench(derivatives: Derivatives, seed: int) -> LinearBench:
     """A bench with one hidden effect, or two in every fourth."""
     rng = np.random.default_rng((seed, 3))
-    with tempfile.TemporaryDirectory() as folder:
-        rig = make_rig({"seed": seed, "one_plane": False, "truth": {}}, Path(folder))
     size, names = float(rng.choice(SIZES)), [n for n in hidden_candidates() if n in derivatives.owner]
     while True:
         truth = tuple(sorted(rng.choice(names, 1 if seed % 4 else 2, replace=False).tolist()))
-        values = {name: sample_effect(get_effect(name), rig.bench, size, rng) for name in truth}
+        values = sample_effects(truth, size, rng)
         free = free_parameters_of([get_effect(name) for name in truth], values)
         x = free.pack(values) - free.identity
         if np.isfinite(x).all():

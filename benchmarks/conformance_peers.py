@@ -62,10 +62,30 @@ def diffractsim(method: str) -> Adapter:
     return propagate
 
 
+def chromatix(method: str) -> Adapter:
+    """`asm_propagate` or `transfer_propagate` with the padding that `compute_padding_exact` asks for, up to a grid of
+    2048 samples; x64 as JAX's switch says."""
+    import jax
+    from chromatix import Field
+    from chromatix.functional import asm_propagate, compute_padding_exact, transfer_propagate
+
+    function = transfer_propagate if method.startswith("transfer") else asm_propagate
+
+    def propagate(case: Case) -> np.ndarray:
+        n, z, λ, pitch_m = len(case.field), case.distance_m, case.wavelength_m, case.pitch_m
+        asked = int(compute_padding_exact(n, λ, pitch_m, abs(z))) if z else 0
+        with jax.enable_x64("x64" in method):
+            field = Field.build(jax.numpy.asarray(case.field), pitch_m, λ)
+            return np.asarray(function(field, z, 1.0, pad_width=min(asked, (2048 - n) // 2), mode="same").u)
+
+    return propagate
+
+
 PEERS: dict[str, tuple[Callable[[str], Adapter], tuple[str, ...]]] = {
     "odak": (odak, ("Bandlimited Angular Spectrum", "Angular Spectrum", "Transfer Function Fresnel")),
     "torchoptics": (torchoptics, ("AUTO", "ASM", "DIM")),
     "diffractsim": (diffractsim, ("propagate",)),
+    "chromatix": (chromatix, ("asm_propagate, x64", "asm_propagate", "transfer_propagate, x64")),
 }
 
 

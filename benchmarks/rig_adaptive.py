@@ -161,9 +161,13 @@ def draw_case(seed: int) -> dict[str, Any]:
     among = [n for n in ALIKE if not one_plane or n != "stage"] if kind == "alike" else hidden_candidates()
     count = {"nothing": 0, "pair": 2}.get(kind, 1)
     names = sorted(rng.choice(among, size=count, replace=False).tolist())
+    return {"seed": seed, "kind": kind, "size": size, "one_plane": one_plane, "truth": sample_effects(names, size, rng)}
+
+
+def sample_effects(names: Sequence[str], size: float, rng: np.random.Generator) -> dict[str, dict[str, Any]]:
+    """Values of hidden effects of such a size."""
     system = replace(bench(48, 64), wavelengths_m=np.array([450e-9, 638e-9]), amplitudes=np.ones((1, 2)))
-    effects = {name: sample_effect(get_effect(name), system, size, rng) for name in names}
-    return {"seed": seed, "kind": kind, "size": size, "one_plane": one_plane, "truth": effects}
+    return {name: sample_effect(get_effect(name), system, size, rng) for name in names}
 
 
 def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:

@@ -177,9 +177,12 @@ def open_hypotheses(
             continue  # a list, which is empty until something shows
         free = FreeParameters((*leader.free.entries, *added.entries))
         try:
-            slopes = np.vstack([own, slopes_of(added, values, comparison, context)])
+            beside = slopes_of(added, values, comparison, context)
         except UserError:
             continue
+        if not shows_at_identity(beside):
+            continue  # no captures would exclude it
+        slopes = np.vstack([own, beside])
         normal = (slopes @ slopes.T).astype(np.float64)
         gain = linear_gain(normal, (slopes @ residual).astype(np.float64), temperature)
         causes = (*leader.causes, name)
@@ -188,6 +191,15 @@ def open_hypotheses(
         weight += log_prior(len(causes), len(context.effects))
         found.append(Hypothesis(causes, values, free, root, weight, gain))
     return sorted(found, key=lambda h: -h.log_weight)
+
+
+def shows_at_identity(slopes: NDArray[np.float32]) -> bool:
+    """Whether captures tell anything of an effect by its derivatives (parameter, pixel) at its identity, in priors.
+
+    Fringes without amplitude and ghosts without distance have none but rounding errors. Such effects show at once where
+    there are some, and the diagnosis looks for them.
+    """
+    return bool(PRIOR_WIDTH**2 * np.square(slopes, dtype=np.float64).sum() >= 1.0)
 
 
 def slopes_of(

@@ -28,7 +28,7 @@ from holoview.experiment.capture_choice import (
     planes_of,
     starting_proposals,
 )
-from holoview.experiment.hypotheses import Belief, Hypothesis, loop_context
+from holoview.experiment.hypotheses import Belief, Hypothesis, loop_context, open_hypotheses
 from holoview.model.effects.registry import listed_effects
 from holoview.rig.measurement import Measurement
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
@@ -198,6 +198,15 @@ def test_dispersion_is_told_from_a_stroke_at_another_wavelength(bench: BenchInPr
     assert not _choose(bench, belief, taken, [here]).promises_something
     choice = _choose(bench, belief, taken, [here, there])
     assert choice.proposal.wavelength_m == there.wavelength_m and choice.promises_something
+
+
+def test_effects_without_derivatives_at_their_identity_are_never_open(bench: BenchInProcess) -> None:
+    """No capture would exclude fringes without amplitude, and a loop would wait for it."""
+    taken = _taken(bench)
+    belief = _belief(taken, {})
+    names = ["camera_blur", "camera_fringes", "gap", "ghost", "slm1_fringes"]
+    found = open_hypotheses(belief.leader, 0.0, names, belief.comparison, belief.context, 1.0)
+    assert {h.name for h in found} == {"camera_blur", "gap"}
 
 
 @pytest.mark.parametrize("seed", range(5))
