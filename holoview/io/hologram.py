@@ -93,13 +93,18 @@ class Hologram:
     def of_field(field: Wavefield) -> Hologram:
         """A field with the bench that shows it.
 
-        field: a `Wavefield`. Raises UserError for a pitch that differs between y and x, and for lengths out of range.
+        field: a `Wavefield`. One whose pitch differs between y and x is resampled to the smaller one by its spectrum.
+        Raises UserError for lengths out of range.
 
         >>> import holoview as hv, numpy as np
         >>> field = hv.load_field(np.ones((48, 64), np.complex64), pitch="8 um", wavelengths=["532 nm"]).field()
         >>> hv.Hologram.of_field(field).system.is_field
         True
         """
+        if field.pitch_m[0] != field.pitch_m[1]:
+            from holoview.wavefield.imaging import with_square_pitch  # slow start: it imports torch
+
+            field = with_square_pitch(field)[0]
         return Hologram(lit_field(field), bench_of_field(field))
 
     def field(self) -> Wavefield:

@@ -114,7 +114,7 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
-    from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+    from holoview.wavefield.imaging import image_field, with_square_pitch  # slow start: it imports torch
 
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
@@ -124,7 +124,8 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
         field, notes = found.field, (*notes, *found.report)
     assert field is not None
     seen, moved = image_field(field, request.propagation)
-    notes = (*notes, moved) if moved else notes
+    seen, resampled = with_square_pitch(seen)
+    notes = (*notes, *(note for note in (moved, resampled) if note))
     hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (

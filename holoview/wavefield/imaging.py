@@ -1,4 +1,4 @@
-"""Far images brought near, so that a bench can show them.
+"""Fields made such that a bench can show them: far images brought near, samples of one pitch along y and x.
 
 A bench propagates by the angular spectrum in the field's own window. Where the image lies so far away that it leaves
 this window, the field is brought to it by one Fresnel or Fourier transform, and looked at around there.
@@ -6,15 +6,43 @@ this window, the field is brought to it by one Fresnel or Fourier transform, and
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from holoview.optics.free_space import Window
 from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
+from holoview.wavefield.field_bench import lit_field
 from holoview.wavefield.propagation import choose_method, propagate_field
 from holoview.wavefield.request import Propagation
 from holoview.wavefield.wavefield import Wavefield
 
 _MOST_SAMPLES = 16384  # along a side of the window of a far image
+
+
+def with_square_pitch(field: Wavefield) -> tuple[Wavefield, str]:
+    """The field at samples of its smaller pitch along y and x, and what was done, a sentence; empty where nothing was.
+
+    It is the sum over the frequencies of its samples, as propagation takes it, at other places: exact for a field that
+    the samples determine. Sharp edges of its window ring. Raises UserError for more samples than a bench may have.
+    """
+    pitch_m = min(field.pitch_m)
+    if np.isclose(*field.pitch_m, rtol=1e-6):
+        return field, ""
+    shape = (round(field.shape[0] * field.pitch_m[0] / pitch_m), round(field.shape[1] * field.pitch_m[1] / pitch_m))
+    own = " × ".join(units.format_rounded(pitch, "um") for pitch in field.pitch_m)
+    if max(shape) > _MOST_SAMPLES:
+        found = f"{own} (y, x), at one pitch {shape[1]} × {shape[0]} samples"
+        raise UserError("pitch", found, expected=f"at most {_MOST_SAMPLES} along a side")
+    require_memory("field", field.values.size // math.prod(field.shape) * math.prod(shape) * 32)
+    lit = replace(field, values=lit_field(field), reference_radius_m=None)
+    seen = propagate_field(lit, 0.0, "asm", Window(shape, (pitch_m, pitch_m)))
+    values = seen.values.numpy().astype(np.complex64)
+    note = f"its pitch of {own} (y, x) was resampled to {units.format_rounded(pitch_m, 'um')}, by its spectrum"
+    return replace(lit, values=values, pitch_m=(pitch_m, pitch_m)), note
 
 
 def image_field(field: Wavefield, propagation: Propagation = "auto") -> tuple[Wavefield, str]:
