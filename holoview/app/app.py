@@ -111,6 +111,9 @@ class App:
             self.context.attempt(command.action)
         if commands.is_repeating() and not is_typing:
             self.window.wake()
+        for guarded in self.panels:
+            if guarded.panel.wants_to_open(self.context):
+                self.context.show_panel(guarded.panel.title)
         self._move_pupil()
         self._update_requests()
 

@@ -26,6 +26,7 @@ from holoview.document.file_loader import FileLoader
 from holoview.document.focus_edits import PupilMotion
 from holoview.document.measurements import LimitNotes, LiveMeasurement, LiveScore
 from holoview.document.optimisation_job import RetinalCurves
+from holoview.document.order_edits import OrderEditor
 from holoview.document.received_fields import ReceivedFields
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
@@ -291,6 +292,7 @@ class AppContext:
         self.side_renderers = SideRenderers(device, session, renderer)
         self.plane_previews = PlanePreviews(device)
         self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
+        self.order_editor = OrderEditor(session)
         self.point_probe = PointProbe(device, session.call_on_owner, session.messages.post_error)
         self.live_measurement = LiveMeasurement(session, window.wake)
         self.live_psnr = LiveScore("psnr", session, window.wake)
@@ -316,6 +318,7 @@ class AppContext:
             or self.plane_previews.is_busy
             or self.page_images.is_busy
             or self.point_probe.is_busy
+            or self.order_editor.is_busy
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
             or self.live_psnr.is_busy
@@ -389,6 +392,7 @@ class AppContext:
         self.side_renderers.close()
         self.page_images.close()
         self.point_probe.close()
+        self.order_editor.close()
 
     def _run_command(self, name: str) -> None:
         self.attempt(self.commands.run, name)

@@ -33,6 +33,10 @@ class Panel(ABC):
         """Whether it has to be drawn again though nothing has happened, as for a time that it shows."""
         return False
 
+    def wants_to_open(self, context: AppContext) -> bool:
+        """Whether its window is to be opened now, as for something new that it shows; asked before each frame."""
+        return False
+
     @abstractmethod
     def draw(self, context: AppContext) -> None:
         """Draws the content of the window; called in every frame in which it is visible."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.target_builder import TargetSpec
+from holoview.io.load_field import RecordedOrders
 from holoview.model.system import System
 from holoview.render.scene import Drive, Scene, image_shape
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
@@ -25,7 +26,8 @@ class Document:
 
     drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
     (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
-    they were read from or written to. View settings that refer to lasers, frames, modulators or samples that don't
+    they were read from or written to. recorded: the recording that the field is cut out of, which isn't saved with a
+    session; any other drive takes it away. View settings that refer to lasers, frames, modulators or samples that don't
     exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
     the system needs.
     """
@@ -36,6 +38,7 @@ class Document:
     target_spec: TargetSpec | None = None
     origin: str = ""
     path: Path | None = None
+    recorded: RecordedOrders | None = None
 
     def __post_init__(self) -> None:
         if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
@@ -102,6 +105,8 @@ class Document:
             drive, note = fit_drive(self.drive, system.drive_shape)
             changes = {**changes, "drive": drive}
             changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
+        if "drive" in changes:
+            changes = {"recorded": None, **changes}
         document = replace(self, **changes)
         _ = document.lit_system
         return document

@@ -26,7 +26,7 @@ from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.document.target_builder import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
-from holoview.io.load_field import is_field_file, open_hologram
+from holoview.io.load_field import RecordedOrders, is_field_file, open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
@@ -193,6 +193,7 @@ class FileLoader:
             view_settings=_clamp_plane(view_settings, system),
             origin=f"{content.kind} {content.title}{random}",
             path=path,
+            recorded=content.recorded,
         )
         if is_preset and target_spec is not None:
             session.messages.post(random_patterns_hint(target_spec))
@@ -297,6 +298,7 @@ class FileContent:
 
     kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
     plane_m, exposure_stops: the focal plane and the exposure that it is to be shown at; None for those of the viewer.
+    recorded: the recording that a field is cut out of.
     """
 
     kind: str
@@ -309,6 +311,7 @@ class FileContent:
     plane_m: float | None = None
     exposure_stops: float | None = None
     notes: tuple[str, ...] = field(default=())
+    recorded: RecordedOrders | None = None
 
 
 @dataclass(frozen=True)
@@ -384,7 +387,16 @@ def _field(paths: list[Path], request: ReadRequest) -> FileContent:
     stops = 0.0
     if drive.size <= _MOST_FITTED:
         stops = round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
-    return FileContent("field", paths[0].name, system, drive, path=paths[0], exposure_stops=stops, notes=opened.notes)
+    return FileContent(
+        "field",
+        paths[0].name,
+        system,
+        drive,
+        path=paths[0],
+        exposure_stops=stops,
+        notes=opened.notes,
+        recorded=opened.recorded,
+    )
 
 
 def _page(path: Path, state: str) -> FileContent:

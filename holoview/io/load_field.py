@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,11 @@ from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
-from holoview.wavefield.reading import ReadRequest, read_wavefield
+from holoview.wavefield.reading import ReadRequest, Recording, read_wavefield
 from holoview.wavefield.wavefield import Provenance, Wavefield
+
+if TYPE_CHECKING:
+    from holoview.wavefield.demodulation import Order
 
 Length = float | str
 _AXES = "(y, x), (wavelength, y, x) or (frame, wavelength, y, x)"
@@ -33,7 +36,8 @@ class OpenedHologram:
     provenance: where each property of a field of another program is known from; empty for files of holoview.
     notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
     planes count; 0 for a field in its own plane. other_side: the hologram of the conjugate field, seen in the same way,
-    where its image is clearly sharper: the file's phase or distance may have the other sign.
+    where its image is clearly sharper: the file's phase or distance may have the other sign. recorded: the off-axis
+    recording that the field was cut out of, to choose another part.
     """
 
     hologram: Hologram
@@ -41,6 +45,38 @@ class OpenedHologram:
     notes: tuple[str, ...] = ()
     moved_m: float = 0.0
     other_side: Hologram | None = None
+    recorded: RecordedOrders | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedOrders:
+    """An off-axis recording and the order of its spectrum that the field of each wavelength is cut out of.
+
+    is_moved: whether the field is brought to its image, from where planes count, by one Fresnel transform.
+    """
+
+    recording: Recording
+    orders: tuple[Order, ...]
+    is_moved: bool = False
+
+    def with_order(self, wavelength: int, order: Order) -> RecordedOrders:
+        """With another order for the wavelength of an index."""
+        orders = tuple(order if i == wavelength else kept for i, kept in enumerate(self.orders))
+        return replace(self, orders=orders)
+
+    def found(self) -> RecordedOrders:
+        """With the orders that stand out of the spectra. Raises UserError where none does."""
+        from holoview.wavefield.demodulation import find_order  # slow start: it imports scipy
+
+        return replace(self, orders=tuple(find_order(picture) for picture in self.recording.pictures[0]))
+
+    def hologram(self) -> Hologram:
+        """The field of the orders, as `open_hologram` shows it. Raises UserError for orders beyond the samples."""
+        from holoview.wavefield.demodulation import off_axis_field  # slow start: it imports scipy
+        from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
+        field = off_axis_field(self.recording, self.orders).field
+        return Hologram.of_field(image_field(field, "fresnel" if self.is_moved else "asm")[0])
 
 
 def load_field(
@@ -118,10 +154,11 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
 
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
-    field = reading.wavefield
+    field, recorded = reading.wavefield, None
     if reading.recording is not None:
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
+        recorded = RecordedOrders(reading.recording, found.orders) if found.orders else None
     assert field is not None
     seen, moved = image_field(field, request.propagation)
     seen, resampled = with_square_pitch(seen)
@@ -136,7 +173,10 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     if reading.recording is None and is_sharper_on_other_side(field):
         other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), request.propagation)[0])
         notes = (*notes, "the image is sharper with the other sign of the phase (--conjugate) or of the distance")
-    return OpenedHologram(hologram, reading.provenance, notes, field.distance_m if moved else 0.0, other)
+    if recorded is not None and moved:
+        recorded = replace(recorded, is_moved=True)
+    moved_m = field.distance_m if moved else 0.0
+    return OpenedHologram(hologram, reading.provenance, notes, moved_m, other, recorded)
 
 
 def is_field_file(path: Path) -> bool:

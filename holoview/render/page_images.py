@@ -1,7 +1,7 @@
 """The images of the pages "phase", "field" and "spectrum": the phase of a pattern, a complex field, the eyebox.
 
-`PageImages` keeps the displayed one on the device. Both are computed in torch, which takes a second to import: call
-`phase_turns` and `eyebox_xyz` on a worker thread.
+`PageImages` keeps the displayed ones on the device, and the spectrum of a camera's recording. They are computed in
+torch, which takes a second to import: call `phase_turns` and `eyebox_xyz` on a worker thread.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from holoview.render.scene import DeviceImage, Drive, Scene, uploaded_image
 from holoview.render.tone_mapping import field_picture
 from holoview.render.view_settings import ViewSettings
 from holoview.util.processes import LatestTask
+from holoview.wavefield.reading import Recording
 
 Xyz = NDArray[np.float32]
+_DECADES = 6.0  # of power that the picture of a recording's spectrum spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,12 @@ class PageImages:
         entry = self._pictures.get(view.page)
         return None if entry is None else entry[1]
 
+    def recording(self, recording: Recording, wavelength: int) -> DeviceImage | None:
+        """The power spectrum of the first picture of a recording, 0 in the middle; None until it is computed."""
+        self._request("recording", (wavelength, recording), _recording_xyz)
+        entry = self._pictures.get("recording")
+        return None if entry is None else entry[1]
+
     def close(self) -> None:
         """Ends the thread."""
         self._task.close()
@@ -111,6 +119,15 @@ def _seen_field(
     picture = field_picture(values, quantity)
     xyz = (srgb_decode(picture.srgb8 / 255) @ SRGB_TO_XYZ.T).astype(np.float32)
     return SeenField(xyz, values, f"{stage}, {system.wavelengths_m[laser] * 1e9:.4g} nm: {picture.scale}")
+
+
+def _recording_xyz(wavelength: int, recording: Recording) -> Xyz:
+    """The picture XYZ (y, x, 3) of the spectrum of a recording, grey over `_DECADES` of power."""
+    from holoview.wavefield.demodulation import recording_spectrum  # slow start: it imports scipy
+
+    power = recording_spectrum(recording.pictures[0, wavelength])
+    level = np.clip(1 + np.log10(np.maximum(power / power.max(), 1e-30)) / _DECADES, 0, 1) if power.any() else power
+    return (srgb_decode(level)[..., None] * SRGB_TO_XYZ.sum(axis=1)).astype(np.float32)
 
 
 def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

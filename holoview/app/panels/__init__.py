@@ -12,6 +12,7 @@ from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.app.panels.parameters import BenchPanel, EffectsPanel
 from holoview.app.panels.point import PointPanel, SectionsPanel
+from holoview.app.panels.recording import RecordingPanel
 from holoview.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.app.panels.view_settings import ViewPanel
@@ -27,6 +28,7 @@ ALL: tuple[type[Panel], ...] = (
     SpecklePanel,
     SectionsPanel,
     PointPanel,
+    RecordingPanel,
     OptimisePanel,
     FilesPanel,
     HistoryPanel,

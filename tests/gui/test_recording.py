@@ -1,0 +1,93 @@
+"""An off-axis recording in the viewer: its order on its spectrum, dragged, and the field that follows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.recording import RecordingPanel
+from holoview.wavefield.demodulation import Order, off_axis_field
+from holoview.wavefield.reading import ReadRequest
+from tests.gui.conftest import Gui, small_bench
+
+pytestmark = pytest.mark.gpu
+
+SHAPE, CARRIER = (120, 160), (0.15, 0.2)
+REQUEST = ReadRequest(
+    pitch_m=(8e-6, 8e-6), wavelengths_m=(532e-9,), distance_m=2e-3, recording="off-axis", conjugated=False
+)
+
+
+@pytest.fixture
+def gui(make_gui: Callable[..., Gui], tmp_path: Path) -> Gui:
+    """A viewer of the recording of a lens, whose fringes are those of a tilted reference."""
+    opened = make_gui(small_bench(), (700, 900), panels=(RecordingPanel, ImagePanel))
+    y, x = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in SHAPE), indexing="ij")
+    lens = np.exp(-1j * math.pi * (x**2 + y**2) * (8e-6) ** 2 / (532e-9 * 40e-3))
+    light = np.abs(lens + np.exp(-2j * math.pi * (CARRIER[0] * y + CARRIER[1] * x))) ** 2
+    Image.fromarray(np.rint(60 * light).astype(np.uint8)).save(tmp_path / "fringes.png")
+    opened.context.loader.open(tmp_path / "fringes.png", REQUEST)
+    assert opened.session.wait_until_idle(60)
+    opened.draw_until_idle()
+    return opened
+
+
+def order_of(gui: Gui) -> Order:
+    recorded = gui.session.document.recorded
+    assert recorded is not None
+    return recorded.orders[0]
+
+
+def place_of(gui: Gui, frequency: tuple[float, float]) -> tuple[float, float]:
+    """The place on the screen of a frequency (y, x), cycles a pixel."""
+    return gui.item_position("recording", 0.5 + frequency[1], 0.5 + frequency[0])
+
+
+def test_the_panel_opens_with_a_recording_and_shows_its_order(gui: Gui) -> None:
+    assert "recording" in gui.context.item_rects
+    assert order_of(gui).carrier == pytest.approx(CARRIER, abs=0.005)
+
+
+def test_a_drag_moves_the_order_and_the_image_follows_in_one_step_of_undo(gui: Gui) -> None:
+    session, found = gui.session, order_of(gui)
+    recorded, before, steps = session.document.recorded, session.drive, session.history_position
+    assert recorded is not None
+    gui.drag(place_of(gui, found.carrier), place_of(gui, (found.carrier[0] + 0.05, found.carrier[1] - 0.05)))
+    gui.draw_until_idle()
+    moved = order_of(gui)
+    item = gui.context.item_rects["recording"]
+    pixel = 1 / (item[2] - item[0])  # cycles a pixel of the recording, for a pixel of the screen
+    assert moved.carrier == pytest.approx((found.carrier[0] + 0.05, found.carrier[1] - 0.05), abs=2 * pixel)
+    assert moved.radius == found.radius
+    expected = off_axis_field(recorded.recording, [moved]).field.values
+    np.testing.assert_array_equal(session.drive, expected)
+    assert session.history_position == steps + 1
+    session.undo()
+    assert session.drive is before and order_of(gui) is found
+
+
+def test_the_edge_of_the_circle_changes_its_radius(gui: Gui) -> None:
+    found = order_of(gui)
+    edge = (found.carrier[0], found.carrier[1] + found.radius)
+    gui.drag(place_of(gui, edge), place_of(gui, (edge[0], edge[1] + 0.03)))
+    gui.draw_until_idle()
+    moved = order_of(gui)
+    assert moved.carrier == found.carrier and moved.radius == pytest.approx(found.radius + 0.03, abs=0.01)
+    gui.click(gui.item_position("other order"))
+    gui.draw_until_idle()
+    assert order_of(gui).carrier == pytest.approx((-found.carrier[0], -found.carrier[1]))
+    gui.click(gui.item_position("find the order"))
+    gui.draw_until_idle()
+    assert order_of(gui).radius == pytest.approx(found.radius)
+
+
+def test_a_field_without_a_recording_takes_the_circle_away(gui: Gui) -> None:
+    gui.session.edit("Another field", drive=np.ones_like(gui.session.drive))
+    gui.draw_until_idle()
+    assert gui.session.document.recorded is None and gui.context.order_editor.chosen is None
