@@ -90,7 +90,7 @@ def _format(found: FoundFocus) -> list[str]:
             text += f"; on the other side at {units.format_rounded(other_m, 'mm')}, {share}"
         lines.append(text)
     if abs(found.distances_m[MEASURES[0]] - found.distances_m[MEASURES[1]]) > 0.1 * abs(found.distance_m):
-        lines.append("the measures differ: look at both; of a transparent object the second one is smallest in focus")
+        lines.append("the measures differ: look at both")
     return [*lines, "", *_bars(found.curves[0])]
 
 

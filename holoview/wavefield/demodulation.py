@@ -147,11 +147,12 @@ def recording_spectrum(picture: Floats) -> Floats:
 def find_order(picture: Floats) -> Order:
     """The first order of an off-axis recording (y, x), in the half of the spectrum with f_x > 0.
 
-    The brightest place of the blurred spectrum outside the middle; around it, within half its distance from the middle,
-    what stands above the noise. If its brightest frequency stands out, it is the reference's tilt, measured to a
-    thousandth of a bin; else the centre of gravity. Its radius holds 98 % of its light, and at most half its distance
-    from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet & Depeursinge, Appl. Opt. 39,
-    4070 (2000)).
+    The light around the middle, of the object wave with itself, falls towards every side. The order is where the
+    blurred spectrum rises most above its least value on the way from the middle, and around this place, within half
+    its distance from the middle, all that stands above the noise. If its brightest frequency stands out, it is the
+    reference's tilt, measured to a thousandth of a bin; else the centre of gravity. Its radius holds 98 % of its light,
+    and at most half its distance from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet
+    & Depeursinge, Appl. Opt. 39, 4070 (2000)).
 
     Raises UserError where no order stands out of the noise.
     """
@@ -161,7 +162,7 @@ def find_order(picture: Floats) -> Order:
     distance = np.hypot(fy[:, None], fx[None, :])
     noise = float(np.median(blurred))
     searched = (distance > _CENTRAL) & ((fx[None, :] > 0) | ((fx[None, :] == 0) & (fy[:, None] > 0)))
-    where = np.unravel_index(np.argmax(np.where(searched, blurred, 0)), power.shape)
+    where = _rising_most(scipy.ndimage.gaussian_filter(power, [max(1.0, n / 64) for n in power.shape], mode="wrap"))
     if blurred[where] < 20 * noise or noise == 0 == blurred[where]:
         raise UserError(
             "recording",
@@ -221,6 +222,22 @@ def demodulate_picture(picture: Floats, order: Order) -> Complexes:
     edge = _SOFT * order.radius
     disc = np.clip((order.radius + edge / 2 - ways) / edge, 0, 1).astype(np.float32)
     return scipy.fft.ifft2(scipy.fft.fft2(moved) * disc)
+
+
+def _rising_most(blurred: Floats) -> tuple[int, int]:
+    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle."""
+    rows, columns = blurred.shape
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * max(rows, columns))[1:]  # f_x > 0, and f_x = 0 < f_y
+    radii = np.arange(_CENTRAL, math.sqrt(0.5), 0.5 / max(rows, columns))
+    y, x = (
+        np.rint(n // 2 + n * direction[:, None] * radii).astype(int)
+        for n, direction in zip((rows, columns), (np.sin(angles), np.cos(angles)), strict=True)
+    )
+    inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
+    along = np.where(inside, blurred[y.clip(0, rows - 1), x.clip(0, columns - 1)], 0)
+    rise = np.where(inside, along - np.minimum.accumulate(np.where(inside, along, np.inf), axis=1), -1)
+    best = np.unravel_index(np.argmax(rise), rise.shape)
+    return int(y[best]), int(x[best])
 
 
 def _ways(fy: Floats, fx: Floats, centre: tuple[float, float]) -> Floats:

@@ -98,6 +98,14 @@ def test_an_order_without_a_peak_is_centred_on_its_light() -> None:
     assert np.hypot(order.carrier[0] - 0.15, order.carrier[1] - 0.22) < 5 * 0.035 / math.sqrt(600)
 
 
+def test_an_order_is_found_beside_brighter_light_of_the_object_with_itself() -> None:
+    """A bright diffuse object: |O|² is a halo, brighter near the middle than the order is."""
+    wave = _object(7, unscattered=0.0, band=0.08)
+    carrier = (0.2, 0.27)
+    found = find_order(_record(4 * wave + 1.2 * _wave(carrier), 8))
+    assert math.hypot(found.carrier[0] - carrier[0], found.carrier[1] - carrier[1]) < 0.02
+
+
 def test_a_picture_without_fringes_has_no_order() -> None:
     with pytest.raises(UserError, match="no order"):
         find_order(np.random.default_rng(7).normal(100, 3, SHAPE))

@@ -62,6 +62,24 @@ def test_light_that_leaves_the_field_counts_too() -> None:
     assert found.distance_m == pytest.approx(0.008, abs=2 * _depth_of_focus(0.008))
 
 
+def test_a_diffuse_object_wider_than_its_recording_is_found_without_a_stated_distance() -> None:
+    """Its light leaves the frame, as in recordings of a die by a camera; the range is that of the light's band."""
+    rng = np.random.default_rng(5)
+    wide = np.zeros((3 * SIDE, 3 * SIDE), complex)
+    wide[SIDE:-SIDE, SIDE // 2 : -SIDE // 2] = np.exp(2j * math.pi * rng.random((SIDE, 2 * SIDE)))
+    wide[SIDE + 80 : SIDE + 150, SIDE + 40 : SIDE + 140] = 0
+    wide[SIDE + 20 : SIDE + 60, SIDE + 194 : SIDE + 344] = 0
+    spectrum = np.fft.fft2(wide)
+    narrow = np.abs(np.fft.fftfreq(3 * SIDE)) < 0.12  # as of an order that was cut out
+    there = _wavefield(np.fft.ifft2(spectrum * narrow[:, None] * narrow[None, :]))
+    distance_m = 0.03
+    whole = propagate_field(there, -distance_m, "asm").values[0, 0].numpy()
+    field = _wavefield(whole[SIDE:-SIDE, SIDE:-SIDE])
+    found = find_focus(field, *default_range_m(field))
+    for name in MEASURES:
+        assert found.distances_m[name] == pytest.approx(distance_m, abs=2 * _depth_of_focus(distance_m))
+
+
 def test_a_spherical_reference_is_searched_by_one_transform() -> None:
     radius_m, distance_m = 0.05, 0.055
     curvature = 1 / distance_m - 1 / radius_m
