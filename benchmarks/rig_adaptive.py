@@ -51,7 +51,7 @@ from tests.experiment.next_capture.benches import BenchInProcess
 ALIKE = ("gap", "distance", "wavelength_offset", "stage", "dispersion")
 SIZES = (0.03, 0.1, 0.3)  # of the edge of the range that a diagnosis scans
 PLANNERS = ("informed", "random", "oracle", "fixed")
-MAX_CAPTURES, MAX_FIELDS = 8, 16_000
+MAX_CAPTURES, MAX_FIELDS = 8, 8_000
 BENCH = """
 [slm1]
 device = "virtual"

@@ -250,15 +250,24 @@ class CaptureChooser:
         better, _ = self._best_of([replace(best.proposal, levels=levels, words=words)])
         return better if better.rate >= best.rate and better.delta_chi2 > best.delta_chi2 else best
 
+    def sharpest(self, proposals: Sequence[Proposal]) -> Proposal:
+        """The proposal that narrows the values of the hypotheses most per second, where nothing separates them."""
+        prediction, rates = ProposalPrediction(self._belief, self._taken, proposals, self._limits), []
+        for k, responses in enumerate(prediction.responses(self._hypotheses)):
+            seconds = self._expected_seconds(prediction, k)
+            rates.append(float(np.mean([value_information(response) for response in responses])) / seconds)
+        return prediction.proposals[int(np.argmax(rates))]
+
+    def _expected_seconds(self, prediction: ProposalPrediction, number: int) -> float:
+        move_m = prediction.proposals[number].distance_m - self._here_m
+        return self._time.expect(move_m, float(prediction.captures.exposure_s[number]))
+
     def _best_of(self, proposals: Sequence[Proposal]) -> tuple[Choice, Hypothesis | None]:
         """The proposal of most information per second, and the rival that it separates."""
         prediction = ProposalPrediction(self._belief, self._taken, proposals, self._limits)
         found = []
         for k, responses in enumerate(prediction.responses(self._hypotheses)):
-            proposal = prediction.proposals[k]
-            exposure_s = float(prediction.captures.exposure_s[k])
-            seconds = self._time.expect(proposal.distance_m - self._here_m, exposure_s)
-            found.append(self._judge(proposal, responses, seconds))
+            found.append(self._judge(prediction.proposals[k], responses, self._expected_seconds(prediction, k)))
         return max(found, key=lambda one: (one[0].rate, one[0].delta_chi2 / one[0].seconds))
 
     def _judge(
@@ -323,6 +332,12 @@ def expected_information(probabilities: Floats, delta_chi2: Floats) -> float:
     mixture = np.exp(-delta_chi2 / 8.0) @ probabilities
     known = probabilities > 0
     return max(0.0, float(-(probabilities[known] @ np.log(mixture[known]))))
+
+
+def value_information(response: Response) -> float:
+    """Expected information on the values of a hypothesis, ½ ln |I + B Bᵀ| in nats: the D-optimal design's criterion."""
+    spreads = response.spreads
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(spreads)) + spreads @ spreads.T)[1])
 
 
 @dataclass

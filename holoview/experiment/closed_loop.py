@@ -328,17 +328,20 @@ class InformedPlanner:
             return Choice(proposals[0], _SPREAD)
         chooser = CaptureChooser(state.belief, state.taken, self._rig.limits, state.time, state.here_m)
         choice = chooser.choose(proposals)
-        return choice if choice.promises_something else Choice(self._rarest(proposals, state.taken), _SPREAD)
+        if choice.promises_something:
+            return choice
+        return Choice(chooser.sharpest(self._rarest(proposals, state.taken)), _SPREAD)
 
-    def _rarest(self, proposals: list[Proposal], taken: Captures) -> Proposal:
-        """The proposal whose wavelength, then whose plane, has been taken least often."""
-        bright = [p for p in proposals if p.brightness == 1.0]
+    def _rarest(self, proposals: list[Proposal], taken: Captures) -> list[Proposal]:
+        """The bright proposals whose wavelength, then whose plane, has been taken least often."""
+        bright = [p for p in proposals if p.brightness == 1.0] or proposals
 
         def times(proposal: Proposal) -> tuple[int, int]:
             of_wavelength = int((taken.wavelength_m == proposal.wavelength_m).sum())
             return of_wavelength, int((taken.distance_m == proposal.distance_m).sum())
 
-        return min(bright or proposals, key=times)
+        fewest = min(times(proposal) for proposal in bright)
+        return [proposal for proposal in bright if times(proposal) == fewest]
 
 
 # --- the whole experiment ---------------------------------------------------------------------------------------------

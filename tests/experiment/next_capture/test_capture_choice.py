@@ -10,7 +10,7 @@ import pytest
 from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.patterns import random_levels
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import FreeParameters
+from holoview.diagnose.fit import CandidateFit, FreeParameters
 from holoview.diagnose.search_context import NEVER
 from holoview.effects.dispersion import Dispersion
 from holoview.experiment.capture_choice import (
@@ -27,9 +27,10 @@ from holoview.experiment.capture_choice import (
     pairwise_delta_chi2,
     planes_of,
     starting_proposals,
+    value_information,
 )
-from holoview.experiment.hypotheses import Belief, Hypothesis, loop_context, open_hypotheses
-from holoview.model.effects.registry import listed_effects
+from holoview.experiment.hypotheses import Belief, Hypothesis, fitted_hypothesis, loop_context, open_hypotheses
+from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.rig.measurement import Measurement
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
@@ -104,6 +105,15 @@ def test_information_of_two_hypotheses() -> None:
     assert expected_information(p, deltas) == pytest.approx(np.log(2) - np.log1p(np.exp(-delta / 8)), rel=1e-12)
     assert expected_information(p, 0 * deltas) == 0.0
     assert expected_information(p, 1e6 * deltas) == pytest.approx(np.log(2), rel=1e-12)
+
+
+def test_information_on_values_is_that_of_a_linear_model() -> None:
+    """Prior N(0, I), pictures Bᵀz + noise: the entropy falls by half the logarithm of the determinants' ratio."""
+    spreads = np.random.default_rng(4).standard_normal((3, 20))
+    after = np.linalg.inv(np.eye(3) + spreads @ spreads.T)
+    found = value_information(Response(np.zeros(20), spreads))
+    assert found == pytest.approx(-0.5 * np.log(np.linalg.det(after)), rel=1e-10)
+    assert value_information(Response(np.zeros(20), np.zeros((0, 20)))) == 0.0
 
 
 def test_it_learns_the_stage_and_the_readout() -> None:
@@ -222,3 +232,16 @@ def test_the_first_captures_show_every_effect_that_the_rig_can_show(bench: Bench
     first = starting_proposals(bench.rig, seed=0)
     for differ in ("wavelength_m", "distance_m", "power"):
         assert len({getattr(p, differ) for p in first}) == len(first) == START_COUNT
+
+
+def test_where_nothing_is_to_separate_the_capture_that_narrows_the_values_is_taken(bench: BenchInProcess) -> None:
+    """More light tells more of a gap, where settling takes so long that the exposure doesn't count."""
+    taken = _taken(bench)
+    context = loop_context(taken, [get_effect("gap")], SearchConfig(), NEVER, {})
+    fit = CandidateFit(("gap",), {"gap": {"gap_error": 0.0}}, 0.0)
+    comparison = context.model_weighted_comparison(context.kept, fit.values)
+    leader = fitted_hypothesis(fit, comparison, context, 1.0)
+    belief = Belief((leader,), np.ones(1), 1.0, True, 1.0, context, comparison)
+    proposals = [_proposal(bench, 0, 0, brightness) for brightness in (0.1, 1.0)]
+    chooser = CaptureChooser(belief, taken, bench.rig.limits, BenchTime(1e6), 0.0)
+    assert chooser.sharpest(proposals).brightness == chooser.sharpest(proposals[::-1]).brightness == 1.0
