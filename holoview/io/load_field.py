@@ -150,7 +150,7 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
-    from holoview.wavefield.imaging import image_field, with_square_pitch  # slow start: it imports torch
+    from holoview.wavefield.imaging import corner_note, image_field, with_square_pitch  # slow start: it imports torch
 
     reading = read_wavefield(paths, request)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
@@ -161,8 +161,9 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
         recorded = RecordedOrders(reading.recording, found.orders) if found.orders else None
     assert field is not None
     seen, moved = image_field(field, request.propagation)
+    corners = corner_note(field, seen) if reading.recording is None else ""
     seen, resampled = with_square_pitch(seen)
-    notes = (*notes, *(note for note in (moved, resampled) if note))
+    notes = (*notes, *(note for note in (moved, resampled, corners) if note))
     hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (

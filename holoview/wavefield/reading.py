@@ -34,7 +34,7 @@ from holoview.wavefield.interpret.remembered import over, read_notes, remember, 
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
-from holoview.wavefield.wavefield import Provenance, Wavefield
+from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
 
 __all__ = [
     "BinaryLayout",
@@ -164,12 +164,15 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
 
 
 def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:
-    """The field that a bilevel pattern carries, and with the sign of the phase that the request states."""
+    """The field that a bilevel pattern carries, with the sign of the phase and the checkerboard that are stated."""
+    if request.checkerboard and request.decimate > 1:
+        raise UserError("decimate", "with a checkerboard", expected="1", remedy="read a region of it")
     if arrangement.quantity == "bilevel":
         if request.decimate > 1:
             raise UserError("decimate", "a bilevel pattern", expected="1", remedy="read a region of it")
         values = half_spectrum(values)
-    return np.conj(values) if request.conjugated else values
+    values = np.conj(values) if request.conjugated else values
+    return without_checkerboard(values) if request.checkerboard else values
 
 
 def _describe_request(known: Known, arrangement: Arrangement, findings: Findings) -> None:

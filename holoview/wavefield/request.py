@@ -55,6 +55,8 @@ class ReadRequest:
     recording: how a camera recorded the picture, or "none" for a real picture that isn't a recording.
     refractive_index: of the medium behind the field; wavelengths are divided by it.
     conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
+    checkerboard: whether the phase alternates by π from sample to sample, which is taken away: as of a transform whose
+    zero frequency stands at the corner, so that the image lies in four pieces at the corners.
     phase_levels: the number in the file that stands for 2π: 255, 256, 1, or 2π for radians.
     colour_axis: whether the colours are the file's first or last axis. transposed: whether y and x are exchanged.
     region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.
@@ -76,6 +78,7 @@ class ReadRequest:
     recording: RecordingKind | None = None
     refractive_index: float | None = None
     conjugated: bool | None = None
+    checkerboard: bool | None = None
     phase_levels: float | None = None
     colour_axis: AxisPlace | None = None
     transposed: bool | None = None

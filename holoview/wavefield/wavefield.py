@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,3 +93,9 @@ class Wavefield:
         nm = ", ".join(f"{w * 1e9:.4g}" for w in self.wavelengths_m)
         count = len(self.wavelengths_m)
         return f"{columns} × {rows} samples at {pitch}, {count} wavelength{'s' * (count != 1)} ({nm} nm)"
+
+
+def without_checkerboard(values: NDArray[Any]) -> NDArray[Any]:
+    """Values (…, y, x) times (−1)^(row + column), which moves their spectrum by half its width along both axes."""
+    rows, columns = (np.where(np.arange(n) % 2, np.float32(-1), np.float32(1)) for n in values.shape[-2:])
+    return values * rows[:, None] * columns

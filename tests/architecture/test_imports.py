@@ -57,6 +57,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
+    ("holoview.render.point_probe", "holoview.engine.point_light"): SLOW,
     ("holoview.document.measurements", "holoview.metrics.perceptual"): SLOW,
     ("holoview.document.measurements", "scipy"): SLOW,
     ("holoview.document.optimisation_job", "holoview.optimise.solve"): SLOW,

@@ -31,6 +31,7 @@ _PLAIN: dict[str, type | tuple[type, ...]] = {
     "recording": str,
     "refractive_index": (int, float),
     "conjugated": bool,
+    "checkerboard": bool,
     "phase_levels": (int, float),
     "colour_axis": str,
     "transposed": bool,
