@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,19 +50,46 @@ def holoview(
     return run
 
 
-@pytest.fixture
-def interrupted(tmp_path: Path, pytestconfig: pytest.Config) -> Callable[..., Outcome]:
-    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so, then SIGINT.
+class _SignallingStream:
+    """Standard error that raises a signal, once, after a line that begins with `line`."""
 
-    Its seeds are those of this process, which may go on with what it began.
-    """
-    number, seeds = pytestconfig.getoption("reseed"), ""
-    if number:
-        seeds = f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); "
-        seeds += f"from tests.randomness import SeedMover; SeedMover({number}).install(); "
+    def __init__(self, stream: Any, line: str, number: int) -> None:
+        self._stream, self._line, self._number, self._written = stream, line, number, ""
+
+    def write(self, text: str) -> int:
+        self._stream.write(text)
+        *ended, self._written = (self._written + text).split("\n")
+        if self._line and any(line.startswith(self._line) for line in ended):
+            self._line = ""
+            signal.raise_signal(self._number)
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@pytest.fixture
+def interrupted(holoview: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+    """`interrupted("rendering: 1/", "render", …)` runs the command, which gets SIGINT after a line that begins so."""
 
     def run(line: str, *arguments: object, number: int = signal.SIGINT) -> Outcome:
-        command = [sys.executable, "-c", seeds + PROGRAM, *(str(argument) for argument in arguments)]
+        monkeypatch.setattr("holoview.commands.console.LINE_INTERVAL_S", 0.0)  # a line at every step
+        stderr = _SignallingStream(sys.stderr, line, number)
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stderr", stderr)
+            outcome = holoview(*arguments)
+        assert not stderr._line, f"ended without the line {line!r}"
+        return outcome
+
+    return run
+
+
+@pytest.fixture
+def interrupted_program(tmp_path: Path) -> Callable[..., Outcome]:
+    """The same with the real program in a process of its own."""
+
+    def run(line: str, *arguments: object, number: int = signal.SIGINT) -> Outcome:
+        command = [sys.executable, "-c", PROGRAM, *(str(argument) for argument in arguments)]
         pipe = subprocess.PIPE
         with child_process(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
             assert process.stderr is not None

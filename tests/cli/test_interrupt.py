@@ -21,9 +21,11 @@ from tests.patience import PATIENCE_S
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
 
-def test_the_optimiser_keeps_its_best_so_far(interrupted: Callable[..., Any], tmp_path: Path, picture: Path) -> None:
+def test_the_optimiser_keeps_its_best_so_far(
+    interrupted_program: Callable[..., Any], tmp_path: Path, picture: Path
+) -> None:
     arguments = ("--set", "shape=[48,64]", "--iterations", "100000", "-o", "best.safetensors")
-    done = interrupted("optimising simultaneous: 3/", "optimise", "simultaneous", picture, *arguments)
+    done = interrupted_program("optimising simultaneous: 3/", "optimise", "simultaneous", picture, *arguments)
     assert done.code == 130
     assert done.out == ""
     assert "Traceback" not in done.err
