@@ -37,6 +37,9 @@ LONGEST = (
 )
 """Files that take long, begun first: of several processes none then works on one of them when the others have ended."""
 
+TOGETHER = ("tests/calibrate/",)
+"""Folders whose files share a fixture that takes long: one process works on all of them."""
+
 _MUCH_MEMORY = 64 << 20  # bytes by which a file's tests may leave the process larger
 
 
@@ -68,6 +71,20 @@ def pytest_configure(config: pytest.Config) -> None:
         # Programs inherit that a signal is ignored (as nohup and a shell's background do), but not that it is handled.
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """With `--dist loadfile`, the files of a folder of `TOGETHER` go to one process."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling  # the tests run without it, too
+
+    class Scheduling(LoadFileScheduling):  # type: ignore[misc, unused-ignore]
+        def _split_scope(self, nodeid: str) -> str:
+            return next((folder for folder in TOGETHER if nodeid.startswith(folder)), super()._split_scope(nodeid))
+
+    return Scheduling(config, log)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -271,7 +271,7 @@ class FusedFrame:
         self._number_bytes = _COMPLEX32 if half else _COMPLEX64
         self.dispatch_counts: Counter[str] = Counter()
         if fused_kernels is None:
-            fused_kernels = FusedKernels(
+            fused_kernels = FusedKernels.kept(
                 device, frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0)), half=half
             )
         self.fused_kernels = fused_kernels

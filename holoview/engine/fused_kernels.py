@@ -42,6 +42,7 @@ from holoview.numerics.sampling import round_up
 
 TILE_X, TILE_Y = 4, 16
 """Samples of a tile of stored rows: see `shaders/frame/rows.wgsl`."""
+_MAX_KEPT = 16  # shapes of frames whose kernels a device keeps, of some hundred kB each
 _PARTS = 8  # bands end at multiples of this share of the grid, so that small edits of a stop need no new kernels
 
 Bands = tuple[tuple[Range, Range], tuple[Range, Range]]
@@ -236,6 +237,16 @@ class FusedKernels:
         self.device, self.shape, self.half = device, shape, half
         self._transforms: dict[tuple[KernelVariant, Strategy], LineFft] = {}
         self._layouts: dict[Strategy, FrameLayout] = {}
+
+    @classmethod
+    def kept(cls, device: Device, shape: FrameShape, *, half: bool = False) -> FusedKernels:
+        """Those that were made last for this shape, with all that they have generated, or new ones."""
+        key, generated = (cls, shape, half, device.largest_radix), device.generated
+        kernels: FusedKernels = generated.pop(key, None) or cls(device, shape, half=half)
+        generated[key] = kernels
+        if len(generated) > _MAX_KEPT:
+            generated.popitem(last=False)
+        return kernels
 
     def layout(self, strategy: Strategy) -> FrameLayout:
         """The layout between the kernels with a strategy. Raises UserError for a size that it can't transform."""

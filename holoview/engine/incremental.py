@@ -451,7 +451,7 @@ class IncrementalRenderer:
 
     def _precompile(self, plan: Plan) -> FusedKernels:
         """The kernels for the frames of a plan, whose compilation has been started."""
-        kernels = FusedKernels(self.device, frame_shape(plan), half=self._half)
+        kernels = FusedKernels.kept(self.device, frame_shape(plan), half=self._half)
         kernels.precompile(self._selector.initial_strategy(plan.grid.padded), plan)
         return kernels
 
@@ -468,7 +468,7 @@ class IncrementalRenderer:
         strategy = self._selector.initial_strategy(plan.grid.padded)
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
         if kernels.shape != shape:
-            kernels = FusedKernels(self.device, shape, half=self._half)
+            kernels = FusedKernels.kept(self.device, shape, half=self._half)
         most = self._max_wavelengths if _has_no_dense_maps(inputs) else 1
         frame = FusedFrame(plan, inputs, self.device, max_wavelengths=most, strategy=strategy, fused_kernels=kernels)
         compositor = Compositor(self.device, plan.grid.shape)

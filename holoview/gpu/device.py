@@ -7,7 +7,7 @@ Therefore buffers are never destroyed explicitly, only released, and `check_aliv
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -72,6 +72,7 @@ class Device:
 
     `raw` is the wgpu device, for what this class doesn't wrap (textures, drawing). `limits` are the limits that all
     sizes are checked against. Of the compiled shaders, the `max_pipelines` that were asked for last are kept.
+    `generated`: shaders that were generated for this device, by what they depend on, the last used at the end.
     `largest_radix`: values that an invocation of an FFT holds in registers at most, up to 32; fewer compile faster.
     """
 
@@ -85,6 +86,7 @@ class Device:
         self.limits = limits
         self._max_pipelines = max_pipelines
         self._pipelines: OrderedDict[tuple[Any, ...], Pipeline] = OrderedDict()
+        self.generated: OrderedDict[Hashable, Any] = OrderedDict()
         self._fence: Buffer | None = None
 
     @property
@@ -150,13 +152,17 @@ class Device:
         Raises ShaderError if the shader doesn't compile, and DeviceLost.
         """
         values = dict(constants or {})
-        key = (source, entry, tuple(sorted(values.items())))
+        key = _pipeline_key(source, values, entry)
         if key not in self._pipelines:
             self._pipelines[key] = self._compile(source, values, entry)
         self._pipelines.move_to_end(key)
         while len(self._pipelines) > self._max_pipelines:
             self._pipelines.popitem(last=False)
         return self._pipelines[key]
+
+    def has_pipeline(self, source: ShaderSource, constants: Constants | None = None, entry: str = "main") -> bool:
+        """Whether this pipeline is still kept."""
+        return _pipeline_key(source, constants or {}, entry) in self._pipelines
 
     def _compile(self, source: ShaderSource, constants: dict[str, int | float | bool], entry: str) -> Pipeline:
         self.check_alive()
@@ -233,6 +239,10 @@ def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP,
         remedy = "close other programs that use it, update its driver, or use --backend torch"
         raise UserError(f"adapter {info.label}", f"can't be opened: {error}", remedy=remedy) from error
     return Device(raw, info, dict(raw.limits))
+
+
+def _pipeline_key(source: ShaderSource, constants: Constants, entry: str) -> tuple[Any, ...]:
+    return source, entry, tuple(sorted(constants.items()))
 
 
 def _as_bytes(data: bytes | NDArray[Any]) -> NDArray[np.uint8]:

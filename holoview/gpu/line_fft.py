@@ -711,16 +711,18 @@ _BUFFER_BYTES = 1 << 16
 
 
 def precompile(device: Device, shaders: Iterable[TransformShader]) -> None:
-    """Create the pipelines of shaders and dispatch each once; doesn't wait until the driver has finished.
+    """Create the missing pipelines of shaders and dispatch each once; doesn't wait until the driver has finished.
 
     Raises ShaderError and DeviceLost as `Device.pipeline` does.
     """
     recorder = CommandRecorder(device, "shaders")
-    for shader in shaders:
+    missing = [shader for shader in shaders if not device.has_pipeline(shader.source, shader.constants)]
+    for shader in missing:
         declared = shader.source.buffer_bindings() or {}
         groups = [_dummy_buffers(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
         recorder.add(Dispatch.bind(device, device.pipeline(shader.source, shader.constants), groups, (1, 1, 1)))
-    recorder.submit()
+    if missing:
+        recorder.submit()
 
 
 def _dummy_buffers(device: Device, bindings: Mapping[int, str]) -> list[Buffer | None]:

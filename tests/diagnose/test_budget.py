@@ -181,7 +181,7 @@ def _without_seconds(value: Any) -> Any:
 
 
 def test_the_end_does_not_depend_on_workers() -> None:
-    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=2))
+    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=4, seed=2))
     effects = [listed_effects()[name] for name in FEW]
     processes, before = [0], {*multiprocessing.active_children()}
 
@@ -190,7 +190,7 @@ def test_the_end_does_not_depend_on_workers() -> None:
 
     with WorkerPool(2) as pool:
         pool.start()  # the fork server has imported then, and answers at once
-    config = SearchConfig(budget=BudgetConfig(max_fields=1000, worker_start_s=0.0))
+    config = SearchConfig(budget=BudgetConfig(max_fields=500, worker_start_s=0.0))
     alone = diagnose(captures, effects, workers=1, free_maps=False, config=config).as_json()
     shared = diagnose(captures, effects, workers=3, free_maps=False, config=config, progress=count_processes).as_json()
     assert json.dumps(_without_seconds(alone)) == json.dumps(_without_seconds(shared))

@@ -31,7 +31,7 @@ ERRORS = {
 NAMES = ("gap", "distance", "camera_alignment", "stroke", "vignetting", "camera_gamma", "wavelength_offset")
 
 
-def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, float]]) -> Captures:
+def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, float]], each: int = 4) -> Captures:
     """A bench with the known gap, errors of what was measured, and a fault."""
     panel = Modulator(pitch_m=8e-6, shape=(32, 40), stroke_m=825e-9, levels=256)
     system = System(
@@ -43,7 +43,7 @@ def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, fl
         observer="mono",
     )
     true = errors | {"gap": {"gap_error": KNOWN["gap"]["gap_error"] + errors.get("gap", {}).get("gap_error", 0.0)}}
-    return make_captures(system, true | fault, AcquisitionSettings(captures_per_condition=4, seed=2))
+    return make_captures(system, true | fault, AcquisitionSettings(captures_per_condition=each, seed=2))
 
 
 @pytest.mark.parametrize(
@@ -70,11 +70,11 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
 
 
 def test_a_correction_that_takes_too_long_is_told() -> None:
-    found = diagnose(_measured({}, ERRORS), [get_effect("stroke")], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
+    captures = _measured({}, ERRORS, each=2)
+    found = diagnose(captures, [get_effect("stroke")], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
     assert found.known == KNOWN
-    found = diagnose(
-        _measured({}, ERRORS), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0
-    )
+    effects = [get_effect(name) for name in NAMES]
+    found = diagnose(captures, effects, known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
     assert any("stayed as they were measured" in note for note in found.notes)
 
 

@@ -61,7 +61,7 @@ def test_planes_that_are_missed_are_named_with_their_errors(tmp_path: Path, miss
     [
         pytest.param(Faults(distance_m=2e-4), "distance", marks=pytest.mark.explores),
         pytest.param(Faults(camera=CameraFaults(rail=Rail(1.02))), "stage", marks=pytest.mark.explores),
-        (Faults(missed_m=(2e-4,) * 4), "distance"),
+        pytest.param(Faults(missed_m=(2e-4,) * 4), "distance", marks=pytest.mark.explores),
     ],
     ids=["distance", "stage", "the same error of each plane"],
 )

@@ -8,6 +8,7 @@ import pytest
 
 from holoview.captures import Captures, read_captures
 from holoview.captures.records import RecordFindings, find_record_errors, plausible_units
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects.registry import listed_effects
@@ -71,7 +72,9 @@ def _captures(path: Path, faults: Faults, *mistakes: Name) -> Captures:
 
 def test_a_wrong_record_and_a_fault_are_both_named(tmp_path: Path) -> None:
     captures = _captures(tmp_path, Faults(gap_m=1.5e-4), ("slm1_orientation", "flip_x"))
-    found = diagnose(captures, [listed_effects()[n] for n in ("gap", "stroke", "tilt")], free_maps=False)
+    effects = [listed_effects()[n] for n in ("gap", "stroke", "tilt")]
+    found = diagnose(captures, effects, workers=1, free_maps=False, sampling=SamplingConfig(padding=3))
+    assert found.verdict is Verdict.EXPLAINED
     first, *others = found.causes
     assert (first.effect, first.choice) == ("slm1_orientation", "flip_x")
     assert first.gain_db > 3 and first.excess_explained > 0.5
