@@ -13,8 +13,10 @@
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make fuzz   feed hostile files and options for an hour (MINUTES=60 SEED=1) and count how they end
 # make bench  time the frame's stages on this machine
-.PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials pictures gallery still-life lint package clean help
+.PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials pictures gallery still-life lint \
+	style types imports package clean help
 .DEFAULT_GOAL := help
+MAKEFLAGS += -j2 # what doesn't depend on each other is done two at a time: checks, and in .ci/run the manual and the wheel
 
 BIN := .venv/bin
 OUT ?= out/demo
@@ -51,10 +53,16 @@ test-processors: .venv/holoview.stamp
 test-pythons: .venv/holoview.stamp
 	@bash .ci/pythons
 
-lint: .venv/holoview.stamp
+lint: types style imports
+
+style: .venv/holoview.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: .venv/holoview.stamp
 	$(BIN)/mypy
+
+imports: .venv/holoview.stamp
 	$(BIN)/lint-imports
 
 fuzz: .venv/holoview.stamp
