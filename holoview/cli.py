@@ -57,7 +57,7 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `holoview` with these arguments and returns its exit code.
 
-    arguments: those of this process if None; then the viewer runs in a process of its own.
+    arguments: None stands for the arguments of this process; then the viewer runs in a process of its own.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and is_supervised(words):

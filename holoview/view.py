@@ -202,7 +202,7 @@ def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
 
 
 def as_field(hologram: Hologram) -> Hologram:
-    """The field behind the last modulator of a hologram, with the bench from there to the eye: it shows the same.
+    """The field behind the last modulator of a hologram, with the bench from there to the eye, which shows the same.
 
     hologram: patterns lit by one wave; a field is returned as it is. Effects on the transmission of modulators and on
     the light before them, such as `source_field`, are in the field.
@@ -261,7 +261,7 @@ def simulate(
     adapter: str | None = None,
     progress: StepCallback | None = None,
 ) -> View:
-    """What an observer sees of a hologram at each focal plane.
+    """The image of a hologram at each focal plane, as an observer sees it.
 
     system: the display; or a hologram, which holds its own drive.
     drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`; of the

@@ -393,7 +393,7 @@ _SHUTDOWN_S = 2  # after which the server ends whatever still goes on, such as a
 class EndsInTime:
     """Drops a connection soon after the server has ended it, also where the client doesn't read.
 
-    uvicorn waits for such a client without limit. To be joined to its protocols. last_s: that the client has.
+    uvicorn waits for such a client without limit. To be joined to its protocols. last_s: the time that the client has.
     """
 
     last_s = _LAST_S

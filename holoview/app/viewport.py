@@ -116,8 +116,8 @@ class Viewport:
     ) -> None:
         """Draws into `size` logical pixels at a corner.
 
-        a, b: the sides of the comparison; only a is shown when b is None. shape: that of a when None. shows_b: shows b
-        in place of a. is_stretched: the whole image fills the area, whatever its aspect ratio.
+        a, b: the sides of the comparison; only a is shown when b is None. shape: of the image; a's when None. shows_b:
+        shows b in place of a. is_stretched: the whole image fills the area, whatever its aspect ratio.
         """
         self.corner, self.size, self.shape = corner, size, shape or a.shape
         self._scale = imgui.get_io().display_framebuffer_scale.x

@@ -246,7 +246,7 @@ class PrunedTorchBaseline:
         return self._field(torch.cat([along_y[: rows // 2], along_y[-(rows // 2) :]]).mul_(last))
 
     def _field(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """The field of a spectrum of P/u rows and columns; it overwrites the padded copies of the one before."""
+        """The field of a spectrum of P/u rows and columns; overwrites the padded copies of the last spectrum."""
         for padded, narrow, dim in ((self._columns, spectrum, 0), (self._rows, None, 1)):
             given = torch.fft.ifft(self._columns, dim=0) if narrow is None else narrow
             half = self._pixels[dim] // 2

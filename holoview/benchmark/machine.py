@@ -291,7 +291,7 @@ def _readings(adapter: str, program: str) -> Iterator[list[CardState]]:
 
 
 def _is_same_card(name: str, adapter: str) -> bool:
-    """Whether a name of nvidia-smi and one of a graphics driver are of the same card; one may be longer."""
+    """Whether nvidia-smi and a graphics driver name the same card; either name may be part of the other."""
     return name in adapter or adapter in name
 
 

@@ -99,7 +99,7 @@ class Step:
     arguments: tuple[Any, ...]
 
     def run(self, executor: Any, fields: dict[str, Any]) -> Any:
-        """The field that the stage gives; fields: those of earlier steps by name."""
+        """The field that the stage gives; fields: the fields of earlier steps by name."""
         given = [] if self.after is None else [fields[self.after]]
         return getattr(executor, self.stage)(*given, *self.arguments)
 

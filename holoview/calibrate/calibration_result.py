@@ -510,7 +510,7 @@ def plan_calibration(
 ) -> CalibrationTask:
     """The task of learning from captures. start: the bench that a preset states. name: of the calibrated bench.
 
-    settings: those of `CalibrationSettings` that differ from the default, where "epochs" depend on the captures.
+    settings: the `CalibrationSettings` that differ from the default, where "epochs" depend on the captures.
     pixels_a_node: how coarse the source's maps are. Raises UserError as `starting_bench` and `split_captures` do.
     """
     bench = starting_bench(captures, start, name)

@@ -296,7 +296,7 @@ class DatasetReader:
 
     Raises UserError when it is missing, isn't what the schema says, or has its data elsewhere.
 
-    sizes: the known sizes that the schemas name; those that this one tells are added.
+    sizes: the known sizes that the schemas name; the sizes that this file tells are added.
     """
 
     def __init__(self, h5: h5py.File, schema: ArraySchema, sizes: dict[str, int]) -> None:

@@ -153,7 +153,7 @@ class Captures:
     exposure_s: (N,), exposure times.
     gap_m: distance between the two modulators; None with one modulator.
     relay1: the nominal stops between the modulators; clear with one modulator.
-    relay2: those between the last modulator and the camera, on a Fourier bench in front of the camera.
+    relay2: the stops between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     corrections: mistakes in the records that have been put right in these captures, in words.
     lasers_m: wavelengths of the captures that these are a subset of, ascending; empty where these are all.

@@ -97,7 +97,7 @@ class Predictor:
     cache_mb: memory for fields and intensities that later calls can reuse.
     finer: factor by which the simulation pitch is finer than that of `Captures.upsample`.
     padding: size of the padded grid over that of the modulators.
-    points: points along each axis at which a camera pixel averages the intensity; None: one for each sample on it.
+    points: points along each axis at which a camera pixel averages the intensity; None: the pixel's samples.
     fields_requested: how many fields the calls so far have summed, including those that came from the cache.
     """
 
@@ -260,8 +260,8 @@ def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:
 def _check_prediction(predictor: Predictor, effect: Effect, shape: tuple[int, int]) -> None:
     """Predicts the first capture with all parameters raised, and with all lowered.
 
-    UserError if an image has the wrong shape or isn't finite, or if both predictions fail: one may, where it
-    describes an impossible bench.
+    UserError if an image has the wrong shape or isn't finite, or if both predictions fail. A single one may fail, where
+    its parameters describe an impossible bench.
     """
     probes = [_probe_values(effect, step) for step in (_PROBE_STEP, -_PROBE_STEP)]
     probes = [values for values in probes if not effect.parameter_values(values).is_identity]

@@ -45,7 +45,7 @@ def check_captures(captures: Captures) -> None:
 
 
 def check_settings(captures: Captures) -> None:
-    """As `check_captures`, but pictures may show anything: those of a bench that isn't measured yet are all dark."""
+    """As `check_captures`, without a check of the pictures: before a measurement they are all dark."""
     _check_columns(captures)
     check_lengths(captures)
     _check_geometry(captures)
@@ -223,9 +223,9 @@ _TILE_WIDTH_PX = 420
 def summarise(captures: Captures) -> dict[str, Any]:
     """The contents of captures as a dictionary for JSON.
 
-    stops: those of each relay in words, the first relay before the second. saturated: fractions of the pixels, in the
-    worst capture and on average. dark: captures without significant light. mean_electrons: median over the captures of
-    the mean signal per pixel. cant_tell: {effect id: why these data can't show it}.
+    stops: the stops of each relay in words, the first relay before the second. saturated: fractions of the pixels, in
+    the worst capture and on average. dark: captures without significant light. mean_electrons: median over the captures
+    of the mean signal per pixel. cant_tell: {effect id: why these data can't show it}.
     """
     camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level

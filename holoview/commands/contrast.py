@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _ShownHologram:
-    """Patterns on a bench, seen at a plane. name: what they are, for people."""
+    """Patterns on a bench, seen at a plane. name: of the patterns, for people."""
 
     hologram: Hologram
     plane_m: float

@@ -1,7 +1,7 @@
 """FILE… of the commands that show a hologram: whose it is, what the user knows of it, and what was read and why.
 
-A preset's name or TOML file stands for a bench, any other name for a file of a hologram: one of holoview, or a complex
-field of another program, which several files may be the parts of.
+A preset's name or TOML file stands for a bench, any other name for a hologram's file: a file of holoview, or a complex
+field of another program, whose parts may be in several files.
 """
 
 from __future__ import annotations
@@ -141,9 +141,9 @@ def check_no_field_options(args: argparse.Namespace, where: str) -> None:
 
 
 def is_preset(name: str) -> bool:
-    """Whether a name stands for a bench: that of a preset, or a TOML file.
+    """Whether a name stands for a bench: it names a preset or a TOML file.
 
-    Raises UserError, with similar names, for one that is neither a preset nor a file.
+    Raises UserError, with similar names, for a name that is neither a preset's nor a file's.
     """
     if Path(name).suffix == ".toml" or (name in preset.names() and not Path(name).exists()):
         return True

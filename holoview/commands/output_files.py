@@ -33,7 +33,7 @@ class FileArgument:
     """An argument that names files: its destination in argparse's namespace, its flag, and what it is for.
 
     kind: "input", "output", "folder" (to write to) or "shared folder" (which several commands may write to at a time).
-    suffix: that an output must have; "" if the command checks it.
+    suffix: required of an output; "" if the command checks it.
     """
 
     dest: str
@@ -43,7 +43,7 @@ class FileArgument:
 
 
 def add_input(parser: argparse._ActionsContainer, *names: str, **options: Any) -> None:
-    """Adds an argument with the name of a file to read, or several; it may also be something else, such as a preset."""
+    """Adds an argument with the name of a file to read, or several; or of a value such as a preset's name."""
     _declare(parser, parser.add_argument(*names, **options), "input")
 
 
@@ -56,7 +56,7 @@ def add_output(parser: argparse._ActionsContainer, *names: str, suffix: str, **o
 
 
 def add_output_folder(parser: argparse._ActionsContainer, *names: str, is_shared: bool = False, **options: Any) -> None:
-    """Adds an argument with the name of a folder to write to; it is made if it is missing.
+    """Adds an argument with the name of a folder to write to; a missing folder is made.
 
     is_shared: several commands may write to it at a time.
     """

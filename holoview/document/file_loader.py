@@ -121,7 +121,7 @@ class FileLoader:
     """Opens files into a session in the background, and reloads a displayed hologram file when it is rewritten.
 
     remember: called with the path of each file that was opened. quick: whether a quick optimisation starts for a new
-    target; it can be changed later as `optimises_new_targets`.
+    target, at first; later `optimises_new_targets` says so.
     """
 
     def __init__(

@@ -214,8 +214,8 @@ class PupilMotion:
     def advance(self, shows_last_edit: bool = True) -> None:
         """Notes where the pupil is, or moves it on.
 
-        shows_last_edit: whether the viewer shows the last place already; it is waited for, so that each is seen.
-        Raises UserError, and stops, where the eye can't follow the path.
+        shows_last_edit: whether the viewer shows the last place already; until then the pupil rests, so that each place
+        is seen. Raises UserError, and stops, where the eye can't follow the path.
         """
         if self.state and self._session.system.eye is None:
             self.stop()

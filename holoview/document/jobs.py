@@ -75,8 +75,8 @@ class JobControl:
 class BackgroundJob:
     """Work that runs on a thread.
 
-    status: "running", "paused", "done", "cancelled" or "failed"; it changes on the owner's thread. error: the exception
-    of a job that failed.
+    status: "running", "paused", "done", "cancelled" or "failed"; changed on the owner's thread only. error: the
+    exception of a job that failed.
     """
 
     def __init__(self, title: str, deliver: CallOnOwner, wake: Callable[[], None]) -> None:

@@ -34,7 +34,7 @@ class ReceivedFields:
         return self._listener.listener.address
 
     def poll(self) -> None:
-        """Shows the field that waits longest; one that replaces a shown field waits until the session is ready."""
+        """Shows the field that waits longest; a new version of the shown field waits until the session is ready."""
         with self._lock:
             name = next(iter(self._waiting), None)
             if name is None or (self._session.document.origin == _origin(name) and not self._is_ready()):

@@ -403,7 +403,7 @@ T = TypeVar("T")
 
 
 def state_folder() -> Path:
-    """The platform's folder for the state of applications; it need not exist."""
+    """The platform's folder for the state of applications, which need not exist."""
     return Path(platformdirs.user_state_path("holoview", appauthor=False))
 
 

@@ -18,7 +18,7 @@ class Crosstalk(Effect):
 
     The electric field reaches beyond a pixel's edges, so that the path changes smoothly from one pixel to the next.
     Before it, `coupling` blurs the pixels' values as wholes, by weights coupling^(n²) of the neighbours n pixels away:
-    what leaks between the circuits of pixels, each of which stays uniform and keeps sharp edges.
+    leaks between the circuits of pixels, each of which stays uniform and keeps sharp edges.
     """
 
     id = "crosstalk"

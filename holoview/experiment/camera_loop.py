@@ -95,7 +95,7 @@ class CameraLoopState:
 
     iteration, iterations: number of this one, from 0, and of the last. loss, psnr_db: measured, as those of
     `IterationState`. best_psnr_db, best: of the smallest loss so far. pictures, bench_s: taken, and bench time spent so
-    far. notes: events since the state before. picture(): what the camera sees at the middle plane, linear sRGB
+    far. notes: events since the state before. picture(): the camera's picture of the middle plane, linear sRGB
     (y, x, 3). checkpoint(): everything that is needed to go on. Call both before the next state is requested.
     """
 
@@ -337,7 +337,7 @@ class CameraLoop:
 class LoopProgress:
     """How far a loop has come.
 
-    iteration: the next one. pictures, bench_s: taken so far, and seconds of bench time. seconds: that passed.
+    iteration: the next one. pictures, bench_s: taken so far, and seconds of bench time. seconds: elapsed.
     best_loss, best_psnr_db: of the smallest loss so far. step_factor: of the patterns' steps. without_gain: iterations
     since the loss fell last.
     """

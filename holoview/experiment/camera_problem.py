@@ -246,7 +246,7 @@ class CameraSampling:
     """How a camera sees the samples of a focal plane.
 
     shape, pitch_m: rows and columns of samples, and their distance. camera_shape, camera_pitch_m: of the pixels, the
-    pitch referred to the modulators. shift_m (y, x): what should be at r in the picture is at r + shift; both are
+    pitch referred to the modulators. shift_m (y, x): light that should be at r in the picture is at r + shift; both are
     centred on the axis otherwise.
     """
 

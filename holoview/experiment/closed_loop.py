@@ -261,7 +261,7 @@ class ClosedLoop:
         return len(named) == len(led) and all(n in led or equal.get(n, frozenset()) & {*led} for n in named)
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
-        """A diagnosis; it corrects the placement of an aligned rig."""
+        """A diagnosis, which also corrects the placement of an aligned rig."""
         options = {"config": self._settings.config, **self._options, **options}
         found = diagnose(join_captures(parts), effects, **options)
         self._options["known"] = found.known
@@ -295,7 +295,8 @@ def _searched(values: Any) -> tuple[str, ...]:
 class PlannerState:
     """The knowledge of a planner. taken: the captures so far, None before the first. count: how many.
 
-    belief: what they say; None while there are too few. here_m: where the stage is. time: of captures on this bench.
+    belief: drawn from the captures; None while there are too few. here_m: where the stage is. time: of captures on this
+    bench.
     """
 
     taken: Captures | None
@@ -361,8 +362,8 @@ def diagnose_rig(
     """Takes captures with the rig of rig.toml until the cause is certain; returns them, and what the loop found.
 
     known: effects of the bench, beside the placement of an aligned rig. user_effects: are evaluated once with the first
-    capture. save: the file of the captures; those of an interrupted loop, in the folder beside it, are gone on with.
-    options: of the diagnosis. Raises UserError for a wrong description, device or capture.
+    capture. save: the file of the captures; the folder beside it keeps the captures of an interrupted loop, which goes
+    on. options: of the diagnosis. Raises UserError for a wrong description, device or capture.
     """
     rig = read_rig(file)
     known = known.with_placement(rig.registration)

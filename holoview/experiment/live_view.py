@@ -71,7 +71,7 @@ class LivePicture:
 
 @dataclass(frozen=True, eq=False)
 class PredictedPicture:
-    """A prediction of a picture. of: that picture. model: its name.
+    """A prediction of a picture. of: the measured picture. model: the name of the predicting model.
 
     expected (y, x): counts above black, with the scale that fits best. residual (y, x): measured − expected, in σ of
     the noise, 0 where a pixel can't be compared. chi2: mean squared residual of a pixel that can; noise alone: 1.
@@ -282,7 +282,7 @@ class LiveDiagnosis:
         self._start_next()
 
     def _start_next(self) -> None:
-        """Starts the waiting diagnosis unless one still runs: it takes a moment to end, and two would take turns."""
+        """Starts the waiting diagnosis once the last has ended: two at a time would take turns."""
         if self._next is None or self.job is not None:
             return
         (captures, seen), self._next = self._next, None

@@ -154,9 +154,9 @@ class RigSession:
     """A rig of an editing session, or none.
 
     rig: its description; None while there is none. status: "closed",
-    "opening", "open", or "failed" after an error of a device, until it is opened again. problem: that error.
+    "opening", "open", or "failed" after an error of a device, until it is opened again. problem: the error.
     state: the settings of the devices. is_live: whether pictures are taken all the time. view: the newest picture with
-    its prediction. captures: those taken. diagnosis: of them.
+    its prediction. captures: taken so far. diagnosis: of the captures.
     """
 
     def __init__(self, session: EditingSession) -> None:
@@ -514,7 +514,7 @@ class TakenCaptures:
 
 
 class PlanRun:
-    """A run of a plan, which fills a capture file; it goes on with captures of the same plan that are there.
+    """A run of a plan, which fills a capture file; captures of the same plan in the file aren't taken again.
 
     on_capture: called on the devices' thread with each capture that is on the disk. tell: there, with sentences that a
     user should read at once.

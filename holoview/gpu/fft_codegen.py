@@ -153,9 +153,9 @@ def emit_pass(
 ) -> list[tuple[str, str]]:
     """Emit a pass and return pairs of the position along the line and the name of the value to be stored there.
 
-    load: the WGSL that loads the value at a position along the line. position: that position as the hook `middle` takes
-    it. The WGSL variables `item`, the number of the DFT in its line, and `offset`, of its first value in its block,
-    have to be in scope.
+    load: the WGSL that loads the value at a position along the line. position: the same position, as the hook `middle`
+    takes it. The WGSL variables `item`, the number of the DFT in its line, and `offset`, of its first value in its
+    block, have to be in scope.
     """
     shape, direction = steps[0]
     ends = shape.point_positions(), shape.frequency_positions()
@@ -333,7 +333,7 @@ def wgsl_float(value: float) -> str:
 
 
 def scattered(values: Sequence[str], places: Sequence[int], count: int) -> list[str]:
-    """`count` names: those of `values` at their `places`, and ZERO elsewhere."""
+    """`count` names: each of `values` at its place, and ZERO elsewhere."""
     out = [ZERO] * count
     for place, value in zip(places, values, strict=True):
         out[place] = value

@@ -149,8 +149,8 @@ Direction = Literal["forward", "inverse"]
 class Step:
     """A transform of lines of n points.
 
-    points: those that may differ from 0 in a forward transform, or that an inverse one has to compute; None means all.
-    band: the frequencies that a forward transform has to compute, or that may differ from 0 in an inverse one.
+    points: the points that may differ from 0 in a forward transform, or that an inverse one has to compute; None means
+    all. band: the frequencies that a forward transform has to compute, or that may differ from 0 in an inverse one.
     repeats: a forward transform followed by an inverse one may have n/repeats points. Its spectrum is then repeated to
     n frequencies, which is the spectrum of these points with repeats − 1 zeros after each.
     """

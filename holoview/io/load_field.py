@@ -142,7 +142,7 @@ def _field_of_array(
 def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> OpenedHologram:
     """The hologram of a file of holoview or of another program, or of several files that are the parts of one.
 
-    request: the user's statements on a file of another program; one of holoview tells all but the distance.
+    request: the user's statements on a file of another program; a file of holoview tells all but the distance.
 
     Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """

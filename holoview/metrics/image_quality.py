@@ -324,7 +324,7 @@ class LuminanceImage:
     """An image to measure.
 
     luminance: (y, x), linear.
-    description: what it is, for people.
+    description: of the image, for people.
     clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
     """
 
@@ -348,7 +348,7 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
 
 
 def hologram_luminance(hologram: Hologram, plane_m: float, name: str) -> LuminanceImage:
-    """The luminance of a hologram at a plane, with an eye on its retina. name: what it is, for people."""
+    """The luminance of a hologram at a plane, with an eye on its retina. name: of the hologram, for people."""
     system = hologram.system
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
     place = plane_label(system, plane_m) + ("" if system.eye is None else ", on the retina")

@@ -18,8 +18,8 @@ from holoview.util.packages import import_optional
 class PerceptualScore:
     """A score of an image beside its target.
 
-    title: its usual name. unit: "" for none. digits: behind the point when it is printed. summary: what values mean.
-    module: of the optional library that computes it; "" for none.
+    title: its usual name. unit: "" for none. digits: behind the point when it is printed. summary: the meaning of its
+    values. module: of the optional library that computes it; "" for none.
     """
 
     title: str

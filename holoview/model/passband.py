@@ -130,8 +130,8 @@ def column_support(support: Integers, columns: int) -> Integers:
     columns: P_x.
 
     Returns (P_x, 3) int32: for each column of frequencies in `fftfreq` order the smallest |k_y|, the lowest k_y and the
-    highest k_y. What passes an iris, a square stop and a band limit is convex, so that the bounds of the rows rise to
-    one maximum, and those of the columns follow by binary search; the DC block is a disc around zero.
+    highest k_y. The passband of an iris, a square stop and a band limit is convex, so that the bounds of the rows rise
+    to one maximum, and those of the columns follow by binary search; the DC block is a disc around zero.
     """
     order = np.argsort(frequency_indices(len(support)), kind="stable")
     ky, kx = frequency_indices(len(support))[order], frequency_indices(columns)

@@ -157,7 +157,7 @@ class Plan:
         wavelength: index of the wavelength in `system`.
         distance_m: distance in metres; negative before the plane of a field. With an eye, that of the plane on which it
         is focused at its reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
-        eye: of the plane; that of `nominal` when None.
+        eye: of the plane; the eye of `nominal` when None.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
 

@@ -55,7 +55,7 @@ class System(Description):
     between its samples: `upsample` is 1. Its planes may lie before it.
 
     wavelengths_m: (wavelength,) vacuum wavelengths of the lasers, m.
-    amplitudes: (frame, wavelength) relative power of each laser in each frame; it multiplies the intensity. Frames and
+    amplitudes: (frame, wavelength) relative power of each laser in each frame, a factor of the intensity. Frames and
     directions of the source are averaged.
     modulators: one or two `Modulator`s of equal shape and pitch, or the plane of a field.
     gap_m: distance from modulator 1 to modulator 2, m; None with one modulator.
@@ -233,10 +233,10 @@ class System(Description):
     def stages(self) -> tuple[str, ...]:
         """Where a frame's light can be looked at, in the order in which it passes.
 
-        "light": what lights the first modulator, or the field. "slm1": behind modulator 1; of a field "field". "gap":
-        at modulator 2, before it. "slm2": behind modulator 2. "stop": in the Fourier plane of relay 2, behind its
-        stops, by direction. "plane": in the focal plane. With an eye "pupil": in its pupil, by direction, with the
-        phase that its focus on the plane leaves; "retina": on the retina.
+        "light": the illumination of the first modulator, or of the field. "slm1": behind modulator 1; of a field
+        "field". "gap": at modulator 2, before it. "slm2": behind modulator 2. "stop": in the Fourier plane of relay 2,
+        behind its stops, by direction. "plane": in the focal plane. With an eye "pupil": in its pupil, by direction,
+        with the phase that its focus on the plane leaves; "retina": on the retina.
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").stages

@@ -29,7 +29,7 @@ class Measured:
     """The figure of a plan.
 
     value: in the unit of the limit. found: the consequence beyond the threshold, a sentence without a full stop.
-    where: the key of the bench that it depends on most. remedy: what to change.
+    where: the key of the bench that it depends on most. remedy: the change that helps.
     """
 
     value: float

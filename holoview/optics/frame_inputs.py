@@ -105,7 +105,7 @@ class FrameInputs:
 def check_drive(plan: Plan, drive: Any) -> None:
     """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1.
 
-    That of a field: unless it is complex, has the system's shape and is finite.
+    The drive of a field has to be complex and finite, with the system's shape.
     """
     if plan.nominal.is_field:
         _check_field(drive, plan.nominal.drive_shape)

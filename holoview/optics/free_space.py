@@ -22,7 +22,7 @@ Appl. Opt. 48, 6132 (2009)), for the far side of z = N·dx²/λ, where the first
     u(X; z) = exp(πi·X²/(λz))/(iλz) · Σ u_n·exp(πi·c·x_n²/λ)·exp(−2πi·x_n·X/(λz))·dy·dx,   c = 1/z − 1/R
 
 where a field that has to be lit by a spherical wave of radius R, as a Fourier hologram, has the equivalent distance
-1/c = R·z/(R − z), and z = R is a plain Fourier transform: what a lens of focal length R shows.
+1/c = R·z/(R − z), and z = R is a plain Fourier transform, which a lens of focal length R makes.
 
 `tilted_propagate` gives the field in a window that is turned out of the plane across the axis, from its spectrum in
 the window's own frame.

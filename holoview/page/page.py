@@ -75,7 +75,7 @@ def export_html(
     title, note: text above the image; the names of the holograms when empty.
     plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
-    backend: what renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
+    backend: renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
 
     Raises UserError for holograms with images of different shapes, a target of another shape, a plane that the bench
     doesn't reach, a region outside the image, a bench beyond WebGPU's default limits, and when the file can't be

@@ -10,7 +10,7 @@ allocates, compiles and dispatches on it is the *frame recording*, a JSON object
     strategy          of the FFTs: "passes" runs on every device, "workgroup" needs more workgroup memory for long lines
     is_quick          whether the image is a preview on a smaller grid, whose shaders compile and run faster
     plane_m           the focal plane of the tables that change with it, or null with an eye
-    limits            the device limits that the recording keeps to: those of WebGPU that every device offers, or more
+    limits            the device limits that the recording keeps to: WebGPU's, which every device offers, or higher ones
     shape             samples (y, x) of the image
     pitch             pixels from one row to the next in the sRGB image
     buffers           each: label, size in bytes, usage ("storage" or "uniform"), data: number of its content or null
@@ -162,7 +162,7 @@ class _RecordingGpu:
         self.submitted: list[list[Any]] = []
 
     def create_buffer(self, *, size: int, usage: int, label: str = "") -> _Numbered:
-        """Numbers a buffer; those without a label only test whether the device is alive."""
+        """Numbers a buffer, unless it has no label: such buffers only test whether the device is alive."""
         if not label:
             return _Numbered(-1, size)
         kind = "uniform" if usage & _UNIFORM_USAGE else "storage"
@@ -234,7 +234,7 @@ def strategies(frame: Frame) -> list[Frame]:
 def record_frames(frames: Sequence[Frame], also: Sequence[bytes] = ()) -> Recordings:
     """Recordings of frames.
 
-    also: further arrays to store with the contents of buffers; one that is a buffer's content takes no room.
+    also: further arrays to store with the contents of buffers; an array that equals a content takes no room.
     Raises UserError for a grid beyond WebGPU's default limits.
     """
     arrays: list[bytes] = []
@@ -408,7 +408,7 @@ def page_document(
 ) -> tuple[dict[str, Any], list[dict[str, Any]], bytes]:
     """The JSON of one hologram of a page, its frame recordings, and the binary data of both.
 
-    name: what the page calls it. plane_m: the focal plane that it opens with. farthest_m: the one with the largest
+    name: on the page. plane_m: the focal plane that it opens with. farthest_m: the one with the largest
     distance that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
     plan = make_plan(hologram.system, [*focused_planes(hologram.system), farthest_m])

@@ -75,7 +75,7 @@ class ViewSettings:
     low, high: values of the channel, after exposure, that are shown black and white.
     solo, muted: indices of the only laser shown, and of lasers left out.
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
-    stage, quantity: what the page "field" shows, of the frame and of the solo laser, or else of the first: one of
+    stage, quantity: of the light on the page "field", of the frame and the solo laser, or else the first: one of
     `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
     region: where speckle is measured. profile: a line along which the luminance is plotted. cursor: the sample (x, y)
@@ -150,7 +150,7 @@ class ViewSettings:
         return dataclasses.replace(self, **changes)
 
     def shows_laser(self, index: int) -> bool:
-        """Whether a laser contributes to the image: it is the solo one, or none is and it isn't muted."""
+        """Whether a laser contributes to the image: the solo laser alone, or else all that aren't muted."""
         return self.solo == index if self.solo is not None else index not in self.muted
 
     def cursor_in(self, shape: tuple[int, int]) -> tuple[int, int]:

@@ -4,7 +4,7 @@ find_geometry    the whole alignment
 PictureTaker     takes its pictures: patterns in, light per second out
 find_roughly     orientation and rough place of a modulator on the camera, from single dots, without prior knowledge
 stage_settings   the settings to which the stage goes
-registration_of  the registration of the devices that follows from the geometry; sentences: what was found, for people
+registration_of  the registration of the devices that follows from the geometry; sentences: the findings, for people
 check_plan       a few captures, by which the registration is checked
 """
 

@@ -131,10 +131,10 @@ def predicted_px(
 class DotErrors:
     """How well the places of dots are known, standard deviations in pixels.
 
-    common_px: of an error that neighbouring dots share, which more dots don't average out: it counts as if only 16
-    coordinates had been measured. noise_px: the scatter by noise and unequal pixels of dots whose
-    pictures are as the model has them. More scatter means that modulators or camera aren't as described, which moves
-    dots together by several times their scatter.
+    common_px: of an error that neighbouring dots share, which more dots don't average out: the error counts as if only
+    16 coordinates had been measured. noise_px: the scatter by noise and unequal pixels of dots whose pictures are as
+    the model has them. More scatter means that modulators or camera aren't as described, which moves dots together by
+    several times their scatter.
     """
 
     common_px: float = 0.0

@@ -1,7 +1,7 @@
 """Devices that a window uses: no call of them holds it up, lasers go off at any time, and closing takes a bounded time.
 
 RigConnection     opens the devices, has a thread use them, and closes them
-DeviceWorker      that thread: it makes all calls, one after the other
+DeviceWorker      the thread, which makes all calls, one after the other
 LaserInterlock    lasers that another thread switches off, and that no earlier request switches on again
 DeviceWatch       which device the thread is waiting for
 """

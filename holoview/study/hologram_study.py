@@ -426,7 +426,7 @@ def _format_eyeboxes(results: Results, *settings: Mapping[str, Any]) -> str:
 
 
 def score_settings(scale: StudyScale) -> dict[str, list[str]]:
-    """The setting of a job that names the scores: those that the scale asks for, else all that can be computed here.
+    """The setting of a job that names the scores: the scale's, or else all that can be computed here.
 
     Raises UserError for a score whose library isn't installed or doesn't load.
     """

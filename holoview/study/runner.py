@@ -117,7 +117,7 @@ class ResultStore:
 
 
 def _digest(content: Mapping[str, Any]) -> str:
-    """Of all that a result's file says: one that was changed, or lacks a number, is damaged."""
+    """Of all that a result's file says. A file with another digest was changed or has lost a number."""
     text = json.dumps(json.loads(json.dumps(content)), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -179,7 +179,7 @@ class ProcessExecutor:
 
     @property
     def has_free_slot(self) -> bool:
-        """Whether a process is idle; one that died is replaced."""
+        """Whether a process is idle; a process that died is replaced."""
         for future in [future for future in self._busy if future.done()]:
             resources, pool = self._busy.pop(future)
             is_broken = not future.cancelled() and isinstance(future.exception(), BrokenExecutor)

@@ -113,8 +113,8 @@ StatusCallback = Callable[[str], None]
 class StudyJob:
     """One computation of a study.
 
-    study: what is computed, see `Study.kind`. label: for progress and tables. settings: JSON values, on which alone the
-    result depends. revision: of the study, see `Study.revision`.
+    study: the kind of computation, see `Study.kind`. label: for progress and tables. settings: JSON values, on which
+    alone the result depends. revision: of the study, see `Study.revision`.
     """
 
     study: str
@@ -146,7 +146,7 @@ Results = Sequence[tuple[StudyJob, JobResult]]
 class Claim:
     """A statement of the paper beside our measurement.
 
-    claim: the statement. published, measured: the numbers, in words. verdict: one of those in `claims`. reason: why the
+    claim: the statement. published, measured: the numbers, in words. verdict: a verdict of `claims`. reason: why the
     statement isn't reproduced.
     """
 

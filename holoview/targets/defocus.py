@@ -24,8 +24,8 @@ _STRIPS_PER_PIXEL = 64
 def diffraction_half_angle(wavelength_m: float, pitch_m: float) -> float:
     """Half-angle (rad) of the cone that a modulator of pixel pitch p diffracts into: θ = asin(λ / 2p).
 
-    The grating equation for the finest grating that the pixels can show, of period 2p; it gives the half-width of the
-    square eyebox. Arguments: wavelength and modulator pitch in metres.
+    The grating equation for the finest grating that the pixels can show, of period 2p. The angle is also half the width
+    of the square eyebox. Arguments: wavelength and modulator pitch in metres.
 
     Raises ValueError when either isn't positive or λ > 2p, where no such angle exists.
     """

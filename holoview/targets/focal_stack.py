@@ -107,7 +107,7 @@ def render_focal_stack(
 
     rgb_linear: (y, x, 3) linear light. depth_m: distance z of the picture or of each pixel (y, x) behind the last
     modulator; larger is nearer to the viewer. planes_m: distances z (n,) of the planes. pitch_m: of the picture's
-    pixels. cone: of the light that reaches an image point; one for each plane, if they differ.
+    pixels. cone: of the light that reaches an image point, or a cone for each plane.
     layers: greatest number of layers. By default as many as keep blur radius and shift of each depth within half a
     pixel of its layer's, but at most 24.
 

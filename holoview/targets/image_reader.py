@@ -342,7 +342,7 @@ def require_page_memory(path: Path, page: tifffile.TiffPage) -> None:
 
 
 def _check_segments(path: Path, page: tifffile.TiffPage, most: int) -> None:
-    """Raises UserError if a compressed part holds more than the picture: it is decompressed in pieces to see.
+    """Raises UserError if a compressed part holds more than the picture, found by decompression in pieces.
 
     Parts that are too short for much more than `_FREE_BYTES` aren't looked into.
     """

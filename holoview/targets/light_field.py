@@ -478,7 +478,7 @@ def _description(folder: Path) -> dict[str, Any]:
 
 
 def _check_count(folder: Path, files: list[Path], grid: ViewGrid) -> None:
-    """Raises UserError unless there is a picture for each viewpoint; it names those that are missing, as it can."""
+    """Raises UserError unless there is a picture for each viewpoint; the error names missing ones, if it can tell."""
     if len(files) == grid.rows * grid.columns:
         return
     plural = "s" * (len(files) != 1)

@@ -56,8 +56,8 @@ _STRIP_NUMBERS = 1 << 16  # composited at a time, so that all groups' parts fit 
 class _Beam:
     """Wavelengths that move together. foci: indices of their pictures for each plane, (plane, wavelength).
 
-    to_beam (wavelength, channel, 3): what their light adds to the beam's channels. covers (wavelength, channel): the
-    same for coverage. to_rgb (3, channel): linear sRGB of the channels.
+    to_beam (wavelength, channel, 3): the contribution of their light to the beam's channels. covers (wavelength,
+    channel): the same for coverage. to_rgb (3, channel): linear sRGB of the channels.
     """
 
     wavelengths: tuple[int, ...]

@@ -18,9 +18,9 @@ class UserError(ValueError):
     """A mistake that the user can correct: a wrong file, key or value, or a device that is missing.
 
     where: the file, key or argument, "" when there is none to name.
-    found: what is wrong there.
-    expected: what would be right.
-    remedy: what to do about it.
+    found: the mistake there.
+    expected: the right content.
+    remedy: an action of the user that helps.
 
     The message joins them: "where: found; expected …; remedy", in one line that is safe to show (`printable`), since
     they may quote a file. All four are attributes of the exception, which is a ValueError and can be pickled.

@@ -120,7 +120,7 @@ def workers_within_memory(workers: int, needed: float = 0.0) -> int:
 def worker_share(workers: int, allowed: int | None = None) -> str:
     """The limit of each of so many processes, as HOLOVIEW_MEMORY states it: equal shares of what may still be taken.
 
-    allowed: bytes that they share; what this process may still take if None.
+    allowed: bytes that they share; None: all that this process may still take.
     """
     share = (allowed_bytes() if allowed is None else allowed) // workers
     return f"{max(share // 10**6, 1)}MB"

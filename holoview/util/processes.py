@@ -42,7 +42,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def exit_code_of(error: KeyboardInterrupt) -> int:
-    """128 + the number of the signal, as shells report it; that of SIGINT for Python's own KeyboardInterrupt."""
+    """128 + the number of the signal, as shells report it; SIGINT's number for Python's own KeyboardInterrupt."""
     return 128 + (error.signal if isinstance(error, Interrupted) else signal.SIGINT)
 
 
@@ -159,7 +159,7 @@ def wait_for_threads(timeout_s: float, prefix: str = PREFIX) -> bool:
 
 
 def is_left() -> bool:
-    """Whether this process ends by `leave`: one that another process supervises."""
+    """Whether this process ends by `leave`, as processes do that another process supervises."""
     return multiprocessing.parent_process() is not None
 
 

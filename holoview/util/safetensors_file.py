@@ -50,7 +50,7 @@ class TensorFormat:
 
     name, version: stored in the metadata as "format" and "version", and compared when a file is read.
     what: the kind of file in words, for error messages.
-    tensors: what each tensor of the file may be; others in a file are ignored.
+    tensors: a schema for each tensor of the file; other tensors in a file are ignored.
     metadata_keys: further metadata that the file must hold.
     copies: memory that a reader takes besides the tensors, in sizes of the tensors.
     """

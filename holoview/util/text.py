@@ -34,7 +34,7 @@ def printable_lines(text: str) -> str:
 
 
 def plain_name(text: str, fallback: str) -> str:
-    """A file name without suffix, made of letters, digits and a few signs: it has no folder and no special meaning.
+    """A file name without suffix, made of letters, digits and a few signs, with no folder and no special meaning.
 
     fallback: the name if nothing is left.
 

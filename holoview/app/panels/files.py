@@ -219,7 +219,7 @@ class HistoryPanel(Panel):
         self._scrolled_to = -1
 
     def draw(self, context: AppContext) -> None:
-        """Draws buttons for undo and redo, and all steps; those that were undone are grey."""
+        """Draws buttons for undo and redo, and all steps, undone ones in grey."""
         session = context.session
         width = share_of_width(2)
         command_button(context, "Undo", width=width)

@@ -126,7 +126,7 @@ class BenchPanel(Panel):
 
 
 def _draw_frames(context: AppContext, system: System, reset: System) -> None:
-    """Draws the number of frames; it is disabled if frames have different lasers, which the Lasers panel edits."""
+    """Draws the number of frames, editable unless frames have different lasers, which the Lasers panel edits."""
     is_even = bool((system.amplitudes == system.amplitudes[0]).all())
     doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
     imgui.begin_disabled(not is_even or system.is_field)

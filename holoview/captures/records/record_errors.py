@@ -316,7 +316,7 @@ def find_record_errors(
 ) -> RecordFindings:
     """Which records of these captures are wrong.
 
-    effects: those that the nominal bench has, {id: {parameter: value}}. region_px, most_captures: how much of large
+    effects: of the nominal bench, {id: {parameter: value}}. region_px, most_captures: how much of large
     captures, and of many, is compared. Raises UserError for lengths that no change of unit makes plausible, and for
     pictures that are too small to show speckle.
     """
@@ -534,7 +534,7 @@ class _CorrectionSearch:
 
 @dataclass(frozen=True)
 class _ChosenCaptures:
-    """Indices of the captures on which the records are checked: those with the smoothest pictures.
+    """Indices of the captures on which the records are checked, chosen for the smoothest pictures.
 
     Records may be wrong, so the pictures decide, not the patterns. Smooth pictures come from smooth patterns, whose
     speckle an error of the bench decorrelates last. But smooth patterns hardly show which modulator they are on, and an

@@ -281,7 +281,7 @@ class TrialScore:
 class Trials:
     """Predictions of captures for all hypotheses, each computed once.
 
-    captures: as recorded. effects: those that the nominal bench has.
+    captures: as recorded. effects: of the nominal bench.
     """
 
     def __init__(self, captures: Captures, effects: Values) -> None:

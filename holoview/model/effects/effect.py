@@ -66,7 +66,8 @@ class Parameter:
     even_symmetric: images depend on its square only, so that a fit varies the square: the derivative of images with
     respect to the square isn't zero at zero.
     non_smooth: images are discontinuous in it (hard edges), so that derivatives don't exist.
-    secondary: it is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at first.
+    secondary: the parameter is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at
+    first.
     """
 
     name: str
@@ -408,12 +409,12 @@ class Effect:
     cause: a sentence that names the fault.
     finding: the sentence of a diagnosis that names it, with {parameter} for values with units and the fields of
     `finding_fields`.
-    parameters: what may vary, and by how much.
+    parameters: the numbers that may vary, each with its range.
     acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
     degenerate_with: ids of effects that no data can tell from this one.
     degenerate_limit: ids of effects with fewer parameters whose images this effect's images approach where it is large;
     a diagnosis that names this effect tries those in its place.
-    needs: what captures must contain for it to be seen.
+    needs: the variety of captures in which it can be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
     start_kinds: which starting values, beside `starting_points`, a diagnosis reads off the pictures for it.

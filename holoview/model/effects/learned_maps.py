@@ -143,7 +143,7 @@ class LearnedMaps:
     # --- modulators -------------------------------------------------------------------------------------------------
 
     def response_table(self, modulator: int) -> Tensor:
-        """The fraction of the nominal stroke at each knot, (knots,), from 0; it rises for every value of the tensor."""
+        """The fraction of the nominal stroke at each knot, (knots,), from 0, rising for every value of the tensor."""
         steps = self.tensors["lut_steps"][modulator].exp() / (self.layout.knots - 1)
         return torch.cat([steps.new_zeros(1), steps.cumsum(dim=0)])
 

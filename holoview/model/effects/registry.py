@@ -44,7 +44,7 @@ _user_effects: dict[str, Effect] = {}
 
 
 def listed_effects() -> Mapping[str, Effect]:
-    """The effects that are offered as causes and in the viewer, by id, sorted; those of users' files included."""
+    """The effects that are offered as causes and in the viewer, by id, sorted, with the effects of users' files."""
     return MappingProxyType({name: effect for name, effect in _all_effects().items() if effect.listed})
 
 

@@ -26,7 +26,7 @@ _REMEDY = "run the command in a terminal, and answer there"
 
 
 def open_manual(rig: RigDescription, spec: DeviceSpec) -> Any:
-    """Lasers or a stage. Raises UserError for another device, and for options: it has none."""
+    """Lasers or a stage. Raises UserError for another device, and for options, which these devices don't have."""
     device_class = require_device(rig, spec, {"lasers": ManualLasers, "stage": ManualStage})
     parse_options(rig, spec, {})
     return device_class(rig)

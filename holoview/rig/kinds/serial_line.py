@@ -227,7 +227,7 @@ def _stage_fields(position_m: float) -> dict[str, float]:
 
 
 def _check_templates(where: str, options: Mapping[str, Any], fields: Mapping[str, Mapping[str, float]]) -> None:
-    """Raises UserError for a template that can't be filled. fields: those that the templates of each option know."""
+    """Raises UserError for a template that can't be filled. fields: known to each option's templates."""
     for key, known in fields.items():
         for template in texts(options[key], key) if isinstance(options.get(key), str) else options.get(key, ()):
             try:

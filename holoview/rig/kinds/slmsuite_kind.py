@@ -143,7 +143,7 @@ def _open_camera(rig: RigDescription, spec: DeviceSpec) -> SlmsuiteCamera:
 
 
 def _instance(rig: RigDescription, spec: DeviceSpec, options: dict[str, Any], method: str) -> Any:
-    """The device of slmsuite, which is open when it is made. method: that its class must have."""
+    """The device of slmsuite, which is open when it is made. method: required of its class."""
     where = f"{option_place(rig, spec)}.class"
     import_optional("slmsuite", f'{spec.name}: device = "slmsuite"').configure_logging("WARNING", stream=sys.stderr)
     device_class = find_class(options["class"], where)

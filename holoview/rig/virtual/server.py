@@ -417,7 +417,7 @@ class BenchServer:
         }
 
     def answer(self, message: Message) -> Message:
-        """The answer to one message; those of several connections one after the other, but lasers go off at once."""
+        """The answer to one message. Messages of several connections wait for each other, but lasers go off at once."""
         action = self._actions.get(str(message.table.get("do")))
         if action is None:
             return Message({"error": "unknown message"})

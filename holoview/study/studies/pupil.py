@@ -117,7 +117,7 @@ class _Pupil(Study):
 
 
 def _looks(settings: Mapping[str, Any]) -> list[_Look]:
-    """All pupils that look at a hologram, each once: those beside the axis, and the further ones on it."""
+    """All pupils that look at a hologram, each once: one size beside the axis, and the other sizes on it."""
     sizes = [(0.0, pupil_mm) for pupil_mm in settings["pupils_mm"]]
     return list(dict.fromkeys([*((x_mm, _PUPIL_MM) for x_mm in _PLACES_MM), *sizes]))
 
