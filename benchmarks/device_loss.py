@@ -35,7 +35,8 @@ from websockets.sync.client import ClientConnection, connect
 from benchmarks.common import count_of
 from benchmarks.lossy_viewer import LOSE
 from holoview.document.session_store import SessionStore
-from tests.gui.served import SECONDS, Served, browser_cookie, next_frame, serving
+from tests.gui.served import Served, browser_cookie, next_frame, serving
+from tests.patience import PATIENCE_S
 
 _PROGRAM = ("-m", "benchmarks.lossy_viewer")
 _SIZE = (900, 600)
@@ -79,13 +80,13 @@ class Page:
         """Moves the pointer, after which the viewer draws."""
         self.send("pointer_move", x=place, y=590.0, button=0, buttons=[], modifiers=[], ntouches=0, touches={})
 
-    def picture(self, timeout_s: float = SECONDS) -> NDArray[np.int_]:
+    def picture(self, timeout_s: float = PATIENCE_S) -> NDArray[np.int_]:
         """The next picture of the window (y, x, 3). Raises TimeoutError."""
         return next_frame(self._connection, timeout_s)
 
     def wait_for(self, is_right: Callable[[NDArray[np.int_]], bool]) -> NDArray[np.int_]:
         """The first picture (y, x, 3) that is right, whose middle is passed."""
-        until = time.monotonic() + SECONDS
+        until = time.monotonic() + PATIENCE_S
         for place in range(10_000):
             try:
                 picture = self.picture(_REST_S)
@@ -163,7 +164,7 @@ def _has_unfinished(served: Served) -> bool:
 
 def _look_until(page: Page, is_so: Callable[[], bool]) -> None:
     """Shows pictures, without which a viewer draws no others, until something is so."""
-    until = time.monotonic() + SECONDS
+    until = time.monotonic() + PATIENCE_S
     while not is_so():
         if time.monotonic() > until:
             raise RuntimeError("the work isn't there")

@@ -27,7 +27,8 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tests.gui.served import SECONDS, Served, browser_cookie, serving
+from tests.gui.served import Served, browser_cookie, serving
+from tests.patience import PATIENCE_S
 
 _KEYS = [*"abcdefghijklmnopqrstuvwxyz0123456789?+-", "Escape", "Enter", "Tab", "F1", "Delete", " "]
 _KEYS += ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown", "Home", "End"]
@@ -183,7 +184,7 @@ def end_s(served: Served) -> float:
         time.sleep(1.0)
         began = time.monotonic()
         served.process.send_signal(signal.SIGINT)
-        served.process.wait(SECONDS)
+        served.process.wait(PATIENCE_S)
         return time.monotonic() - began
 
 
