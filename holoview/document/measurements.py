@@ -31,7 +31,7 @@ from holoview.model.system import System
 from holoview.model.validity import exceeded_limits
 from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError
-from holoview.util.processes import LatestTask
+from holoview.util.processes import LatestTask, are_same
 
 Floats = NDArray[np.float64]
 
@@ -313,7 +313,7 @@ class LiveScore:
         """
         if xyz.shape != target.shape or measure == self._failed:
             return None
-        if self._requested is None or not _is_same(self._requested, (xyz, target, measure)):
+        if self._requested is None or not are_same(self._requested, (xyz, target, measure)):
             self._requested, self._result, self._failed = (xyz, target, measure), None, None
             self._task.submit(partial(measure, xyz, target), partial(self._on_result, self._requested))
         return self._result
@@ -331,11 +331,6 @@ class LiveScore:
         self._failed = None if self._requested is None else self._requested[2]
         self._post_error(error)
         self._on_change()
-
-
-def _is_same(one: _Request, other: _Request) -> bool:
-    """Whether two requests are of the same arrays and of equal measures."""
-    return one[0] is other[0] and one[1] is other[1] and one[2] == other[2]
 
 
 def image_psnr_db(xyz: Image, target: Image) -> float:

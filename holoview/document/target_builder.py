@@ -115,7 +115,6 @@ class TargetBuilder:
     ) -> None:
         self._on_ready, self._on_error = on_ready, on_error
         self._cache: dict[Hashable, Image | None] = {}
-        self._requested_key: Hashable = None
         self._task: LatestTask[_Built] = LatestTask("targets", deliver, lambda error: None)
 
     def get(self, target_spec: TargetSpec, system: System, plane_m: float) -> Image | None:
@@ -123,9 +122,7 @@ class TargetBuilder:
         request = _TargetRequest(target_spec, system, plane_m)
         if request.key in self._cache:
             return self._cache[request.key]
-        if self._requested_key != request.key:
-            self._requested_key = request.key
-            self._task.submit(request.build, partial(self._on_built, request))
+        self._task.submit(request.build, partial(self._on_built, request), request.key)
         return None
 
     @property
@@ -161,7 +158,7 @@ class _TargetRequest:
     plane_m: float
 
     @property
-    def key(self) -> Hashable:
+    def key(self) -> tuple[Hashable, ...]:
         return self.target_spec, _geometry_key(self.system), self.plane_m
 
     def build(self) -> _Built:

@@ -39,7 +39,7 @@ class SeenField:
 
 
 class PageImages:
-    """Images of derived pages. They are computed on a thread; the image before stays until the new one is ready.
+    """Images of derived pages, each computed on a thread; the image before stays until the new one is ready.
 
     deliver: has the owner make a call. on_error: called by the owner with the exception.
     seen_field: the newest of the page "field".
@@ -49,15 +49,16 @@ class PageImages:
         self, device: Device, deliver: Callable[[Callable[[], None]], None], on_error: Callable[[BaseException], None]
     ) -> None:
         self._device = device
-        self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
-        self._requested: tuple[str, Any] | None = None
-        self._task: LatestTask[Xyz | SeenField] = LatestTask("derived image", deliver, on_error)
+        self._pictures: dict[str, DeviceImage] = {}
+        self._tasks: dict[str, LatestTask[Xyz | SeenField]] = {
+            page: LatestTask(f"page {page}", deliver, on_error) for page in ("phase", "field", "spectrum", "recording")
+        }
         self.seen_field: SeenField | None = None
 
     @property
     def is_busy(self) -> bool:
         """Whether an image is being computed."""
-        return self._task.is_busy
+        return any(task.is_busy for task in self._tasks.values())
 
     def picture(self, scene: Scene, view: ViewSettings) -> DeviceImage | None:
         """The image of the page of the view settings; None until it is computed."""
@@ -68,32 +69,27 @@ class PageImages:
         if view.page == "spectrum":
             system = scene.system.with_(eye=None)  # the eyebox doesn't depend on where the pupil is
             self._request("spectrum", (system, scene.drive, scene.system.eye is not None), eyebox_xyz)
-        entry = self._pictures.get(view.page)
-        return None if entry is None else entry[1]
+        return self._pictures.get(view.page)
 
     def recording(self, recording: Recording, wavelength: int) -> DeviceImage | None:
         """The power spectrum of the first picture of a recording, 0 in the middle; None until it is computed."""
         self._request("recording", (wavelength, recording), _recording_xyz)
-        entry = self._pictures.get("recording")
-        return None if entry is None else entry[1]
+        return self._pictures.get("recording")
 
     def close(self) -> None:
-        """Ends the thread."""
-        self._task.close()
+        """Ends the threads."""
+        for task in self._tasks.values():
+            task.close()
 
-    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz | SeenField]) -> None:
-        """Has the image of a page computed from `key`, unless it is there or was the last to be requested."""
-        known = (self._requested, (page, self._pictures[page][0]) if page in self._pictures else None)
-        if any(entry is not None and entry[0] == page and _is_same(entry[1], key) for entry in known):
-            return
-        self._requested = (page, key)
-        self._task.submit(partial(compute, *key), partial(self._put, page, key))
+    def _request(self, page: str, inputs: tuple[Any, ...], compute: Callable[..., Xyz | SeenField]) -> None:
+        """Has the image of a page computed from its inputs, unless they are those of the newest request."""
+        self._tasks[page].submit(partial(compute, *inputs), partial(self._put, page), inputs)
 
-    def _put(self, page: str, key: Any, result: Xyz | SeenField) -> None:
+    def _put(self, page: str, result: Xyz | SeenField) -> None:
         if isinstance(result, SeenField):
             self.seen_field = result
         xyz = result.xyz if isinstance(result, SeenField) else result
-        self._pictures[page] = (key, uploaded_image(self._device, xyz, page))
+        self._pictures[page] = uploaded_image(self._device, xyz, page)
 
 
 def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
@@ -128,11 +124,6 @@ def _recording_xyz(wavelength: int, recording: Recording) -> Xyz:
     power = recording_spectrum(recording.pictures[0, wavelength])
     level = np.clip(1 + np.log10(np.maximum(power / power.max(), 1e-30)) / _DECADES, 0, 1) if power.any() else power
     return (srgb_decode(level)[..., None] * SRGB_TO_XYZ.sum(axis=1)).astype(np.float32)
-
-
-def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Whether (system, drive, …) are equal; patterns are compared by identity, as edits share unchanged arrays."""
-    return one[1] is other[1] and one[0] == other[0] and one[2:] == other[2:]
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,6 @@ class PointProbe:
         self._device = device
         self._section_task: LatestTask[Sections] = LatestTask("sections", deliver, on_error)
         self._point_task: LatestTask[PointLight] = LatestTask("light of a point", deliver, on_error)
-        self._keys: dict[str, tuple[Any, ...]] = {}
         self.sections: SeenSections | None = None
         self.point: SeenPoint | None = None
 
@@ -85,28 +84,20 @@ class PointProbe:
     def request_sections(self, scene: Scene, view: ViewSettings, low_m: float, high_m: float) -> None:
         """Has the sections through the cursor computed from one distance to another, unless they are there already."""
         place, lasers = view.cursor_in(image_shape(scene.system)), _lasers(scene, view)
-        if self._is_new("sections", (scene.system, scene.drive, place, lasers, low_m, high_m)):
-            planes_m = np.linspace(low_m, high_m, SECTION_PLANES)
-            steps = partial(_section_steps, scene, planes_m, place, lasers)
-            self._section_task.submit_steps(steps, partial(self._put_sections, place))
+        steps = partial(_section_steps, scene, np.linspace(low_m, high_m, SECTION_PLANES), place, lasers)
+        inputs = (scene.system, scene.drive, place, lasers, low_m, high_m)
+        self._section_task.submit_steps(steps, partial(self._put_sections, place), inputs)
 
     def request_point(self, scene: Scene, view: ViewSettings, window: int) -> None:
         """Has the light of the cursor computed, unless it is there already. window: one of `WINDOWS`."""
         place, lasers = view.cursor_in(image_shape(scene.system)), _lasers(scene, view)
-        if self._is_new("point", (scene.system, scene.drive, place, lasers, scene.plane_m, window)):
-            self._point_task.submit_steps(partial(_point_steps, scene, place, lasers, window), self._put_point)
+        inputs = (scene.system, scene.drive, place, lasers, scene.plane_m, window)
+        self._point_task.submit_steps(partial(_point_steps, scene, place, lasers, window), self._put_point, inputs)
 
     def close(self) -> None:
         """Ends the threads."""
         self._section_task.close()
         self._point_task.close()
-
-    def _is_new(self, name: str, key: tuple[Any, ...]) -> bool:
-        """Whether a key differs from the last one of a name; drives are compared by identity, as edits share them."""
-        last = self._keys.get(name)
-        is_same = last is not None and last[1] is key[1] and last[0] == key[0] and last[2:] == key[2:]
-        self._keys[name] = key
-        return not is_same
 
     def _put_sections(self, place: tuple[int, int], found: Sections) -> None:
         if not found.share:

@@ -69,8 +69,7 @@ def target_for(
     planes: Sequence[float] | NDArray[np.floating] | None = None,
     pupil: ViewingPupil | None = None,
 ) -> Target:
-    """The focal stack of a picture on a display: the light that an observer should see at each plane, with natural
-    defocus.
+    """The light of a picture that an observer of a display should see at each plane, with natural defocus.
 
     Away from its distance the picture is blurred by the cone of light that reaches an image point. The cone's half
     angle is that of the first diffraction order of the modulator at the middle wavelength, or of the stops of relay 2
@@ -83,9 +82,8 @@ def target_for(
     brightness: factor on linear light, positive.
     saturation: factor on the picture's chroma in CIE LCHuv, before it is blurred.
     space: the colour space of a float file, "srgb" or "xyz"; a `Picture` has been converted already.
-    planes: distances (m) at which the stack is wanted, those of the system, or on which its eye is focused, when None.
-    Depth range and layers stay those
-    of the system's planes, so that planes between them show the same scene.
+    planes: distances (m) at which the stack is wanted; when None those of the system, or on which its eye is focused.
+    Depth range and layers stay those of the system's planes, so that planes between them show the same scene.
     pupil: of the eye that sees the target, a `holoview.targets.moving_pupil.ViewingPupil`; that of the system's eye,
     with its chromatic aberration, when None.
 

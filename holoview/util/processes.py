@@ -25,7 +25,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from threading import Condition, Thread
 from types import FrameType
-from typing import Generic, NoReturn, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 import psutil
 
@@ -305,6 +305,14 @@ def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> Non
 
 
 T = TypeVar("T")
+Inputs = tuple[Any, ...]
+
+
+def are_same(one: Inputs, other: Inputs) -> bool:
+    """Whether all inputs are equal; arrays are compared by identity, as edits share unchanged arrays."""
+    return len(one) == len(other) and all(
+        a is b or (not hasattr(a, "__array__") and bool(a == b)) for a, b in zip(one, other, strict=True)
+    )
 
 
 class LatestTask(Generic[T]):
@@ -319,6 +327,7 @@ class LatestTask(Generic[T]):
         self._name, self._deliver, self._on_error = name, deliver, on_error
         self._condition, self._closed = Condition(), False
         self._request: Callable[[], Callable[[], None]] | None = None  # does the work and returns its last call
+        self._inputs: Inputs | None = None
         self._untaken = 0  # requests that were begun and whose results the owner hasn't got
         self._thread: Thread | None = None
 
@@ -328,12 +337,17 @@ class LatestTask(Generic[T]):
         with self._condition:
             return self._untaken > 0 or self._request is not None
 
-    def submit(self, work: Callable[[], T], on_result: Callable[[T], None]) -> None:
-        """Runs `work` on the thread; the owner then calls `on_result` with what it returned."""
-        self._submit(lambda: partial(on_result, work()))
+    def submit(self, work: Callable[[], T], on_result: Callable[[T], None], inputs: Inputs | None = None) -> None:
+        """Runs `work` on the thread; the owner then calls `on_result` with the result.
 
-    def submit_steps(self, steps: Callable[[], Iterable[T]], on_result: Callable[[T], None]) -> None:
-        """Runs `steps` on the thread; the owner calls `on_result` with each result. A newer request ends the steps."""
+        inputs: of the work, which isn't done again while they stay the same; None: it is done each time.
+        """
+        self._submit(lambda: partial(on_result, work()), inputs)
+
+    def submit_steps(
+        self, steps: Callable[[], Iterable[T]], on_result: Callable[[T], None], inputs: Inputs | None = None
+    ) -> None:
+        """As `submit`; the owner calls `on_result` with the result of each step. A newer request ends the steps."""
 
         def run() -> Callable[[], None]:
             for result in steps():
@@ -342,9 +356,12 @@ class LatestTask(Generic[T]):
                     break
             return lambda: None
 
-        self._submit(run)
+        self._submit(run, inputs)
 
-    def _submit(self, request: Callable[[], Callable[[], None]]) -> None:
+    def _submit(self, request: Callable[[], Callable[[], None]], inputs: Inputs | None) -> None:
+        if inputs is not None and self._inputs is not None and are_same(inputs, self._inputs):
+            return
+        self._inputs = inputs
         with self._condition:
             self._request = request
             self._condition.notify()
