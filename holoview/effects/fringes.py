@@ -1,4 +1,5 @@
 """Light that a cover glass reflects twice interferes with passing light: fringes lie over a modulator or the picture.
+Over the picture, fringes may also be a moiré of the sensor.
 
 The glass is a weak etalon (Born & Wolf, Principles of Optics, 7.6). Its round trip 2·n·thickness varies over the area
 by `path`, as the glass is a wedge; the number of fringes is path/λ, so that one wedge describes all wavelengths.
@@ -74,9 +75,13 @@ def wedge_starts() -> list[dict[str, float]]:
     return [{**wedge, **depths} for wedge in half_circle("path_y", "path_x", 5e-6, 8)]
 
 
+REFERENCE_M = 550e-9
+"""The wavelength at which numbers of fringes are told."""
+
+
 def describe_fringes(v: Values) -> dict[str, str]:
     """The fields depth, fringes_y and fringes_x of a finding; the numbers of fringes are those at 550 nm."""
-    fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / 550e-9:.3g}" for axis in ("y", "x")}
+    fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / REFERENCE_M:.3g}" for axis in ("y", "x")}
     return {"depth": _format_depths(v), **fringes}
 
 
@@ -152,16 +157,32 @@ class CameraFringes(Effect):
     """signal → signal·(1 + c_λ·cos φ − s_λ·sin φ), φ = 2π·(path_y·y + path_x·x)/(2λ), y and x from −1 to 1.
 
     Airy's function to first order in the reflectance, where φ is the phase of the round trip. The picture is linear in
-    (c, s). φ and −φ are the same fringes, hence path_y ≥ 0.
+    (c, s). φ and −φ are the same fringes, hence path_y ≥ 0. `achromatic` a replaces 1/λ by (1 − a)/λ + a/550 nm: a
+    moiré of the sensor's pixels with a grid before them, such as its microlenses, has the same period at every
+    wavelength.
     """
 
     id = "camera_fringes"
-    cause = "The camera's cover glass reflects light twice, which interferes: fringes lie over the picture."
+    cause = (
+        "Fringes lie over the picture: the camera's cover glass reflects light twice, which interferes, or a grid "
+        "before its pixels makes a moiré."
+    )
     finding = (
         "Fringes of depth {depth} lie over the picture; {fringes_y} (y) and {fringes_x} (x) of them fit into it at "
-        "550 nm: the cover glass is a wedge."
+        "{origin}."
     )
-    parameters = (*_wedge("picture", least_y=0.0), *depth_parameters("the picture's centre"))
+    parameters = (
+        *_wedge("picture", least_y=0.0),
+        *depth_parameters("the picture's centre"),
+        Parameter(
+            "achromatic",
+            "From a wedge's fringes, whose number is path/λ, 0, to as many at every wavelength as at 550 nm, 1.",
+            low=0.0,
+            high=1.0,
+            prior=0.1,
+            secondary=True,
+        ),
+    )
     acts_on = ("camera",)
     start_kinds = (StartKind.CAMERA_FRINGES,)
     degenerate_limit = ("vignetting",)
@@ -173,9 +194,11 @@ class CameraFringes(Effect):
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         y, x = context.positions(image)
-        phase = (math.pi / context.wavelength_m) * (v["path_y"] * y + v["path_x"] * x)
+        waves_per_m = (1 - v["achromatic"]) / context.wavelength_m + v["achromatic"] / REFERENCE_M
+        phase = math.pi * waves_per_m * (v["path_y"] * y + v["path_x"] * x)
         cos, sin = fringe_depths(self.id, context.laser, v)
         return image * (1 + cos * phase.cos() - sin * phase.sin())
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        return describe_fringes(v)
+        wedge, moire = "550 nm: the cover glass is a wedge", "every wavelength: a moiré of the sensor with a grid"
+        return {**describe_fringes(v), "origin": moire if v["achromatic"] > 0.5 else wedge}

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
 from holoview.diagnose import screening
-from holoview.diagnose.report.error_places import find_pixel_maps, line_notes
+from holoview.diagnose.report.error_places import find_pixel_maps, flicker_notes, line_notes
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.stuck import (
     LINE_SEGMENTS,
@@ -23,7 +25,7 @@ from holoview.diagnose.starts.stuck import (
 )
 from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 from holoview.model.effects.registry import listed_effects
-from tests.diagnose.conftest import MakeContext
+from tests.diagnose.conftest import MakeContext, make_context_of
 
 EFFECTS = ("slm1_stuck", "slm2_stuck")
 
@@ -142,3 +144,21 @@ def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:
     assert "column 24 of modulator 1 (" in note
     faint = dataclasses.replace(first, columns=first.columns * 1e-6, rows=first.rows * 1e-6)
     assert line_notes((faint,)) == line_notes(()) == []
+    assert flicker_notes(context, {}, (faint,)) == flicker_notes(context, {}, ()) == []
+
+
+@pytest.mark.parametrize("changes", [True, False])
+def test_a_column_whose_levels_change_from_capture_to_capture_is_told_from_one_that_keeps_its_level(
+    nominal: Captures, changes: bool
+) -> None:
+    """Pictures without noise. Phasors of levels at random have a mean of modulus 0.4 ± 0.02 over all pixels."""
+    count, _, rows, _ = nominal.levels.shape
+    levels, rng = nominal.levels.copy(), np.random.default_rng(3)
+    levels[:, 1, :, 17] = rng.integers(0, 16, (count, rows)) if changes else 6
+    light = Predictor(dataclasses.replace(nominal, levels=levels))(np.arange(count), {}).signal.numpy()
+    black, top = nominal.camera.black_level, nominal.camera.saturation
+    images = np.rint(black + 0.75 * (top - black) * light / light.max(axis=(1, 2), keepdims=True))
+    context = make_context_of(dataclasses.replace(nominal, images=images.astype(np.uint16)))
+    (note,) = flicker_notes(context, {}, find_pixel_maps(context, {}))
+    assert note.startswith("Column 17 of modulator 2 shows levels ")
+    assert ("change from capture to capture" in note) is changes

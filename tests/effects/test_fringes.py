@@ -92,6 +92,13 @@ def test_as_many_fringes_as_waves_of_the_wedge(wavelength: float) -> None:
     assert float(spectrum.abs().max()) < 1e-14
 
 
+@pytest.mark.parametrize("wavelength", [450e-9, 600e-9])
+def test_achromatic_fringes_are_as_many_at_every_wavelength_as_at_550_nm(wavelength: float) -> None:
+    path = {"path_y": 3 * 550e-9, "path_x": -9 * 550e-9}
+    seen = _seen(wavelength_m=wavelength, **path, cos1=0.06, sin1=0.08, achromatic=1.0)
+    assert torch.allclose(seen, _seen(wavelength_m=550e-9, **path, cos1=0.06, sin1=0.08), rtol=1e-14)
+
+
 def test_a_weak_etalon_transmits_as_airy_says() -> None:
     """T = 1/(1 + F·sin²(δ/2)) is 1 − F/2 + F/2·cos δ to first order in F; what follows is F² at most."""
     finesse, path, thickness = 0.02, 4.3e-6, 0.17
@@ -127,4 +134,6 @@ def test_a_session_of_more_lasers_than_it_has_numbers_for_is_refused() -> None:
 def test_the_finding_states_depths_and_the_number_of_fringes() -> None:
     values = {"path_y": 5.5e-6, "path_x": -11e-6, "cos1": 0.03, "sin1": 0.04, "cos2": 0.02}
     text = get_effect("camera_fringes").format_finding(None, values)  # type: ignore[arg-type]
-    assert "depth 0.02 … 0.05" in text and "10 (y) and 20 (x)" in text
+    assert "depth 0.02 … 0.05" in text and "10 (y) and 20 (x)" in text and "wedge" in text
+    text = get_effect("camera_fringes").format_finding(None, {**values, "achromatic": 1.0})  # type: ignore[arg-type]
+    assert "at every wavelength" in text and "moiré" in text

@@ -22,7 +22,14 @@ from holoview.diagnose.outlier_rejection import SearchOutcome
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.report.causes import describe_causes, describe_power_law, describe_wrong_records
 from holoview.diagnose.report.diagnosis import CandidateResult, Diagnosis
-from holoview.diagnose.report.error_places import FreeMapFit, find_pixel_maps, fit_free_maps, likely_fits, line_notes
+from holoview.diagnose.report.error_places import (
+    FreeMapFit,
+    find_pixel_maps,
+    fit_free_maps,
+    flicker_notes,
+    likely_fits,
+    line_notes,
+)
 from holoview.diagnose.rivals import wider_names
 from holoview.diagnose.search_context import SearchContext
 from holoview.util.progress import ProgressCallback
@@ -67,7 +74,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
         gain_spread=gain_spread(context.kept_captures, gain),
         captures=len(captures),
         bad_captures=outcome.bad_captures,
-        notes=(*notes, *outcome.notes, *line_notes(pixels)),
+        notes=(*notes, *outcome.notes, *line_notes(pixels), *flicker_notes(outcome.searched, values, pixels)),
         seconds=math.nan,
     )
 

@@ -4,7 +4,8 @@ The path is the difference of the round trip in the glass between one edge of a 
 fringes have the phase φ = π·(path_y·y + path_x·x)/λ, with y and x from −1 to 1 over the map. The path is the same for
 all lasers, so that fringes are a peak which the spectra of all wavelengths share.
 
-Over the picture, the spectrum is that of the factor which multiplies the prediction. In the picture, fringes of a
+Over the picture, the spectrum is that of the factor which multiplies the prediction; with the reference wavelength in
+place of each laser's, it shows fringes that have the same period at all of them. In the picture, fringes of a
 modulator are blurred, as light spreads on its way, and may be turned bright for dark. The derivative of χ² by the
 transmission t of each pixel of the modulator doesn't mind: with G = ∂χ²/∂Re t + i·∂χ²/∂Im t, fringes that change t by
 the factor 1 + A·exp(iφ)/2 change χ² by Re[A·Σ G*·t·exp(iφ)]/2, summed over the pixels. Their wedge is where these sums
@@ -14,7 +15,7 @@ are largest, of all wavelengths together, relative to those of random phases.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +26,7 @@ from holoview.diagnose.likelihood import Comparison, GainFit
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import StartingValues
 from holoview.diagnose.starts.transmission_slopes import modulator_of, transmission_slopes
+from holoview.effects.fringes import REFERENCE_M
 from holoview.model.effects.effect import Effect, StartKind
 from holoview.model.effects.hook_contexts import ModulatorContext
 
@@ -91,6 +93,7 @@ class _Modulation:
     """The factor that multiplies the prediction at one wavelength, less 1, with weights: both (y, x).
 
     weighted: weight times modulation. weight: inverse variance of the modulation. laser: number of the wavelength.
+    wavelength_m: by which paths are divided.
     """
 
     weighted: Floats
@@ -107,7 +110,12 @@ class FringeStarts:
         captures = comparison.data.captures
         sizes = zip(captures.frame or captures.shape, captures.shape, strict=True)
         wider = tuple(whole / seen for whole, seen in sizes)
-        self._starts = [_fringes(modulations, path, wider) for path in _strongest_paths(modulations)]
+        achromatic = [replace(m, wavelength_m=REFERENCE_M) for m in modulations]
+        self._starts = [
+            {**_fringes(some, path, wider), "achromatic": share}
+            for share, some in ((0.0, modulations), (1.0, achromatic))
+            for path in _strongest_paths(some)
+        ]
 
     def __call__(self, effect: Effect) -> StartingValues:
         if StartKind.CAMERA_FRINGES not in effect.start_kinds:

@@ -51,7 +51,7 @@ _END_MOVES = (-8, -4, -2, -1, 1, 2, 4, 8)
 tell the end to some pixels."""
 MIN_LINE_SIGMAS = 5.0  # [σ] Lines that stand out from the others by less aren't taken.
 _MIN_PIXEL_SIGMAS = 8.0  # [σ] The same of single pixels, of which there are a hundred times as many.
-_NEAR_BEST = 0.5
+NEAR_BEST_LINES = 0.5
 """[1] Lines of this share of the best one's significance are taken in the same round, where their neighbours have
 less."""
 _NEAR_BEST_PIXELS = 0.6  # [1] The same of pixels, but with their neighbours, since stuck pixels come in groups.
@@ -335,7 +335,7 @@ class _StuckSearch:
         """Columns and rows that stand out, the clearest first, with the level or earlier pattern that gains most."""
         (top, left) = self._first_pixel
         columns, rows = (self._line_significance(gains, axis) for axis in (1, 2))
-        threshold = max(MIN_LINE_SIGMAS, _NEAR_BEST * max(columns.max(), rows.max()))
+        threshold = max(MIN_LINE_SIGMAS, NEAR_BEST_LINES * max(columns.max(), rows.max()))
         found = [
             (columns[:, x].max(), self._line(gains[:, :, x], columns[:, x], column=left + int(x)))
             for x in _peaks(columns, threshold)
