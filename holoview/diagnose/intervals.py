@@ -6,8 +6,13 @@ error, so that the scores g_k = J_kᵀ r_k of whole captures are the independent
 
     (JᵀJ)⁻¹ (Σ g_k g_kᵀ) (JᵀJ)⁻¹ · K/(K − 1)
 
-The larger of the two is reported. White, Econometrica 48, 817 (1980); for clusters Liang & Zeger, Biometrika 73, 13
+The larger of the two is used. White, Econometrica 48, 817 (1980); for clusters Liang & Zeger, Biometrika 73, 13
 (1986).
+
+Derivatives mislead where χ² isn't a parabola: an edge of a stop that passes samples of the grid, as the wavelength
+changes, makes slopes steep and χ² flat. So χ² is computed at both ends of every interval, with the other parameters
+moved along as the covariance says, and with these held. An end at which either has risen by less than the parabola
+rises moves outwards, until both have risen as much (profile likelihood, from above).
 """
 
 from __future__ import annotations
@@ -25,7 +30,14 @@ from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_
 from holoview.diagnose.likelihood import Comparison
 from holoview.model.effects.effect import Effect, Parameter
 from holoview.model.effects.registry import get_effect
-from holoview.numerics.minimise import Minimum, jacobian, profile_half_width
+from holoview.numerics.minimise import (
+    Minimum,
+    ResidualFunction,
+    SearchDomain,
+    Vector,
+    jacobian,
+    profile_half_width,
+)
 from holoview.util import units
 
 Slopes = NDArray[np.float32]
@@ -36,6 +48,11 @@ LEVEL = 0.95
 MODEL_ACCURACY = 1e-3
 """[1] Share of a value that the model's own accuracy adds to its standard deviation. Evidence: two programs for the
 same physics hardly agree better on grids of this size; the value: none recorded; it was 5e-4 before."""
+
+
+_PARABOLA_SHARE = 0.9  # [1] Where χ² rises by this share of a parabola's rise, the interval stays.
+_MAX_WIDENING = 8.0  # [1] An interval becomes at most so many times as wide as derivatives say.
+_EDGE_STEPS = (0.25, 8.0)  # [steps] The shortest and the longest move of a hard edge that is tried.
 
 
 @dataclass(frozen=True)
@@ -106,8 +123,8 @@ def confidence_intervals(
 
     Parameters at their identity that these captures can't show, such as those of a laser that wasn't on, are left out.
     """
-    variance = _variances(at)
     factor = float(student.ppf(0.5 + LEVEL / 2, max(len(at.scores) - 1, 1)))
+    half_widths = _half_widths(fit, at, comparison, factor)
     unknown = np.diag(at.normal) <= 0.0
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
@@ -115,7 +132,7 @@ def confidence_intervals(
         value = parameter.read(fit.values[effect])
         if unknown[i] and value == parameter.identity:
             continue
-        sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
+        sigma = float("inf") if unknown[i] else float(half_widths[i] * abs(scale[i]) / factor)
         away = abs(value - parameter.identity) if math.isfinite(parameter.identity) else abs(value)
         sigma = float(np.hypot(sigma, MODEL_ACCURACY * away))
         if parameter.non_smooth:
@@ -124,15 +141,35 @@ def confidence_intervals(
     return result
 
 
-def _variances(at: LocalInformation) -> NDArray[np.float64]:
-    """Variance of each parameter, in priors²: the larger of those of the noise and of the captures' scores."""
-    captures = len(at.scores)
-    if not len(at.parameters):
+def _half_widths(fit: CandidateFit, at: LocalInformation, comparison: Comparison, factor: float) -> Vector:
+    """Half the interval of each parameter, in priors: so many standard deviations, or more where χ² rises less.
+
+    The variance is the larger of those of the noise and of the captures' scores.
+    """
+    captures, count = len(at.scores), len(at.parameters)
+    if not count:
         return np.empty(0)
     inverse = np.linalg.pinv(at.normal, rcond=1e-10, hermitian=True)
     robust = inverse @ (at.scores.T @ at.scores * (captures / max(captures - 1, 1))) @ inverse
     noise = inverse * max(1.0, float(np.mean(np.square(at.residual[at.residual != 0.0]))))
-    return np.maximum(np.diag(robust), np.diag(noise))
+    half_widths = factor * np.sqrt(np.maximum(np.diag(robust), np.diag(noise)))
+    function, minimum, bounds = _at_solution(fit, at, comparison)
+    for i, (_, parameter) in enumerate(at.parameters.entries):
+        if inverse[i, i] > 0 and not parameter.non_smooth:
+            width = float(half_widths[i])
+            ways, rise = (inverse[:, i] / inverse[i, i], np.eye(count)[i]), _PARABOLA_SHARE * width**2 / inverse[i, i]
+            reach = {"known": width, "shortest": width, "longest": _MAX_WIDENING * width}
+            half_widths[i] = profile_half_width(function, minimum, ways, bounds, rise, **reach)
+    return half_widths
+
+
+def _at_solution(
+    fit: CandidateFit, at: LocalInformation, comparison: Comparison
+) -> tuple[ResidualFunction, Minimum, SearchDomain]:
+    """The residuals as a function of the parameters, the solution, and the bounds."""
+    cost = float(np.square(at.residual, dtype=np.float64).sum())
+    minimum = Minimum(at.parameters.pack(fit.values), cost, at.residual, 0)
+    return residual_function(at.parameters, fit.values, comparison), minimum, at.parameters.bounds()
 
 
 def _edge_half_widths(
@@ -157,12 +194,12 @@ def _profile_of_edge(
     fit: CandidateFit, at: LocalInformation, axis: int, comparison: Comparison, config: SearchConfig
 ) -> float:
     """How far a parameter with a hard edge may move alone before the captures object, in priors."""
-    function = residual_function(at.parameters, fit.values, comparison)
-    x = at.parameters.pack(fit.values)
-    cost = float(np.square(at.residual, dtype=np.float64).sum())
-    rise = config.verdict.min_delta_chi2 * max(1.0, cost / comparison.pixel_count)
-    bounds = at.parameters.bounds()
-    return profile_half_width(function, Minimum(x, cost, at.residual, 0), axis, bounds, rise)
+    function, minimum, bounds = _at_solution(fit, at, comparison)
+    rise = config.verdict.min_delta_chi2 * max(1.0, minimum.cost / comparison.pixel_count)
+    step, along = float(bounds.step[axis]), np.eye(len(at.parameters))[axis]
+    return profile_half_width(
+        function, minimum, (along,), bounds, rise, shortest=_EDGE_STEPS[0] * step, longest=_EDGE_STEPS[1] * step
+    )
 
 
 def canonical_correlation(first: Slopes, second: Slopes, known: Slopes | None = None) -> float:

@@ -188,29 +188,46 @@ def axis_scan(function: ResidualFunction, start: Vector, bounds: SearchDomain, a
 
 
 def profile_half_width(
-    function: ResidualFunction, minimum: Minimum, axis: int, bounds: SearchDomain, delta_cost: float
+    function: ResidualFunction,
+    minimum: Minimum,
+    directions: Sequence[Vector],
+    bounds: SearchDomain,
+    delta_cost: float,
+    *,
+    shortest: float,
+    longest: float,
+    known: float = 0.0,
 ) -> float:
-    """How far one parameter may move from a minimum, the others held, before the cost has risen by `delta_cost`.
+    """How far a point may move from a minimum before the cost has risen by `delta_cost` along all of some directions.
 
-    Half the width of a confidence interval from the profile of χ²; the larger of both directions. Searches up to eight
-    steps of the domain, by doubling and six bisections.
+    Half the width of a confidence interval from the profile of χ²; the larger of both ways, which end at the bounds.
+    shortest, longest: multiples of the directions; searched by doubling and six bisections. known: a distance that is
+    allowed anyway, from which the bisections begin.
     """
-    widest = 0.0
+    widest = known
     for sign in (-1.0, 1.0):
-        low, high = 0.0, 0.25 * bounds.step[axis]
+        low, high = known, shortest
+        end = min(longest, max(_distance_to_bounds(minimum.x, sign * along, bounds) for along in directions))
 
         def has_risen(distance: float, sign: float = sign) -> bool:
-            x = minimum.x.copy()
-            x[axis] += sign * distance
-            return not sum_of_squares(function(bounds.clip(x))) < minimum.cost + delta_cost
+            points = (bounds.clip(minimum.x + sign * distance * along) for along in directions)
+            return not any(sum_of_squares(function(x)) < minimum.cost + delta_cost for x in points)
 
-        while not has_risen(high) and high < 8 * bounds.step[axis]:
+        while high < end and not has_risen(high):
             low, high = high, 2 * high
-        for _ in range(_BISECTIONS):
+        high = min(high, end)
+        for _ in range(_BISECTIONS if high > low else 0):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if has_risen(middle) else (middle, high)
         widest = max(widest, high)
     return widest
+
+
+def _distance_to_bounds(x: Vector, direction: Vector, bounds: SearchDomain) -> float:
+    """The multiple of a direction at which the first parameter reaches a bound."""
+    moving = direction != 0
+    ends = np.where(direction > 0, bounds.upper, bounds.lower)[moving]
+    return float(np.min((ends - x[moving]) / direction[moving], initial=np.inf))
 
 
 def sum_of_squares(residual: ResidualVector) -> float:

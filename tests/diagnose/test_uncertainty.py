@@ -31,12 +31,13 @@ def _free() -> FreeParameters:
     return free_parameters_of([Two()])
 
 
-def _drawn(rng: np.random.Generator, slopes: np.ndarray, error: float) -> tuple[float, float, np.ndarray]:
+def _drawn(rng: np.random.Generator, slopes: np.ndarray, error: float) -> tuple[float, float, np.ndarray, TwoCaptures]:
     """A fit of both numbers, true at 0, to unit noise and an error that all pixels of a capture share: a, b, rest."""
     noise = rng.standard_normal((CAPTURES, PIXELS)) + error * rng.standard_normal((CAPTURES, 1))
     flat = noise.ravel()
     x = np.linalg.solve(slopes @ slopes.T, -(slopes @ flat))
-    return x[0] * 2.0, x[1] * 0.5, (flat + slopes.T @ x).astype(np.float32)
+    linear = TwoCaptures(slopes.reshape(2, CAPTURES, PIXELS), noise)
+    return x[0] * 2.0, x[1] * 0.5, (flat + slopes.T @ x).astype(np.float32), linear
 
 
 @pytest.mark.parametrize("error", [0.0, 0.3])
@@ -47,10 +48,10 @@ def test_intervals_hold_the_truth_as_often_as_they_say(error: float) -> None:
     slopes = (rng.standard_normal((2, CAPTURES * PIXELS)) + 0.5).astype(np.float32)
     inside = 0
     for _ in range(200):
-        a, b, rest = _drawn(rng, slopes, error)
+        a, b, rest, linear = _drawn(rng, slopes, error)
         fit = CandidateFit(("two",), {"two": {"a": a, "b": b}}, 0.0)
         at = LocalInformation.of(LocalJacobian(_free(), slopes, rest, CAPTURES))
-        found = confidence_intervals(fit, at, None, SearchConfig())  # type: ignore[arg-type]
+        found = confidence_intervals(fit, at, linear, SearchConfig())  # type: ignore[arg-type]
         inside += abs(a) <= found["two", "a"].half_width
         inside += abs(b) <= found["two", "b"].half_width
     assert inside >= 380 - 4 * 4.4
@@ -62,7 +63,8 @@ def test_a_number_that_nothing_depends_on_is_unknown() -> None:
     rest = np.random.default_rng(1).standard_normal(CAPTURES * PIXELS).astype(np.float32)
     fit = CandidateFit(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
     at = LocalInformation.of(LocalJacobian(_free(), slopes, rest, CAPTURES))
-    found = confidence_intervals(fit, at, None, SearchConfig())  # type: ignore[arg-type]
+    linear = TwoCaptures(slopes.reshape(2, CAPTURES, PIXELS), (rest - slopes[0] / 2).reshape(CAPTURES, PIXELS))
+    found = confidence_intervals(fit, at, linear, SearchConfig())  # type: ignore[arg-type]
     assert np.isfinite(found["two", "a"].sigma) and found["two", "b"].sigma == float("inf")
 
 
@@ -95,6 +97,30 @@ def test_of_a_few_captures_at_a_time_information_is_that_of_all() -> None:
     np.testing.assert_array_equal(found.residual, expected.residual)
     np.testing.assert_array_equal(found.scores, expected.scores)
     np.testing.assert_allclose(found.normal, expected.normal, rtol=0, atol=1e-5 * expected.normal.max())
+
+
+class FlatBottom(TwoCaptures):
+    """Residuals that are flat near the least, as where an edge passes no sample: a counts from 0.6 on."""
+
+    def residual(self, values: dict[str, dict[str, float]]) -> np.ndarray:
+        a = values["two"]["a"]
+        beyond = np.sign(a) * max(abs(a) - 0.6, 0.0)
+        return super().residual({"two": {**values["two"], "a": beyond}})
+
+
+def test_an_interval_reaches_as_far_as_chi_squared_is_flat() -> None:
+    """The slopes are those of a parabola; χ² rises by as much only 0.6 further out."""
+    rng = np.random.default_rng(4)
+    slopes = np.linalg.qr(rng.standard_normal((CAPTURES * PIXELS, 3)))[0].T.astype(np.float32) * 10
+    rest = rng.standard_normal(CAPTURES * PIXELS)
+    rest = (rest - slopes.T @ (slopes @ rest) / 100).reshape(CAPTURES, PIXELS).astype(np.float32)
+    fit = CandidateFit(("two",), {"two": {"a": 0.0, "b": 0.0}}, 0.0)
+    at = LocalInformation.of(LocalJacobian(_free(), slopes[:2], rest.ravel(), CAPTURES))
+    linear, flat = (kind(slopes[:2].reshape(2, CAPTURES, PIXELS), rest) for kind in (TwoCaptures, FlatBottom))
+    parabola, wide = (confidence_intervals(fit, at, one, SearchConfig()) for one in (linear, flat))  # type: ignore[arg-type]
+    assert wide["two", "b"] == parabola["two", "b"]
+    further = wide["two", "a"].half_width - parabola["two", "a"].half_width
+    assert further == pytest.approx(0.6, abs=0.08 * wide["two", "a"].half_width)
 
 
 class Aperture(Effect):

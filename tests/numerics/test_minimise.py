@@ -145,7 +145,24 @@ def test_the_width_of_a_parabola_is_the_root_of_its_rise(rise: float) -> None:
 
     at = Minimum(np.zeros(1), 0.0, function(np.zeros(1)), 1)
     bounds = SearchDomain(np.full(1, -5.0), np.full(1, 5.0), np.full(1, 0.2))
-    assert profile_half_width(function, at, 0, bounds, rise) == pytest.approx(sigma * rise**0.5, rel=1 / 32)
+    width = profile_half_width(function, at, [np.ones(1)], bounds, rise, shortest=0.05, longest=1.6)
+    assert width == pytest.approx(sigma * rise**0.5, rel=1 / 32)
+
+
+def test_a_width_along_a_valley_ends_at_a_bound_and_is_never_less_than_a_known_one() -> None:
+    """cost = (y − 2x)²/σ² + x⁴: along (1, 2) it has risen by 1 at 1. With both sides bounded, y ends at 0.2."""
+
+    def function(x: Vector) -> ResidualVector:
+        return np.array([(x[1] - 2 * x[0]) / 0.01, x[0] ** 2], np.float32)
+
+    at = Minimum(np.zeros(2), 0.0, function(np.zeros(2)), 1)
+    bounds = SearchDomain(np.array([-5.0, -0.2]), np.full(2, 5.0), np.full(2, 0.2))
+    along, reach = [np.array([1.0, 2.0]), np.array([1.0, 0.0])], {"shortest": 0.03, "longest": 8.0}
+    assert profile_half_width(function, at, along, bounds, 1.0, **reach) == pytest.approx(1.0, rel=1 / 32)
+    assert profile_half_width(function, at, along[:1], bounds, 1.0, **reach) == pytest.approx(1.0, rel=1 / 32)
+    upper = SearchDomain(bounds.lower, np.array([5.0, 0.2]), bounds.step)
+    assert profile_half_width(function, at, along[:1], upper, 1.0, **reach) == pytest.approx(0.1)
+    assert profile_half_width(function, at, along, upper, 1e-8, known=0.03, **reach) == 0.03
 
 
 ANGLES = np.linspace(0, 2 * np.pi, 400, endpoint=False)
