@@ -177,11 +177,15 @@ FixedParameters = frozenset[tuple[str, str]]
 
 @dataclass(frozen=True)
 class CandidateFit:
-    """Causes with their values, and the cost (Σ residual²) in the comparison that they were fitted in."""
+    """Causes with their values, and the cost (Σ residual²) in the comparison that they were fitted in.
+
+    is_final: whether nothing more is gained on the rougher captures, from whose derivatives intervals follow then.
+    """
 
     causes: tuple[str, ...]
     values: FittedValues
     cost: float
+    is_final: bool = False
 
     @property
     def parameter_count(self) -> int:
@@ -463,7 +467,7 @@ def search_along_axes(effects: Sequence[Effect], fit: CandidateFit, comparison: 
     (function, best), bounds = residuals_and_start(free, fit, comparison), free.bounds()
     offsets = np.linspace(-_AXIS_REACH, _AXIS_REACH, _AXIS_POINTS)
     for axis in axes:
-        step = float(bounds.step[axis])
+        step = abs(bounds.step_at(best.x, axis))
         best = min(best, axis_scan(function, best.x, bounds, axis, step * offsets), key=lambda m: m.cost)
         spacing = 2 * step * _AXIS_REACH / (_AXIS_POINTS - 1)
         moved = minimise_along_axis(function, best.x, bounds, axis, spacing, evaluations=_AXIS_EVALUATIONS)

@@ -44,6 +44,7 @@ from holoview.diagnose.rivals import prefer_fewer_numbers, with_rivals
 from holoview.diagnose.screening import (
     COSTLY_FIELDS,
     field_count,
+    fit_over_range,
     largest_field_count,
     screen_effects,
     without_costly_fits,
@@ -105,7 +106,7 @@ def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[Sea
     result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
     settled = detect_nuisances(context, result.best.fit.values)
     if settled is not context:
-        result = _ranked_again(settled, result)
+        result = fit_to_the_end(settled, _ranked_again(settled, result))
     return settled, with_rivals(settled, result)
 
 
@@ -235,7 +236,7 @@ def _search_further_causes(
     """The candidates, and candidates with one cause more than the best; ends early when a candidate explains nearly
     all."""
     fits = [c.fit for c in result.candidates]
-    bases, count = [c.fit for c in _bases(context, result, number - 1)], 0
+    bases, count, exchanged = [c.fit for c in _bases(context, result, number - 1)], 0, tuple[str, ...]()
     while bases and not context.budget_exhausted and count <= context.config.bases:
         base, count = bases.pop(0), count + 1
         compatible = [e for e in effects if _is_compatible(context, e, base)]
@@ -243,6 +244,11 @@ def _search_further_causes(
         fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
         most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
         result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
+        if result.best.causes != exchanged and not is_settled(result):
+            exchanged = result.best.causes
+            if costly := _with_costly_in_place(context, result, effects):
+                fits += costly
+                result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
         if explains_everything(result) or is_settled(result):
             break
         bases = _with_exchanged_base(base, result.best.fit) + bases
@@ -300,6 +306,38 @@ def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[Ca
     unbiased = context.data_weighted_comparison(coarse, 0.0)
     joint = context.run_parallel(jobs)
     return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
+
+
+def _with_costly_in_place(
+    context: SearchContext, result: SearchResult, effects: Sequence[Effect]
+) -> list[CandidateFit]:
+    """Refined fits in which an effect of many fields stands in place of one cause of the best candidate.
+
+    Simple effects come first in every screening, and imitate costly ones: a blur of the camera stands for an extended
+    source, and even more so while the distance is wrong. So a costly effect is tried once more beside the other causes,
+    before others are tried. It is followed up only if it leaves clearly less than the cause that it replaces.
+    """
+    best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
+    if len(best.causes) < 2 or context.budget_exhausted:
+        return []
+    costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
+    jobs = [
+        partial(fit_over_range, context, others.values, effect, [])
+        for others in map(best.without, best.causes)
+        for effect in costly
+        if _is_compatible(context, effect, others)
+    ]
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    noise = unbiased.pixel_count
+    limit = noise + _WORTHWHILE_COST * (cost_or_inf(unbiased, best.values) - noise)
+    fits = [f for f in context.run_parallel(jobs) if cost_or_inf(unbiased, f.values) < limit]
+    joint = _joint_fits(context, fits)[:_REFINED_JOINT_FITS]
+    return context.run_parallel([partial(refine_fit, context, f) for f in joint])
+
+
+def _is_like_best(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
+    """Whether a candidate is the best, or the same physics in fewer numbers, which explains about as much."""
+    return len(score.causes) == len(result.best.causes) and not _has_shorter_name(context, score, result)
 
 
 def _short_list(fits: list[CandidateFit]) -> list[CandidateFit]:

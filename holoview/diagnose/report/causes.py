@@ -50,8 +50,9 @@ def describe_causes(
     fit, held_out = decision.best.fit, result.comparison
     after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
-    fine = context.model_weighted_comparison(context.split.fine, fit.values)
-    intervals = confidence_intervals(fit, local_information(fit, effects, fine), fine, context.config)
+    fitted = context.split.rough if fit.is_final else context.split.fine
+    last = context.model_weighted_comparison(fitted, fit.values)
+    intervals = confidence_intervals(fit, local_information(fit, effects, last), last, context.config)
     alike = result.lookalikes
     lookalikes = alike if alike is not None and alike.fit is fit else find_lookalikes(near, fit)
     rivals = [*(rival.fit for rival in decision.rivals), *result.unseen_rivals]
