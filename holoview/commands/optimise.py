@@ -64,6 +64,7 @@ from holoview.numerics.sampling import Region
 from holoview.numerics.structural_similarity import WEIGHTS
 from holoview.optimise.checkpoint import IterationState, load_checkpoint
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
+from holoview.optimise.field_loss import ComplexTarget
 from holoview.optimise.film import FilmJob, optimise_film
 from holoview.optimise.hologram_job import IntermediateFiles, OptimisationResult, RunOptions, optimise_hologram
 from holoview.optimise.memory import require_optimisation_memory
@@ -92,6 +93,7 @@ from holoview.wavefield.request import ReadRequest
 _DEFAULTS = Settings()
 _NEXT_ITERATIONS = 20
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
+_FIELD_LOSS = "field"
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
 
@@ -111,6 +113,9 @@ def run(args: argparse.Namespace) -> int:
     if args.method != METHODS[0] and (args.rig is not None or is_film):
         where = "--rig" if args.rig is not None else "a film"
         raise UserError(f"--method {args.method}", f"with {where}", expected=f"--method {METHODS[0]}")
+    if args.loss == _FIELD_LOSS and (args.rig is not None or is_film or args.method != METHODS[0]):
+        where = "--rig" if args.rig is not None else "a film" if is_film else f"--method {args.method}"
+        raise UserError(f"--loss {_FIELD_LOSS}", f"with {where}", expected="a field as the target, and --method adam")
     if args.rig is not None:
         return _run_on_rig(args)
     _require_no_rig_options(args)
@@ -129,7 +134,9 @@ def run(args: argparse.Namespace) -> int:
     options.check_method(settings)
     source = _target_source(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
     aimed = eyes.aimed(system)
-    stack = target_at_places(source, aimed, pupils)
+    stack: NDArray[np.float32] | StacksAt | ComplexTarget = target_at_places(source, aimed, pupils)
+    if args.loss == _FIELD_LOSS:
+        stack = _complex_target(args, source, aimed)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
         result, interruption = optimise_with_progress(aimed, stack, settings, options, group)
     if not group.is_main:
@@ -155,7 +162,7 @@ def run(args: argparse.Namespace) -> int:
 
 def optimise_with_progress(
     system: System,
-    stack: NDArray[np.float32] | StacksAt,
+    stack: NDArray[np.float32] | StacksAt | ComplexTarget,
     settings: Settings,
     options: RunOptions,
     group: ProcessGroup = SINGLE_PROCESS,
@@ -227,8 +234,9 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
 def _add_objective(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--loss",
-        choices=tuple(LOSS_SPACES),
-        help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items()),
+        choices=(*LOSS_SPACES, _FIELD_LOSS),
+        help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items())
+        + f"; {_FIELD_LOSS}: the complex field of each laser, of a target that is one",
     )
     group.add_argument(
         "--free",
@@ -375,7 +383,7 @@ def _settings(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> 
         step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
-        loss=args.loss,
+        loss=None if args.loss == _FIELD_LOSS else args.loss,
         region=_region_or_margin(args, system),
         plane_weights=weights,
         eyebox=args.eyebox,
@@ -459,6 +467,14 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
         at_m, near_m, far_m = (_parse_length(args, flag) for flag in ("at", "near", "far"))
         file = replace(file, placement=Placement(at_m, args.depth, near_m, far_m))
     return TargetSource(system, file, _note, reach_m)
+
+
+def _complex_target(args: argparse.Namespace, source: TargetSource, system: System) -> ComplexTarget:
+    """The fields that --loss field compares. Raises UserError for a target that isn't a field."""
+    if not isinstance(source.scene, FieldTarget):
+        raise UserError(f"--loss {_FIELD_LOSS}", f"with {args.target}", expected="a complex field as the target")
+    target = ComplexTarget.of(source.scene, system)
+    return replace(target, stack=target.stack * np.float32(args.brightness))
 
 
 def _field_scene(args: argparse.Namespace) -> FieldTarget:

@@ -2,6 +2,7 @@
 
 hologram_job         a whole optimisation: when it ends, and the checkpoint and preview that it writes
 film                 holograms for the pictures of a film, each from the one before
+field_loss           the loss of complex fields, for targets whose phases count
 kernels              image and gradients of a plane's fields, by torch or compiled by numba
 solve                the optimisation loop, a generator of states
 named_methods        double phase and Gerchberg–Saxton, to compare with

@@ -22,6 +22,7 @@ import os
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,9 @@ from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import ArraySchema, read_record
+
+if TYPE_CHECKING:  # its module imports torch, for which the viewer doesn't wait
+    from holoview.optimise.field_loss import ComplexTarget
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(drive_sizes(system)))
 
 
-def target_digest(stack: NDArray[np.floating]) -> str:
-    """The SHA-256 of a focal stack's shape and float32 values."""
+def target_digest(stack: NDArray[np.floating], complex_target: ComplexTarget | None = None) -> str:
+    """The SHA-256 of a focal stack's shape and float32 values, and of the fields of a complex target."""
     values = np.ascontiguousarray(stack, dtype=np.float32)
-    return hashlib.sha256(repr(values.shape).encode() + values.tobytes()).hexdigest()
+    fields = b"" if complex_target is None else np.ascontiguousarray(complex_target.fields).tobytes()
+    return hashlib.sha256(repr(values.shape).encode() + values.tobytes() + fields).hexdigest()

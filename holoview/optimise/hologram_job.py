@@ -22,6 +22,7 @@ from holoview.io.pictures import write_png
 from holoview.model.system import System
 from holoview.optimise.checkpoint import Checkpoint, IterationState
 from holoview.optimise.eyes import StacksAt
+from holoview.optimise.field_loss import ComplexTarget
 from holoview.optimise.kernels import will_compile
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.named_methods import METHODS, describe_method, iterate_named
@@ -110,7 +111,7 @@ def _ignored(text: str) -> None:
 
 def optimise_hologram(
     system: System,
-    stack: NDArray[np.float32] | StacksAt,
+    stack: NDArray[np.float32] | StacksAt | ComplexTarget,
     settings: Settings,
     options: RunOptions = _DEFAULT_RUN_OPTIONS,
     process_group: ProcessGroup = SINGLE_PROCESS,
@@ -119,7 +120,7 @@ def optimise_hologram(
     interruption: Interruption | None = None,
     tell: TextCallback = _ignored,
 ) -> OptimisationResult:
-    """Runs the optimisation for a focal stack (plane, y, x, 3), or for drawn places of the pupil.
+    """Runs the optimisation for a focal stack (plane, y, x, 3), a complex target, or drawn places of the pupil.
 
     process_group: of the processes that share the lasers. An interruption or a limit in one of them ends the loop in
     all, after the same iteration; each of them then counts as interrupted. tell: called with the reason why a file
@@ -139,6 +140,8 @@ def optimise_hologram(
     if options.method == "adam":
         states = iterate(simulated, stack, settings, start, options.resume, device=options.device, team=process_group)
     else:
+        if isinstance(stack, ComplexTarget):
+            raise UserError(f"--method {options.method}", "with a complex target", expected="--method adam")
         assert not callable(stack)
         tell(describe_method(options.method, simulated))
         states = iterate_named(options.method, simulated, stack, settings, start, device=options.device)

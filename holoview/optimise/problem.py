@@ -17,6 +17,7 @@ from holoview.model.validity import check_plan
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.eyes import Places
+from holoview.optimise.field_loss import ComplexTarget, FieldEvaluation, check_suits, split_target
 from holoview.optimise.forward_model import ProcessRows
 from holoview.optimise.kernels import Kernels, choose_kernels
 from holoview.optimise.lasers import check_effects, with_only_lasers
@@ -88,6 +89,8 @@ class LossEvaluation:
 class Problem:
     """A system, a target and a loss on a device, whose variables are then given to `evaluate`.
 
+    stack: a focal stack, or a complex target.
+
     In a process group this process's model has only its own lasers, but `evaluate` returns the results of all.
     lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32. places_m: places of
     the eye's pupil, those of the settings when None. kernels: the fastest on this machine when None.
@@ -97,7 +100,7 @@ class Problem:
     def __init__(
         self,
         system: System,
-        stack: NDArray[np.floating],
+        stack: NDArray[np.floating] | ComplexTarget,
         settings: Settings,
         device: str = "cpu",
         group: ProcessGroup = SINGLE_PROCESS,
@@ -109,6 +112,9 @@ class Problem:
         if system.is_field:
             raise UserError("modulators", "a field", expected="modulators, whose patterns are optimised")
         self.system, self.settings, self.group = system, settings, group
+        stack, complex_target = split_target(stack)
+        if complex_target is not None:
+            check_suits(system, settings, group.size)
         free_wavelengths = "wavelengths" in settings.free
         self._places_m = settings.pupil_places_m if places_m is None else places_m
         plan = _plan_for(system, settings, self._places_m)
@@ -117,6 +123,7 @@ class Problem:
             require_optimisation_memory(system, free_wavelengths=free_wavelengths)
         shards = shard_lasers(plan, group)
         self.lasers = [laser for shard in shards for laser in shard]
+        self._fields = None if complex_target is None else complex_target.of_lasers(self.lasers).to(device)
         self._own_lasers = group.shard(len(self.lasers))
         plan = with_only_lasers(plan, shards[group.rank])
         self.objective = self._make_objective(plan, stack, device, double)
@@ -199,7 +206,7 @@ class Problem:
     @property
     def _needs_whole_planes(self) -> bool:
         """Whether all rows of a plane have to be evaluated at once."""
-        return self.objective.needs_whole_planes
+        return self.objective.needs_whole_planes or self._fields is not None
 
     def _make_objective(self, plan: Plan, stack: NDArray[np.floating], device: str, double: bool) -> Objective:
         return make_objective(plan, stack, self.settings, device=device, double=double)
@@ -208,6 +215,17 @@ class Problem:
         self, weights: Tensor, least_squares: AmplitudeLeastSquares | None, request: EvaluationRequest
     ) -> ProcessRows[RowResult]:
         """What evaluates rows of a plane. weights (own laser, channel): of unit intensities."""
+        if self._fields is not None:
+            return FieldEvaluation(
+                objective=self.objective,
+                wanted=self._fields * self.model.carrier(),
+                weights=weights,
+                least_squares=least_squares,
+                kernels=self.model.kernels,
+                needs_gradient=request.path_gradient,
+                picture=self._middle_image,
+                pictured_plane=len(self.objective.target) // 2,
+            )
         return RowEvaluation(
             objective=self.objective,
             group=self.group,

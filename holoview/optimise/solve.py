@@ -20,6 +20,7 @@ from holoview.model.system import System
 from holoview.optics.frame_inputs import check_drive
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.optimise.eyes import DrawnPupils, StacksAt
+from holoview.optimise.field_loss import ComplexTarget, split_target
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
@@ -31,7 +32,7 @@ _DEFAULT = Settings()
 
 def iterate(
     system: System,
-    stack: NDArray[np.floating] | StacksAt,
+    stack: NDArray[np.floating] | StacksAt | ComplexTarget,
     settings: Settings = _DEFAULT,
     start: NDArray[np.float32] | None = None,
     resume: Checkpoint | None = None,
@@ -48,7 +49,8 @@ def iterate(
     stack: (plane, y, x, 3) linear sRGB at the system's planes, on the simulation grid, (rows, columns) · `upsample`.
     `target_for` makes it. With `settings.pupil_places_m`, the stacks of all places one after the other, and with
     `settings.drawn_pupils` a function from places (y, x), m, to their stacks
-    (`holoview.targets.moving_pupil.moving_target`).
+    (`holoview.targets.moving_pupil.moving_target`). A `holoview.optimise.field_loss.ComplexTarget` has fields instead,
+    of which phases count as well.
     settings: options of the optimiser.
     start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
     resume: a checkpoint to continue from, bit for bit on the same machine.
@@ -77,7 +79,7 @@ class _Optimiser:
     def __init__(
         self,
         system: System,
-        stack: NDArray[np.floating] | StacksAt,
+        stack: NDArray[np.floating] | StacksAt | ComplexTarget,
         settings: Settings,
         start: NDArray[np.float32] | None,
         resume: Checkpoint | None,
@@ -88,7 +90,7 @@ class _Optimiser:
         self._drawn = _drawn_pupils(system, settings, stack)
         places, first = (None, stack) if self._drawn is None else self._drawn(0)
         assert not callable(first)
-        self.target_digest = target_digest(first)
+        self.target_digest = target_digest(*split_target(first))
         if resume is not None:
             resume.check_matches(system, settings, self.target_digest, "checkpoint")
         self.problem = Problem(system, first, settings, device, group, places_m=places)
@@ -169,7 +171,9 @@ class _Optimiser:
         self.problem.set_wavelengths(self.variables.wavelengths_m)
 
 
-def _drawn_pupils(system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt) -> DrawnPupils | None:
+def _drawn_pupils(
+    system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt | ComplexTarget
+) -> DrawnPupils | None:
     """The places that the settings want drawn; None for a fixed stack."""
     if callable(stack) != (settings.drawn_pupils > 0):
         found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")

@@ -147,7 +147,7 @@ class TargetSource:
         self._system, self._file, self._tell = system, file, tell
         self._told: set[str] = set()
         self._built: dict[Hashable, Target] = {}
-        self.is_stack = scene is None and file.is_stack
+        self.scene, self.is_stack = scene, scene is None and file.is_stack
         source = scene or self._read(reach_m)
         self._content = TargetContent(source, file.placement, file.brightness, file.saturation, file.space)
 
