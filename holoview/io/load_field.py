@@ -168,7 +168,9 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     if hologram.system.observer == "mono":
         notes = (
             *notes,
-            "an eye doesn't see all of its wavelengths: they are shown in grey, as a camera sees them",
+            "an eye doesn't see all of its wavelengths"
+            + " in the medium" * (request.refractive_index is not None)
+            + ": they are shown in grey, as a camera sees them",
         )
     other = None
     if reading.recording is None and is_sharper_on_other_side(field):

@@ -29,6 +29,7 @@ Floats = NDArray[np.floating[Any]]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 _CENTRAL = 0.04  # cycles a sample around the zero frequency, where no order is looked for
+_RISING = 1.6  # times the least value between the middle and an order; 2.07 where one touches the object's own halo
 _SHARP = 4.0  # times the mean of its order: a peak above is the unscattered wave
 _BEYOND_NOISE = 0.98  # of an order's light lies within its radius
 _PEAK_BINS = 3  # around a peak, which the fading of the picture's edges widens
@@ -162,8 +163,10 @@ def find_order(picture: Floats) -> Order:
     distance = np.hypot(fy[:, None], fx[None, :])
     noise = float(np.median(blurred))
     searched = (distance > _CENTRAL) & ((fx[None, :] > 0) | ((fx[None, :] == 0) & (fy[:, None] > 0)))
-    where = _rising_most(scipy.ndimage.gaussian_filter(power, [max(1.0, n / 64) for n in power.shape], mode="wrap"))
-    if blurred[where] < 20 * noise or noise == 0 == blurred[where]:
+    where, rise = _rising_most(
+        scipy.ndimage.gaussian_filter(power, [max(1.0, n / 64) for n in power.shape], mode="wrap")
+    )
+    if rise < _RISING or blurred[where] < 20 * noise or noise == 0 == blurred[where]:
         raise UserError(
             "recording",
             "no order in its spectrum outside the middle",
@@ -224,8 +227,11 @@ def demodulate_picture(picture: Floats, order: Order) -> Complexes:
     return scipy.fft.ifft2(scipy.fft.fft2(moved) * disc)
 
 
-def _rising_most(blurred: Floats) -> tuple[int, int]:
-    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle."""
+def _rising_most(blurred: Floats) -> tuple[tuple[int, int], float]:
+    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle.
+
+    Also how many times this least value it is.
+    """
     rows, columns = blurred.shape
     angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * max(rows, columns))[1:]  # f_x > 0, and f_x = 0 < f_y
     radii = np.arange(_CENTRAL, math.sqrt(0.5), 0.5 / max(rows, columns))
@@ -235,9 +241,9 @@ def _rising_most(blurred: Floats) -> tuple[int, int]:
     )
     inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
     along = np.where(inside, blurred[y.clip(0, rows - 1), x.clip(0, columns - 1)], 0)
-    rise = np.where(inside, along - np.minimum.accumulate(np.where(inside, along, np.inf), axis=1), -1)
-    best = np.unravel_index(np.argmax(rise), rise.shape)
-    return int(y[best]), int(x[best])
+    least = np.minimum.accumulate(np.where(inside, along, np.inf), axis=1)
+    best = np.unravel_index(np.argmax(np.where(inside, along - least, -1)), along.shape)
+    return (int(y[best]), int(x[best])), float(along[best] / max(float(least[best]), 1e-300))
 
 
 def _ways(fy: Floats, fx: Floats, centre: tuple[float, float]) -> Floats:

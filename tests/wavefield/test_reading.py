@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.util.errors import UserError
+from holoview.wavefield.interpret.candidates import name_role
 from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
 
 WAVES = (640e-9, 532e-9, 473e-9)
@@ -94,3 +95,13 @@ def test_pickled_objects_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "u.npy", np.array([{"a": 1}, None]), allow_pickle=True)
     with pytest.raises(UserError, match="pickled"):
         read_wavefield(tmp_path / "u.npy", GUESSED)
+
+
+def test_the_word_image_in_a_name_says_nothing_of_an_imaginary_part() -> None:
+    assert [name_role(name) for name in ("image01", "images", "u_imag", "imaginary", "im")] == [
+        "",
+        "",
+        "imaginary",
+        "imaginary",
+        "imaginary",
+    ]
