@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from holoview.app import theme
 from holoview.app.context import AppContext
-from holoview.app.widgets import tooltip
+from holoview.app.widgets import button, tooltip
 from holoview.document.focus_edits import dioptres_text, pupil_diameter_m
 from holoview.metrics.speckle import RetinalCurve, independent_patterns
 
@@ -100,10 +100,9 @@ def draw_retinal_curve(context: AppContext) -> None:
         if imgui.button("Cancel##pupils"):
             job.cancel()
     elif curves.curve is None:
-        if imgui.button("Compute##pupils", imgui.ImVec2(-1, 0)):
+        tip = "Contrast of the region for pupils of 2 to 6 mm at this place and focus, in the background."
+        if button(context, "Compute##pupils", tip, width=-1, name="contrast by the pupil"):
             context.attempt(curves.start)
-        context.record_item_rect("contrast by the pupil")
-        tooltip("Contrast of the region for pupils of 2 to 6 mm at this place and focus, in the background.")
     if curves.curve is not None:
         _draw_curve(curves.curve, pupil_diameter_m(context.session.system) * 1e3)
 

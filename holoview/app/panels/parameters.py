@@ -169,10 +169,9 @@ def _draw_light(context: AppContext, system: System) -> None:
         edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
         if edited is not None:
             context.change("Light", f"effects.source_field.{parameter.name}", edited.value, is_held=edited.is_held)
-    if imgui.button("Plane waves alone"):
+    if button(context, "Plane waves alone", name="plane waves alone"):
         without = {name: table for name, table in system.effect_values.items() if name != effect.id}
         context.change("Plane waves alone", "effects", without)
-    context.record_item_rect("plane waves alone")
 
 
 def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
