@@ -55,6 +55,7 @@ from holoview.optics.torch_effects import TorchEffects, modulator_context
 
 Tensor = torch.Tensor
 _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
+_FOURIER_SUMS = 16  # matrices kept: both axes at some wavelengths, 20 MB each for pictures of 1600 × 1200 pixels
 _INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
 
 
@@ -102,17 +103,33 @@ def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, poi
 
     Zero beyond half the padded grid, where the periodic field would repeat itself.
     """
-    affine = pose.inverse_affine(points.pitch_m)
-    matrices = []
-    for axis, k in enumerate(band.frequency_indices):
-        position = centred_indices(points.shape[axis], torch.float64, k.device) * affine[axis][axis] + affine[axis][2]
-        sample = position * (points.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
-        turns = torch.remainder(sample[:, None] * (k.double() / grid.padded[axis])[None, :], 1.0)
-        from_centre = sample - (grid.shape[axis] - 1) / 2
-        within_period = (from_centre.abs() < grid.padded[axis] / 2).double()
-        amplitude = (within_period / grid.padded[axis])[:, None].expand_as(turns)
-        matrices.append(torch.polar(amplitude, 2 * math.pi * turns).to(spectrum.dtype))
-    return matrices[0] @ (spectrum @ matrices[1].T)
+    affine, ratio = pose.inverse_affine(points.pitch_m), points.pitch_m / grid.pitch_m
+    y, x = (
+        _fourier_sum(
+            (points.shape[axis], affine[axis][axis], affine[axis][2], ratio),
+            (grid.shape[axis], grid.padded[axis], band.max_indices[axis]),
+            spectrum.dtype,
+        )
+        for axis in (0, 1)
+    )
+    return y @ (spectrum @ x.T)
+
+
+@lru_cache(maxsize=_FOURIER_SUMS)
+def _fourier_sum(points: tuple[int, float, float, float], grid: tuple[int, int, int], dtype: torch.dtype) -> Tensor:
+    """The matrix (point, frequency) of the Fourier sum along an axis.
+
+    points: their number, scale and offset from the pose, and their pitch in samples. grid: samples, padded samples, and
+    the highest frequency index.
+    """
+    (count, scale, offset, ratio), (size, padded, max_index) = points, grid
+    k = _indices_within(padded, max_index)
+    position = centred_indices(count, torch.float64, k.device) * scale + offset
+    from_centre = position * ratio
+    turns = torch.remainder((from_centre + (size - 1) / 2)[:, None] * (k.double() / padded)[None, :], 1.0)
+    within_period = (from_centre.abs() < padded / 2).double()
+    amplitude = (within_period / padded)[:, None].expand_as(turns)
+    return torch.polar(amplitude, 2 * math.pi * turns).to(dtype)
 
 
 def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:

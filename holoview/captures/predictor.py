@@ -97,6 +97,7 @@ class Predictor:
     cache_mb: memory for fields and intensities that later calls can reuse.
     finer: factor by which the simulation pitch is finer than that of `Captures.upsample`.
     padding: size of the padded grid over that of the modulators.
+    propagation: as of `Sampling`, for a padding of 2.
     points: points along each axis at which a camera pixel averages the intensity; None: the pixel's samples.
     fields_requested: how many fields the calls so far have summed, including those that came from the cache.
     """
@@ -111,8 +112,11 @@ class Predictor:
         finer: int = 1,
         padding: int = 2,
         points: int | None = None,
+        propagation: str = "linear",
     ) -> None:
-        self.captures, self.extra_effects, self.finer, self.padding = captures, tuple(extra_effects), finer, padding
+        self.captures, self.extra_effects = captures, tuple(extra_effects)
+        self._sampling: dict[str, Any] = {"upsample": finer * captures.upsample} if finer > 1 else {}
+        self._sampling |= {"padding": padding} if padding > 2 else {"propagation": propagation}
         needed = prediction_bytes(captures, finer=finer, padding=padding, double_precision=double_precision)
         require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
@@ -198,8 +202,7 @@ class Predictor:
         key = (wavelength, distance, active.cache_key("actual_system"))
         if key not in self._plans:
             nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
-            if self.finer > 1 or self.padding > 2:
-                nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
+            nominal = nominal.edit(self._sampling)
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
             plan = make_plan(active.actual_system(nominal))

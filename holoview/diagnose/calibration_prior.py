@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import takewhile
 
 import numpy as np
 
@@ -90,8 +91,9 @@ def _single_causes(context: SearchContext, placed: Uncertainties, progress: Prog
     """The best single causes at a first look, but for those that are the physics of an uncertain effect."""
     alike = {other for name in placed for other in (name, *context.equivalents.get(name, ()))}
     effects = [e for e in context.effects.values() if not (e.id in alike or changes_only_power(e) or has_list(e))]
-    first_look = next(iter(screen_effects(context, {}, effects, progress, "known effects")))
-    fits = first_per_cause_set(sorted((fit for batch in first_look for fit in batch), key=lambda f: f.cost))
+    queue = screen_effects(context, {}, effects, progress, "known effects")
+    first_round = takewhile(lambda batch: not batch.ends_round, queue)
+    fits = first_per_cause_set(sorted((fit for batch in first_round for fit in batch.fits), key=lambda f: f.cost))
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     cheap = without_costly_fits(context, fits, unbiased)[:_BASES]
     return [fit for fit in cheap if fit.cost < _AS_GOOD_COST * cheap[0].cost]

@@ -61,11 +61,11 @@ class RegionConfig:
     """Middle of large pictures, which is searched in place of whole ones."""
 
     side_px: int = 128
-    """[px] Modulator pixels across the middle, beside the margin for light that walks off sideways; on a Fourier bench
-    the most speckles. Evidence: the search study's modulators had 128 × 96, and a far field has a speckle for each
-    pixel."""
+    """[px] Most modulator pixels across the middle, beside the margin for light that walks off sideways; on a Fourier
+    bench speckles. Many captures need fewer (`crop._MIN_SIDE_PX`). Evidence: the search study's modulators had 128 ×
+    96, and a far field has a speckle for each pixel."""
 
-    further_px: int = 16
+    further_px: int = 8
     """[px] Margin beside the walk-off of the steepest ray. Evidence: with stops at the first order and 10 mm to the
     camera, 0, 16 and 64 leave an error of 0.4, 0.26 and 0.15 % for smooth patterns, of 6.8, 5.9 and 4.5 % for white
     noise."""
@@ -110,10 +110,6 @@ class SearchConfig:
     bases: int = 3
     """[candidates] Single causes beside which a second cause is tried; of larger sets, the best alone. The cause that
     the best pair adds to one of them is tried as well. Evidence: the search study."""
-
-    max_early_samples: int = 200_000
-    """[samples] Of a field, above which stuck pixels and effects of very many fields come last. Evidence: measured:
-    with a million samples, a row that seemed to be stuck took four minutes, an extended source half a minute."""
 
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     region: RegionConfig = field(default_factory=RegionConfig)

@@ -30,12 +30,12 @@ from holoview.diagnose.search_context import NeighbourVariances, Pace, PerThread
 from holoview.diagnose.starts.picture import measure_displacement
 from holoview.util.errors import UserError
 
-_MIN_SIDE_SPECKLES = 64
-"""[speckles] Across the middle on a Fourier bench with many captures. Evidence: measured: pairs of faults are named as
-well with modulators of 64 × 48 pixels, which have so many speckles; of 1024 × 768 pixels, a field with 128 takes 1.4
-times as long."""
-_ALL_SPECKLES = 1 << 16
-"""[speckles] Of all captures together, in the middle on a Fourier bench. Evidence: 16 captures of 64 × 64 pixels."""
+_MIN_SIDE_PX = 64
+"""[px] Modulator pixels, on a Fourier bench speckles, across the middle with many captures. Evidence: measured: pairs
+of faults are named as well with modulators of 64 × 48 pixels; in the near field, with 128 across and their margin, a
+field takes three times as long."""
+_ALL_PX = 1 << 16
+"""[px] Of all captures together in the middle. Evidence: 16 captures of 64 × 64 pixels."""
 _CUT_CAPTURES = 6
 """[captures] Predicted whole to measure the light that the middle lacks. Evidence: that share grows steadily with the
 roughness of the patterns; the roughest is among them. The value: a whole field takes seconds."""
@@ -63,13 +63,15 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         samples = field_samples(captures)
         share = context.field_budget / budget.fields_for(samples)
         fields = share * budget.fields_for_middle(field_samples(cut), samples)
+    # What is seen has a margin as wide as light walks off, and needs no wider padding.
+    options = {"captures": cut} | ({} if captures.is_fourier else {"propagation": "compact"})
     return replace(
         context,
         data=data,
         system=cut.nominal_system(),
         field_budget=fields,
         split=split_captures(cut, pattern_roughness(cut), context.left_out),
-        predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
+        predictor=PerThreadPredictor(partial(context.predictor.create, **options)),
         variances=NeighbourVariances(data),
         end=context.end.after_share(MAX_TIME_SHARE),
         pace=Pace(),
@@ -125,14 +127,12 @@ def describe_middle(middle: SearchContext) -> str:
 def middle_captures(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
     """The middle of captures, however little it saves.
 
-    In the near field some pixels of the modulators across, with a margin for light that walks off. On a Fourier bench
-    some speckles across, fewer the more captures there are, and `further_speckles` on either side.
+    Fewer pixels across the more captures there are: in the near field of the modulators, with a margin for light that
+    walks off; on a Fourier bench speckles, with `further_speckles` on either side.
     """
-    if not captures.is_fourier:
-        return central_region(captures, config.side_px, config.further_px)
-    enough = math.ceil(math.sqrt(_ALL_SPECKLES / len(captures)))
-    side = min(config.side_px, max(_MIN_SIDE_SPECKLES, enough))
-    return central_region(captures, side, further_speckles)
+    enough = math.ceil(math.sqrt(_ALL_PX / len(captures)))
+    side = min(config.side_px, max(_MIN_SIDE_PX, enough))
+    return central_region(captures, side, further_speckles if captures.is_fourier else config.further_px)
 
 
 def pixel_ratio(whole: Captures, cut: Captures) -> float:

@@ -3,7 +3,9 @@
 The way of trying depends on the relative error of the model. Small: derivatives at the identity predict the gain of
 each effect, and only the most promising effects are fitted. Medium: every effect is fitted from its identity. Large:
 every effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true
-value. Effects come in batches, the cheapest first, so that the caller can stop as soon as one explains everything.
+value. There is one queue, ordered by the estimated cost of each effect's search. It is worked off in batches, so that
+the caller can stop as soon as one effect explains everything. Rounds divide it: at the end of each, the caller looks at
+the fits found, and may search further causes before the queue goes on with effects that cost more.
 
 The cost of a prediction is the number of fields that it adds incoherently: bandwidth, an extended source and flicker
 make one image of many fields, wavelengths × directions × moments.
@@ -30,7 +32,6 @@ from holoview.diagnose.fit import (
     find_hard_edges,
     fit_from_scan,
     fit_rival_parameters,
-    has_list,
     identity_values,
     local_fit,
     scan_effect,
@@ -52,10 +53,14 @@ from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, no_progress
 
 ALL_KINDS = frozenset(StartKind)
-LIST_KINDS = frozenset({StartKind.PLANES, StartKind.STUCK_PIXELS})
-"""Starting values of effects with lists. Where there are any, much less error is left."""
-_QUICK_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT, StartKind.STUCK_PIXELS}
+_SEEN_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT}
 """Starting values that residuals show at once, of effects without a derivative at their identity."""
+_STUCK_COST = 6000.0
+"""[fields] Of the search for stuck pixels. Evidence: measured: where a gap and a shift had decorrelated the speckle, it
+took more than a minute with 128 × 96 modulator pixels, and minutes with a million samples."""
+_DEAR_SHARE = 0.3
+"""[1] Of the budget of fields: effects whose search may take more begin a round of their own. Evidence: on a Fourier
+bench of 1024 × 768 pixels an extended source and stuck pixels do; up to 200 × 200 pixels nothing does."""
 _DECISIVE_TANGENT_GAIN = 0.5
 """[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields aren't
 computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all others 11 s, of
@@ -133,8 +138,10 @@ def prediction_cost(context: SearchContext, values: Values) -> float:
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """Estimated cost of the search of an effect, by which the queue is ordered, in fields.
 
-    Points of its scan × fields of a prediction × how early it acts on the light.
+    Points of its scan × fields of a prediction × how early it acts on the light; of stuck pixels the search for starts.
     """
+    if is_stuck_effect(effect):
+        return _STUCK_COST
     points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
     if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
         return points * (_UPSTREAM_COST * largest_field_count(context, effect))
@@ -202,43 +209,51 @@ def _starts_of(providers: Mapping[StartKind, StartProvider], effect: Effect) -> 
 
 
 EffectFitter = Callable[[Effect], CandidateFit]
-FitBatches = Iterator[list[CandidateFit]]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Fits of some effects of the queue, the best first. ends_round: whether the queue goes on with effects that cost
+    much more, or with another way to fit them, so that the caller looks at the fits found first.
+    """
+
+    fits: Sequence[CandidateFit]
+    ends_round: bool = False
+
+
+_END_OF_ROUND = Batch((), ends_round=True)
 
 
 def screen_effects(
     context: SearchContext, base: FittedValues, effects: Sequence[Effect], progress: ProgressCallback, note: str
-) -> Iterator[FitBatches]:
-    """Stages of batches of fits, each of one effect on top of `base`, with costs of one comparison.
+) -> Iterator[Batch]:
+    """The queue: batches of fits, each of one effect on top of `base`, with costs of one comparison.
 
     Fits that gain nothing are left out. With a small error of the model, and with a medium one beside other causes: the
     most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
-    error without other causes: local fits, then scans. With a large error: scans alone. With large fields, the effects
-    that take longest are tried last.
+    error without other causes: local fits, then scans. With a large error: scans alone.
     """
     error = context.relative_model_error(base)
-    screening = _Screening(context, base, effects, error, progress, note)
-    ordered = sorted({*effects} - {*screening.late}, key=lambda e: (search_cost(context, e), e.id))
-    is_done = False
+    screening = _Screening(context, base, error, progress, note)
+    ordered = sorted({*effects}, key=lambda e: (search_cost(context, e), e.id))
     if error < (LOCAL_MAX_ERROR if base else TANGENT_MAX_ERROR):
-        yield screening.nearby_fits(ordered)
+        yield from screening.nearby_fits(ordered)
+        yield _END_OF_ROUND
         unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-        is_done = cost_or_inf(unbiased, base) < _NO_SCAN_CHI2 * unbiased.pixel_count
+        if cost_or_inf(unbiased, base) < _NO_SCAN_CHI2 * unbiased.pixel_count:
+            return
     elif error < LOCAL_MAX_ERROR:
-        yield screening.local_fits(ordered)
-    if not is_done:
-        lists = screening.starts.of(ordered, LIST_KINDS & screening.kinds)
-        found_first = sorted(ordered, key=lambda e: not lists(e))
-        scan = partial(screening.fitter.scan_and_fit, screening.starts.of(ordered, screening.kinds))
-        yield screening.in_batches(scan, found_first, ", over its range")
-    if screening.late:
-        yield screening.late_fits(is_done)
+        yield from screening.local_fits(ordered)
+        yield _END_OF_ROUND
+    yield from screening.range_fits(ordered)
+    yield _END_OF_ROUND
 
 
 def fit_over_range(
     context: SearchContext, base: FittedValues, effect: Effect, further_starts: Sequence[dict[str, float]]
 ) -> CandidateFit:
     """One effect on top of `base`, scanned over its range. further_starts: points beyond those that images suggest."""
-    screening = _Screening(context, base, [effect], context.relative_model_error(base), no_progress, "")
+    screening = _Screening(context, base, context.relative_model_error(base), no_progress, "")
     suggested = screening.starts.of([effect])
     return screening.fitter.scan_and_fit(lambda one: [*further_starts, *suggested(one)], effect)
 
@@ -353,69 +368,76 @@ class _EffectFitter:
 
 
 class _Screening:
-    """The stages of one screening. error: relative error of the model with the base. late: effects that are tried last.
-    starts: starting values that captures suggest; kinds: the kinds of starts that are looked for first.
+    """The rounds of one screening. error: relative error of the model with the base. starts: starting values that
+    captures suggest.
     """
 
     def __init__(
-        self,
-        context: SearchContext,
-        base: FittedValues,
-        effects: Sequence[Effect],
-        error: float,
-        progress: ProgressCallback,
-        note: str,
+        self, context: SearchContext, base: FittedValues, error: float, progress: ProgressCallback, note: str
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
-        slow = [e for e in effects if is_stuck_effect(e) or largest_field_count(context, e) >= VERY_COSTLY_FIELDS]
-        is_large = field_samples(context.data.captures) > context.config.max_early_samples
-        self.late: Sequence[Effect] = slow if is_large and len(slow) < len(effects) else ()
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
         few = spread_over_wavelengths(context.data.captures, coarse, _SCAN_CAPTURES)
         self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
         self._base_cost = cost_or_inf(comparison, base)
         self.starts = SuggestedStarts(context, base, comparison)
-        self.kinds = ALL_KINDS - {StartKind.STUCK_PIXELS} if self.late else ALL_KINDS
+        self._dear_cost = _DEAR_SHARE * context.config.budget.fields_for(field_samples(context.data.captures))
 
-    def in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> FitBatches:
-        """Fits of all effects, batch after batch."""
-        size = self._context.config.budget.effects_per_batch
-        for first in range(0, len(effects), size):
-            if first and self._context.screening_exhausted:
-                return
-            yield self._improving(fit, effects[first : first + size], note)
-
-    def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
+    def nearby_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
         """Fits from starting values that the residuals show without derivatives, then of the effects whose derivatives
-        promise most. Stuck pixels come last, since they take longest to see.
-        """
-        seen, others = self._fits_of_seen(effects, _QUICK_KINDS)
-        yield seen
+        promise most, then of stuck pixels."""
+        quick = [effect for effect in effects if not is_stuck_effect(effect)]
+        seen, others = self._fits_of_seen(quick, _SEEN_KINDS)
+        yield Batch(seen)
         promising, size = self._best_by_tangent(others), _TANGENT_FITS_AT_ONCE
         imitated = {name for effect in promising for name in effect.degenerate_limit} - {
             effect.id for effect in promising
         }
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
-            yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")
-        if not self.late and any(has_list(effect) for effect in others):
-            yield self._fits_of_seen(others, {StartKind.STUCK_PIXELS})[0]
+            yield Batch(self._improving(self.fitter.nearby_fit, promising[first : first + size], ""))
+        yield from self._fits_of_stuck(effects)
 
-    def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
+    def local_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
         """Fits from starting values that the residuals show without derivatives, then of all other effects from their
-        identity."""
-        seen, others = self._fits_of_seen(effects, self.kinds - {StartKind.DISPLACEMENT})
-        yield seen
-        yield from self.in_batches(self.fitter.local_fit, others, "")
+        identity, then of stuck pixels."""
+        seen, others = self._fits_of_seen([e for e in effects if not is_stuck_effect(e)], _SEEN_KINDS)
+        yield Batch(seen)
+        yield from self._in_batches(self.fitter.local_fit, others, "")
+        yield from self._fits_of_stuck(effects)
 
-    def late_fits(self, is_near: bool) -> FitBatches:
-        """Fits of effects of very many fields, then of stuck pixels where there seem to be any. is_near: hardly any
-        excess is left."""
-        fit: EffectFitter = self.fitter.nearby_fit if is_near else partial(self.fitter.scan_and_fit, _no_starts)
-        many = [e for e in self.late if not is_stuck_effect(e)]
-        yield self._improving(fit, self._best_by_tangent(many) if is_near else many, "")
-        yield self._fits_of_seen([e for e in self.late if is_stuck_effect(e)], {StartKind.STUCK_PIXELS})[0]
+    def range_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
+        """Fits from scans of the effects' ranges and from all starting values, planes that are off first: where there
+        are any, much less error is left. Then, in a round of their own, of stuck pixels: decorrelated speckle seems to
+        be of them."""
+        others = [e for e in effects if not is_stuck_effect(e)]
+        starts = self.starts.of(others)
+        planes = self.starts.of(others, {StartKind.PLANES})
+        found_first = sorted(others, key=lambda e: not planes(e))
+        yield from self._in_batches(partial(self.fitter.scan_and_fit, starts), found_first, ", over its range")
+        yield _END_OF_ROUND
+        yield from self._fits_of_stuck(effects)
+
+    def _in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> Iterator[Batch]:
+        """Fits of all effects, batch after batch; a round ends before the first effect that is dear."""
+        dear = [e for e in effects if search_cost(self._context, e) > self._dear_cost]
+        size = self._context.config.budget.effects_per_batch
+        for part in ([e for e in effects if e not in dear], dear):
+            for first in range(0, len(part), size):
+                if first and self._context.screening_exhausted:
+                    return
+                yield Batch(self._improving(fit, part[first : first + size], note))
+            if part and dear and part is not dear:
+                yield _END_OF_ROUND
+
+    def _fits_of_stuck(self, effects: Sequence[Effect]) -> Iterator[Batch]:
+        """Fits of stuck pixels, where the captures suggest any; they may begin a round of their own."""
+        stuck = [e for e in effects if is_stuck_effect(e)]
+        if stuck and self._dear_cost < _STUCK_COST:
+            yield _END_OF_ROUND
+        if stuck and not self._context.screening_exhausted:
+            yield Batch(self._fits_of_seen(stuck, {StartKind.STUCK_PIXELS})[0])
 
     def _fits_of_seen(
         self, effects: Sequence[Effect], kinds: Collection[StartKind]

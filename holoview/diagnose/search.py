@@ -174,26 +174,42 @@ def _search_single_causes(
     near_cost = NEAR_CHI2 * unbiased.pixel_count
     screened: list[CandidateFit] = []
     queue, result = RefinementQueue(context), rank_on_held_out(context, [])
-    for number, stage in enumerate(screen_effects(context, {}, effects, progress, "one cause")):
-        for batch in stage:
-            screened = first_per_cause_set(sorted([*screened, *batch], key=lambda f: f.cost))
-            if not batch or cost_or_inf(unbiased, batch[0].values) > near_cost:
-                continue
-            as_good = [f for f in batch[:_SHORT_LIST] if f.cost < _AS_GOOD_COST * batch[0].cost]
+    is_first_round = True
+    for batch in screen_effects(context, {}, effects, progress, "one cause"):
+        fits = batch.fits
+        screened = first_per_cause_set(sorted([*screened, *fits], key=lambda f: f.cost))
+        if fits and cost_or_inf(unbiased, fits[0].values) <= near_cost:
+            as_good = [f for f in fits[:_SHORT_LIST] if f.cost < _AS_GOOD_COST * fits[0].cost]
             if queue.refine_new(as_good):
                 result = rank_on_held_out(context, queue.fits)
             if explains_everything(result):
                 return result
+        if not batch.ends_round:
+            _tell_early(context, fits, screened, queue)
+            continue
         queue.refine_new(_short_list(without_costly_fits(context, screened, unbiased)))
         result = rank_on_held_out(context, queue.fits)
-        if number == 0 and not is_settled(result) and _is_promising(context, result):
+        if is_first_round and not is_settled(result) and _is_promising(context, result):
             result = _search_second_causes_early(context, result, effects, progress)
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
         else:
             result = refine_leaders_along_axes(context, result)
+        is_first_round = False
         if is_settled(result) or (len(result.best.causes) > 1 and is_at_floor(result)):
             break
     return result
+
+
+def _tell_early(
+    context: SearchContext, fits: Sequence[CandidateFit], screened: Sequence[CandidateFit], queue: RefinementQueue
+) -> None:
+    """Tells the best of some new fits, if it is the best of all that were screened and leaves little of the error in
+    smooth captures: until all effects are screened, large pictures take a minute.
+    """
+    if not fits or fits[0] is not screened[0]:
+        return
+    if fits[0].cost < _PROMISING_SHARE * cost_or_inf(_smooth_comparison(context), {}):
+        rank_on_held_out(context, [*queue.fits, fits[0]])
 
 
 def _search_second_causes_early(
@@ -272,14 +288,15 @@ def _with_one_more_cause(
     base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
     best = noise + _WORTHWHILE_COST * (base_cost - noise) if base_cost > noise else _WORTHWHILE_COST * base_cost
     screened, joint = list[CandidateFit](), list[CandidateFit]()
-    for stage in screen_effects(context, base.values, effects, progress, note):
-        for batch in stage:
-            screened += batch
-            if batch and (cost := cost_or_inf(unbiased, batch[0].values)) < best:
-                best = cost
-                joint = _joint_fits(context, batch[:1])
-                if joint[0].cost < noise * _near_chi2(base_cost / noise):
-                    return joint
+    for batch in screen_effects(context, base.values, effects, progress, note):
+        screened += batch.fits
+        if batch.fits and (cost := cost_or_inf(unbiased, batch.fits[0].values)) < best:
+            best = cost
+            joint = _joint_fits(context, batch.fits[:1])
+            if joint[0].cost < noise * _near_chi2(base_cost / noise):
+                return joint
+        if not batch.ends_round:
+            continue
         best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
         promising = without_costly_fits(context, best_first, unbiased)[:_JOINT_FITS]
         joint = _joint_fits(context, promising)[:_REFINED_JOINT_FITS]

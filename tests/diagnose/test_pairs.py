@@ -31,7 +31,7 @@ def test_a_cause_whose_part_another_took_is_found_first(make_context: MakeContex
     camera = context.effects["camera_alignment"]
     taken = local_fit([camera], {camera.id: identity_values(camera)}, coarse).values
     others = [context.effects[name] for name in ("gap", "slm_alignment", "stroke", "tilt")]
-    first = next(batch for stage in screen_effects(context, taken, others, _ignore, "") for batch in stage if batch)[0]
+    first = next(batch.fits[0] for batch in screen_effects(context, taken, others, _ignore, "") if batch.fits)
     assert first.causes == ("camera_alignment", "tilt")
     assert coarse.chi2_per_pixel(first.values) < 1.1 < 5 < coarse.chi2_per_pixel(taken)
     for name, true in MOVED["tilt"].items():

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SamplingConfig, SearchConfig
+from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
@@ -24,8 +24,6 @@ FAIL_AT = 3.0
 ALIKE = ("slm1_stuck", "slm2_stuck", "slm1_fringes", "slm_flatness", "stroke_map", "lut")
 FOUR_M = (450e-9, 520e-9, 590e-9, 650e-9)
 LAST = 15.0  # of 16 levels
-LAST_OF_ALL = SearchConfig(max_early_samples=0)
-"""Settings as of large fields, where stuck pixels are looked for after all else."""
 
 
 def _columns(*dead: tuple[int, float]) -> tuple[Dead, ...]:
@@ -37,11 +35,10 @@ def _diagnosed(
     faults: Faults,
     lab: dict[str, Any],
     among: tuple[str, ...] | None = None,
-    config: SearchConfig | None = None,
 ) -> Diagnosis:
     file = write_session(path / "c.h5", Laboratory(faults=faults, fine=2, **lab))
     effects = None if among is None else [listed_effects()[name] for name in among]
-    return diagnose(read_captures(file), effects, workers=1, free_maps=False, sampling=SAME, config=config)
+    return diagnose(read_captures(file), effects, workers=1, free_maps=False, sampling=SAME)
 
 
 def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], levels: dict[str, float]) -> None:
@@ -53,12 +50,9 @@ def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], le
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (name, true, interval)
 
 
-@pytest.mark.parametrize("config", explored([SearchConfig(), LAST_OF_ALL], 1), ids=["first", "last of all"])
-def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(
-    tmp_path: Path, config: SearchConfig
-) -> None:
+def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(tmp_path: Path) -> None:
     faults = Faults(modulators=ModulatorFaults(dead=(_columns((12, 4.5), (30, 11.0)), ())))
-    found = _diagnosed(tmp_path, faults, {"each": 4, "seed": 1}, ALIKE, config)
+    found = _diagnosed(tmp_path, faults, {"each": 4, "seed": 1}, ALIKE)
     levels = {"column_levels[0]": 4.5 / LAST, "column_levels[1]": 11 / LAST}
     _check(found, "slm1_stuck", {"columns": (12, 30)}, levels)
     (cause,) = found.as_json()["causes"]
