@@ -397,20 +397,22 @@ class _Screening:
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield Batch(self._improving(self.fitter.nearby_fit, promising[first : first + size], ""))
+        if self._dear_cost < _STUCK_COST:
+            yield _END_OF_ROUND
         yield from self._fits_of_stuck(effects)
 
     def local_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
         """Fits from starting values that the residuals show without derivatives, then of all other effects from their
-        identity, then of stuck pixels."""
+        identity. Then, in a round of their own, of stuck pixels: decorrelated speckle seems to be of them."""
         seen, others = self._fits_of_seen([e for e in effects if not is_stuck_effect(e)], _SEEN_KINDS)
         yield Batch(seen)
         yield from self._in_batches(self.fitter.local_fit, others, "")
+        yield _END_OF_ROUND
         yield from self._fits_of_stuck(effects)
 
     def range_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
         """Fits from scans of the effects' ranges and from all starting values, planes that are off first: where there
-        are any, much less error is left. Then, in a round of their own, of stuck pixels: decorrelated speckle seems to
-        be of them."""
+        are any, much less error is left. Then, in a round of their own, of stuck pixels."""
         others = [e for e in effects if not is_stuck_effect(e)]
         starts = self.starts.of(others)
         planes = self.starts.of(others, {StartKind.PLANES})
@@ -432,10 +434,8 @@ class _Screening:
                 yield _END_OF_ROUND
 
     def _fits_of_stuck(self, effects: Sequence[Effect]) -> Iterator[Batch]:
-        """Fits of stuck pixels, where the captures suggest any; they may begin a round of their own."""
+        """Fits of stuck pixels, where the captures suggest any."""
         stuck = [e for e in effects if is_stuck_effect(e)]
-        if stuck and self._dear_cost < _STUCK_COST:
-            yield _END_OF_ROUND
         if stuck and not self._context.screening_exhausted:
             yield Batch(self._fits_of_seen(stuck, {StartKind.STUCK_PIXELS})[0])
 
