@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import resource
 import subprocess
@@ -364,7 +365,8 @@ def run(path: Path, options: list[str]) -> dict[str, Any]:
     said = []
     for line in process.stderr or ():
         for text in re.findall(r"so far: ([^(\r\n]+)", line):
-            said.append((round(time.monotonic() - began, 1), text.strip().split(" and ")))
+            seconds = time.monotonic() - began, sum(map(_processor_seconds, _family(process.pid)))
+            said.append((*(round(one, 1) for one in seconds), text.strip().split(" and ")))
     code = process.wait()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     truth = json.loads(path.with_suffix(".json").read_text())
@@ -417,6 +419,14 @@ def _pss(pid: int) -> int:
     return int(found[1]) * 1024 if found else 0
 
 
+def _processor_seconds(pid: int) -> float:
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # its own, and of children that have ended
+
+
 def has_named(hidden: list[str], named: list[str]) -> bool:
     """Whether all hidden faults are among the named ones."""
     return all(name in named or SAME.get(name) in named for name in hidden)
@@ -427,11 +437,11 @@ def table(lines: list[dict[str, Any]]) -> str:
     rows = []
     for r in lines:
         hidden = list(r["hidden"])
-        first = next((t for t, named in r["said"] if any(has_named([h], named) for h in hidden)), None)
-        both = next((t for t, named in r["said"] if has_named(hidden, named)), None)
+        first = next((s for *s, named in r["said"] if any(has_named([h], named) for h in hidden)), None)
+        both = next((s for *s, named in r["said"] if has_named(hidden, named)), None)
         mark = "" if has_named(hidden, r.get("named", [])) else f" {', '.join(r.get('named', []))}"
         chi2 = " → ".join(f"{c:.4g}" for c in r.get("chi2", []))
-        seconds = ["–" if t is None else f"{t:.0f}" for t in (first, both)]
+        seconds = ["–" if s is None else f"{s[0]:.0f} ({s[1]:.0f})" for s in (first, both)]
         whole = f"{r['seconds']:.0f} ({r['cpu_seconds']:.0f})"
         rows.append(
             [
@@ -443,7 +453,7 @@ def table(lines: list[dict[str, Any]]) -> str:
                 f"{r['pss_gb']:.1f}",
             ]
         )
-    header = ["hidden", "first, s", "both, s", "verdict", "χ²/n", "in all, s (processor)", "GB"]
+    header = ["hidden", "first cause, s (of processor)", "both", "verdict", "χ²/n", "in all", "GB"]
     return markdown_table(header, rows)
 
 
