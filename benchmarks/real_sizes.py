@@ -350,8 +350,8 @@ def _write(
 
 # --- runs -------------------------------------------------------------------------------------------------------------
 
-SAME = {"gap": "aberration1", "distance": "aberration2", "stroke": "stroke_map", "aberration1": "gap"}
-"""Names of the same physics."""
+SAME = {"gap": "aberration1", "distance": "aberration2", "stroke": "stroke_map"}
+"""Effects with more numbers that contain the same physics."""
 
 
 def run(path: Path, options: list[str]) -> dict[str, Any]:
@@ -396,7 +396,7 @@ class _Memory:
         return self._most
 
     def _watch(self) -> None:
-        while not self._is_over.wait(1.0):
+        while not self._is_over.wait(5.0):  # adding up the pages of large processes takes a tenth of a second
             self._most = max(self._most, sum(_pss(pid) for pid in _family(self._pid)))
 
 
