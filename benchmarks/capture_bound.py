@@ -67,12 +67,18 @@ Causes = tuple[str, ...]
 class Derivatives:
     """Derivatives of all pictures by all parameters in priors, in σ, with free gains.
 
-    owner: (parameter,), the effect. roots: (capture, parameter, parameter), F with F Fᵀ the scalar products of the
-    derivatives of a capture: rows of F stand for pictures.
+    owner: (parameter,), the effect. places: (capture, 2), wavelength and distance in metres.
+    roots: (capture, parameter, parameter), F with F Fᵀ the scalar products of the derivatives of a capture: rows of F
+    stand for pictures.
     """
 
     owner: NDArray[np.str_]
+    places: Floats
     roots: Floats
+
+    def show_all(self, taken: Sequence[int]) -> bool:
+        """Whether captures of several wavelengths and planes are among these."""
+        return all(len(np.unique(column)) > 1 for column in self.places[list(taken)].T)
 
     def rows(self, causes: Causes) -> NDArray[np.intp]:
         """The parameters of these causes."""
@@ -99,7 +105,8 @@ def measure_derivatives(seed: int) -> Derivatives:
             slopes.append(found.reshape(len(found), len(captures), -1))
     pictures = np.concatenate(slopes).transpose(1, 0, 2)
     values, vectors = np.linalg.eigh(np.stack([(one @ one.T).astype(np.float64) for one in pictures]))
-    return Derivatives(np.array(owner), vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+    places = np.array([(p.wavelength_m, p.distance_m) for p in proposals])
+    return Derivatives(np.array(owner), places, vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 @dataclass(frozen=True)
@@ -210,7 +217,8 @@ POLICIES: dict[str, tuple[Policy, int, int]] = {
     "oracle": (by_truth, 0, START_COUNT),
     "oracle, judged from the first on": (by_truth, 0, 1),
 }
-"""Name: the policy, how many of the loop's own captures come first, and from which on a verdict may fall."""
+"""Name: the policy, how many of the loop's own captures come first, and from which on a verdict may fall. From the
+second on, it also takes captures that show every effect, as in the loop."""
 
 
 def run(bench: LinearBench, policy: Policy, started: int, least: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -220,7 +228,8 @@ def run(bench: LinearBench, policy: Policy, started: int, least: int, rng: np.ra
         fits = fit_all(bench, taken)
         p = probabilities([fit.log_weight for fit in fits])
         certainty = float(sum(q for fit, q in zip(fits, p, strict=True) if are_same(fit.causes, fits[0].causes)))
-        if len(taken) >= least and (certainty >= CERTAINTY or len(taken) >= MAX_CAPTURES):
+        may_end = len(taken) >= least and (least != START_COUNT or bench.derivatives.show_all(taken))
+        if may_end and (certainty >= CERTAINTY or len(taken) >= MAX_CAPTURES):
             break
         capture = policy(bench, fits, rng.permutation(pool)[:OFFERED].tolist())
         taken.append(capture)
@@ -259,9 +268,9 @@ def main() -> None:
     args.output.parent.mkdir(parents=True, exist_ok=True)
     if not args.derivatives.exists():
         made = measure_derivatives(seed=1)
-        np.savez(args.derivatives, owner=made.owner, roots=made.roots)
+        np.savez(args.derivatives, owner=made.owner, places=made.places, roots=made.roots)
     with np.load(args.derivatives) as stored:
-        derivatives = Derivatives(stored["owner"], stored["roots"])
+        derivatives = Derivatives(stored["owner"], stored["places"], stored["roots"])
     for seed in range(args.first, args.first + args.benches):
         bench = draw_bench(derivatives, seed)
         for name, (policy, started, least) in POLICIES.items():

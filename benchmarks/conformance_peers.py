@@ -3,7 +3,8 @@
     python -m benchmarks.conformance_peers
 
 A library that isn't installed is left out; benchmarks/README.md says how to install odak and torchoptics beside
-holoview, and diffractsim likewise: pip install --no-deps diffractsim==2.2.13 progressbar. Each is called as its
+holoview, and diffractsim likewise: pip install --no-deps diffractsim==2.2.13 progressbar. chromatix 0.5 isn't published
+as a package: it is installed from its repository, with Python 3.12. Each is called as its
 documentation shows, on the case's samples, with complex128 numbers. Each method of a library has a row, and every case
 counts, those too for which its authors wouldn't have chosen it.
 """
@@ -19,10 +20,32 @@ import numpy as np
 import torch
 
 from holoview.commands.conformance import propagated
+from holoview.engine.wgpu_executor import WgpuExecutor
+from holoview.gpu.device import open_device
+from holoview.model.plan import make_plan
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.wavefield.conformance import Case, all_cases
 from holoview.wavefield.conformance_score import error_of
+from holoview.wavefield.field_bench import bench_of_field
+from holoview.wavefield.wavefield import Wavefield
 
 Adapter = Callable[[Case], np.ndarray]
+
+
+def shaders() -> Adapter:
+    """A frame of the field in WGSL shaders, on a grid of twice the field's side as every frame has."""
+    device = open_device()
+
+    def propagate(case: Case) -> np.ndarray:
+        values = case.field[None, None].astype(np.complex64)
+        field = Wavefield(values, (case.pitch_m, case.pitch_m), np.array([case.wavelength_m]))
+        plan = make_plan(bench_of_field(field), [case.distance_m])
+        executor = WgpuExecutor(plan, FrameInputs(plan, values), device)
+        behind = executor.modulate(executor.illuminate(0, 0), 0, 0, 0)
+        spectrum = executor.transmit(executor.spectrum(behind, 0), 1, 0, case.distance_m)
+        return executor.download_field(executor.field(spectrum, 1))
+
+    return propagate
 
 
 def odak(method: str) -> Adapter:
@@ -63,20 +86,22 @@ def diffractsim(method: str) -> Adapter:
 
 
 def chromatix(method: str) -> Adapter:
-    """`asm_propagate` or `transfer_propagate` with the padding that `compute_padding_exact` asks for, up to a grid of
-    2048 samples; x64 as JAX's switch says."""
+    """A function of `chromatix.functional` with the padding that `compute_padding_exact` asks for, up to 2048 samples a
+    side; with JAX's switch x64, or without, and with an option of the function perhaps."""
     import jax
-    from chromatix import Field
-    from chromatix.functional import asm_propagate, compute_padding_exact, transfer_propagate
+    from chromatix import Field, functional
 
-    function = transfer_propagate if method.startswith("transfer") else asm_propagate
+    name, *options = method.split(", ")
+    switched_on = {option: True for option in options if option != "x64"}
 
     def propagate(case: Case) -> np.ndarray:
         n, z, λ, pitch_m = len(case.field), case.distance_m, case.wavelength_m, case.pitch_m
-        asked = int(compute_padding_exact(n, λ, pitch_m, abs(z))) if z else 0
-        with jax.enable_x64("x64" in method):
+        asked = int(functional.compute_padding_exact(n, λ, pitch_m, abs(z))) if z else 0
+        pad_width = min(asked, (2048 - n) // 2)
+        with jax.enable_x64("x64" in options):
             field = Field.build(jax.numpy.asarray(case.field), pitch_m, λ)
-            return np.asarray(function(field, z, 1.0, pad_width=min(asked, (2048 - n) // 2), mode="same").u)
+            found = getattr(functional, name)(field, z, 1.0, pad_width=pad_width, mode="same", **switched_on)
+            return np.asarray(found.u)
 
     return propagate
 
@@ -85,7 +110,10 @@ PEERS: dict[str, tuple[Callable[[str], Adapter], tuple[str, ...]]] = {
     "odak": (odak, ("Bandlimited Angular Spectrum", "Angular Spectrum", "Transfer Function Fresnel")),
     "torchoptics": (torchoptics, ("AUTO", "ASM", "DIM")),
     "diffractsim": (diffractsim, ("propagate",)),
-    "chromatix": (chromatix, ("asm_propagate, x64", "asm_propagate", "transfer_propagate, x64")),
+    "chromatix": (
+        chromatix,
+        ("asm_propagate", "asm_propagate, x64", "asm_propagate, x64, remove_evanescent", "transfer_propagate, x64"),
+    ),
 }
 
 
@@ -114,6 +142,7 @@ def main() -> None:
     print(f"| program | {' | '.join(counts)} | all ({len(cases)}) | error below 1 % | median error |")
     print("| --- " * (len(families) + 4) + "|")
     print(row("holoview, complex64", propagated, cases, families), flush=True)
+    print(row("holoview, a frame in shaders", shaders(), cases, families), flush=True)
     for library, (make, methods) in PEERS.items():
         try:
             installed = version(library)

@@ -30,7 +30,6 @@ import tomli_w
 import torch
 
 from benchmarks.diagnosis import bench
-from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import free_parameters_of, has_list
 from holoview.diagnose.power_law import changes_only_power
 from holoview.experiment.capture_choice import Choice, Proposal, draw_proposals
@@ -51,7 +50,7 @@ from tests.experiment.next_capture.benches import BenchInProcess
 ALIKE = ("gap", "distance", "wavelength_offset", "stage", "dispersion")
 SIZES = (0.03, 0.1, 0.3)  # of the edge of the range that a diagnosis scans
 PLANNERS = ("informed", "random", "oracle", "fixed")
-MAX_CAPTURES, MAX_FIELDS = 8, 8_000
+MAX_CAPTURES = 8
 BENCH = """
 [slm1]
 device = "virtual"
@@ -182,17 +181,13 @@ def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:
 
 def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
     """One bench measured by one planner."""
-    config = SearchConfig()
-    settings = LoopSettings(
-        max_captures=MAX_CAPTURES, config=replace(config, budget=replace(config.budget, max_fields=MAX_FIELDS))
-    )
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         rig = make_rig(case, Path(folder))
         planner = _planner(name, rig, case)
         with BenchInProcess(rig).devices() as devices:
-            loop = ClosedLoop(rig, devices, list(listed_effects().values()), planner, settings, free_maps=False)
-            result = loop.run()
+            effects, settings = list(listed_effects().values()), LoopSettings(max_captures=MAX_CAPTURES)
+            result = ClosedLoop(rig, devices, effects, planner, settings, free_maps=False).run()
             seconds = devices.clock.now()
     named = sorted(result.diagnosis.values)
     return case | {

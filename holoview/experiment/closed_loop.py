@@ -51,7 +51,7 @@ _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
 # After a diagnosis that named other causes than the leading hypothesis, the next one waits for so many more captures,
 # and for a third more at least.
 _BETWEEN_CHECKS, _CHECK_SHARE = 1, 3
-_CHECK_FIELDS = 0.5  # of the fields of a diagnosis, for those that the loop asks for before its end
+_CHECK_FIELDS = 0.25  # of the fields of a diagnosis, for those that the loop asks for before its end
 _EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
 _EVERY = 4
 _PROPOSALS = 20

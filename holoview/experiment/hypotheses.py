@@ -65,7 +65,7 @@ PRIOR_WIDTH = 3.0
 """Width of the prior in units of a parameter's `prior`, its usual size: gross errors happen too."""
 FURTHER_CAUSE = 0.1
 """Odds of one cause more, before any capture."""
-_SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several times
+_SEARCH_SHARE = 0.2  # of the fields of a diagnosis; the loop searches several times
 _MAX_FITTED = 6  # hypotheses that are kept fitted, beside the nominal bench
 _REFITTED = 4  # of these hypotheses: they are fitted again to every further capture
 _MAX_OPEN = 4  # effects beside the leader that take part in a choice
