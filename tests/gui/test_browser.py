@@ -102,6 +102,7 @@ def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, brow
         wait_until(lambda: served.edits() == ["Exposure", "Page"])
 
 
+@pytest.mark.explores
 def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
