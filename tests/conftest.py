@@ -27,11 +27,15 @@ from tests.randomness import SeedMover, draw_other_noise
 
 LONGEST = (
     "docs/test_tutorials.py",
-    "diagnose/test_bad_captures.py",
-    "captures/records/test_search.py",
-    "study/test_studies.py",
     "diagnose/test_hidden.py",
+    "captures/records/test_search.py",
     "gui/test_panels.py",
+    "calibrate/test_train.py",
+    "diagnose/test_bad_captures.py",
+    "page/test_page.py",
+    "gui/test_browser_input.py",
+    "gui/test_browser.py",
+    "study/test_studies.py",
     "cli/test_diagnose.py",
     "parity/test_stages.py",
 )

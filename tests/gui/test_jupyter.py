@@ -74,6 +74,7 @@ def lab(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterator[st
         process.wait(PATIENCE_S)
 
 
+@pytest.mark.explores
 def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     twin = make_gui(preset.load("holochrome-8").edit({"shape": [32, 48]}), size=SIZE)
     start, end = (twin.item_position("plane", share) for share in (0.4, 0.8))

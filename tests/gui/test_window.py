@@ -228,6 +228,7 @@ def _labels(store: SessionStore) -> str:
     return " ".join(step.label for saved in store.saved_sessions() for step in saved.restore().history)
 
 
+@pytest.mark.explores
 def test_at_two_frames_a_second_nothing_is_lost(display: str, make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     preset.save(_tiny_bench(), bench)
