@@ -32,6 +32,8 @@ from holoview.optics.bench import plane_wave
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.memory_limit import require_memory
 
+_PADDED_ARRAYS = 6  # of the padded grid that are in memory at a time, at most
+
 Place = tuple[int, int]
 """Row and column of a sample of the image."""
 
@@ -90,7 +92,8 @@ def section_steps(
     """
     plan = make_plan(system, planes_m)
     executor, beams = TorchExecutor(plan, FrameInputs(plan, drive)), beams_of(plan, lasers)
-    require_memory("sections", len(beams) * math.prod(plan.band(1).shape) * 8, remedy="show fewer lasers or frames")
+    needed = len(beams) * math.prod(plan.band(1).shape) * 8 + _PADDED_ARRAYS * math.prod(plan.grid.padded) * 8
+    require_memory("sections", needed, remedy="show fewer lasers or frames")
     rows, columns = plan.grid.shape
     xz, yz = np.zeros((len(planes_m), columns, 3), np.float32), np.zeros((len(planes_m), rows, 3), np.float32)
     done, spectra = np.zeros(len(planes_m), bool), []
@@ -181,6 +184,7 @@ def point_steps(
     Raises UserError as `make_plan` and `FrameInputs` do.
     """
     plan = make_plan(system, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
+    require_memory("the light of a point", _PADDED_ARRAYS * math.prod(plan.grid.padded) * 16, remedy="lower padding")
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     beams, shape = beams_of(plan, lasers), plan.grid.shape
     lines = _lines(plan)
