@@ -149,6 +149,12 @@ def search_cost(context: SearchContext, effect: Effect) -> float:
     return points * (_CAMERA_POSE_COST if on_camera else _DOWNSTREAM_COST)
 
 
+def is_dear(context: SearchContext, effect: Effect) -> bool:
+    """Whether the search of an effect may take a large part of the budget of fields that have so many samples."""
+    budget = context.config.budget.fields_for(field_samples(context.data.captures))
+    return search_cost(context, effect) > _DEAR_SHARE * budget
+
+
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether predictions with these values add very many fields."""
     return field_count(context, fit.values) >= VERY_COSTLY_FIELDS
@@ -382,7 +388,6 @@ class _Screening:
         self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
         self._base_cost = cost_or_inf(comparison, base)
         self.starts = SuggestedStarts(context, base, comparison)
-        self._dear_cost = _DEAR_SHARE * context.config.budget.fields_for(field_samples(context.data.captures))
 
     def nearby_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
         """Fits from starting values that the residuals show without derivatives, then of the effects whose derivatives
@@ -397,7 +402,7 @@ class _Screening:
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield Batch(self._improving(self.fitter.nearby_fit, promising[first : first + size], ""))
-        if self._dear_cost < _STUCK_COST:
+        if any(is_stuck_effect(e) and is_dear(self._context, e) for e in effects):
             yield _END_OF_ROUND
         yield from self._fits_of_stuck(effects)
 
@@ -423,7 +428,7 @@ class _Screening:
 
     def _in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> Iterator[Batch]:
         """Fits of all effects, batch after batch; a round ends before the first effect that is dear."""
-        dear = [e for e in effects if search_cost(self._context, e) > self._dear_cost]
+        dear = [e for e in effects if is_dear(self._context, e)]
         size = self._context.config.budget.effects_per_batch
         for part in ([e for e in effects if e not in dear], dear):
             for first in range(0, len(part), size):

@@ -45,6 +45,7 @@ from holoview.diagnose.screening import (
     COSTLY_FIELDS,
     field_count,
     fit_over_range,
+    is_dear,
     largest_field_count,
     screen_effects,
     without_costly_fits,
@@ -121,20 +122,24 @@ def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
 
 
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
-    """The causes that the middle of large pictures suggests, fitted to whole pictures; beside them, effects that vary
-    over the field."""
+    """The causes that the middle of large pictures suggests, fitted to whole pictures.
+
+    If these explain the middle but not whole pictures, effects are searched beside them that vary over the field, or
+    whose search takes few fields: light from beyond the middle counts as noise there, which hides weak faults.
+    """
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return nothing
-    varying = [e for e in _visible_effects(context) if e.varies_over_field and initial.explains]
+    effects = _visible_effects(context) if initial.explains else []
+    further = [e for e in effects if e.varies_over_field or not is_dear(context, e)]
     progress(0, 1, "whole pictures")
     result = rank_on_held_out(context, initial.fits)
     if initial.fits:
         refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
         result = rank_on_held_out(context, [*refined, *initial.fits])
-    elif varying and result.nominal.excess > jitter_excess(result.pixel_count):
-        result = _search_single_causes(context, varying, progress)
-    return prefer_fewer_numbers(context, _with_further_causes(context, result, varying, progress))
+    elif further and result.nominal.excess > jitter_excess(result.pixel_count):
+        result = _search_single_causes(context, further, progress)
+    return prefer_fewer_numbers(context, _with_further_causes(context, result, further, progress))
 
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:

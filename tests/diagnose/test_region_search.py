@@ -17,13 +17,15 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.trials import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import RegionConfig, SearchConfig
+from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, RegionConfig, SearchConfig
 from holoview.diagnose.crop import MAX_TIME_SHARE, middle_of_context
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.diagnose.fit import identity_values, local_fit
 from holoview.diagnose.judge import Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.search import InitialCandidates
+from holoview.diagnose.screening import is_dear
+from holoview.diagnose.search import InitialCandidates, refine_candidates
 from holoview.diagnose.search_context import (
     NeighbourVariances,
     PerThreadPredictor,
@@ -120,6 +122,21 @@ def test_a_search_that_somebody_ends_in_the_middle_says_so() -> None:
     found = diagnose(captures, FAR_EFFECTS, config=FAR_CONFIG, so_far=told.append, is_asked_to_end=lambda: bool(told))
     assert told and any(note.endswith("whole pictures weren't looked at.") for note in found.notes)
     assert found.captures == len(captures) and found.before.chi2_per_pixel > 1.5
+
+
+def test_a_weak_fault_that_the_middle_hides_is_searched_in_whole_pictures(make_context: MakeContext) -> None:
+    """Light from beyond the middle counts as noise there; of large fields the effects that take few are tried."""
+    truth = {"gap": {"gap_error": 1e-4}, "camera_black": {"black": 6.0}}
+    context = make_context(truth)
+    budget = BudgetConfig(max_fields=MIN_FIELDS)
+    context = replace(context, config=SearchConfig(budget=budget))
+    gap, names = context.effects["gap"], ("camera_black", "gap", "source_extent")
+    context = replace(context, effects={name: context.effects[name] for name in names})
+    assert [is_dear(context, effect) for effect in context.effects.values()] == [False, False, True]
+    fit = local_fit([gap], {"gap": identity_values(gap)}, context.data_weighted_comparison(context.split.fine, 0.1))
+    for explains, causes in ((False, {"gap"}), (True, set(truth))):
+        found = refine_candidates(context, InitialCandidates((fit,), explains), lambda *_: None)
+        assert {*found.best.causes} == causes
 
 
 def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], SearchContext]) -> None:
