@@ -65,7 +65,7 @@ class RegionConfig:
     bench speckles. Many captures need fewer (`crop._MIN_SIDE_PX`). Evidence: the search study's modulators had 128 ×
     96, and a far field has a speckle for each pixel."""
 
-    further_px: int = 8
+    further_px: int = 16
     """[px] Margin beside the walk-off of the steepest ray. Evidence: with stops at the first order and 10 mm to the
     camera, 0, 16 and 64 leave an error of 0.4, 0.26 and 0.15 % for smooth patterns, of 6.8, 5.9 and 4.5 % for white
     noise."""
