@@ -30,7 +30,9 @@ SECTIONS: dict[str, Section] = {
     "memory": (lambda args: optimiser_memory.measure(args.size), optimiser_memory.report),
     "peers": (lambda args: optimiser_peers.measure(args.size, args.repeats, args.threads), optimiser_peers.report),
     "convergence": (
-        lambda args: optimiser_convergence.measure(args.seeds, args.long),
+        lambda args: optimiser_convergence.measure(
+            args.seeds, args.long, args.convergence_size, [name == "stops" for name in args.convergence], args.scenes
+        ),
         optimiser_convergence.report,
     ),
 }
@@ -71,6 +73,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", nargs="+", type=count_of, default=[torch.get_num_threads(), 1], help="of torch")
     parser.add_argument("--seeds", type=count_of, default=2, help="first patterns a target (convergence)")
     parser.add_argument("--long", type=count_of, default=1000, help="iterations of the long run (convergence)")
+    parser.add_argument(
+        "--convergence-size", nargs=2, type=_even, default=[192, 256], metavar=("Y", "X"), help="samples (convergence)"
+    )
+    parser.add_argument(
+        "--convergence", nargs="+", choices=("open", "stops"), default=["open", "stops"], help="which benches"
+    )
+    scenes = optimiser_convergence.TARGETS
+    parser.add_argument("--scenes", nargs="+", choices=scenes, default=list(scenes), help="targets (convergence)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")
     return parser
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 import torch
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import holoview as hv
 from benchmarks.baselines import Work
@@ -94,38 +92,7 @@ def _work(system: hv.System, target: str, seed: int) -> Work:
     return Work(system, np.asarray(stack, dtype=np.float32), np.asarray(hv.random_drive(system, seed=seed), np.float32))
 
 
-# --- the FFTs of an iteration: counted, and timed alone, which is a lower limit of its time ---
-
-
-_FFTS = {"_fft_c2c", "_fft_r2c", "_fft_c2r"}
-
-
-class FftCount(TorchDispatchMode):
-    """Counts the FFTs that PyTorch (including autograd) computes inside a block, in units of 2-D FFTs of `size` (y, x).
-
-    Each field of a batch counts; smaller fields count by their number of samples, and a 1-D FFT counts as a half.
-    """
-
-    def __init__(self, size: Sequence[int]) -> None:
-        super().__init__()
-        self.count = 0.0
-        self._samples = size[0] * size[1]
-
-    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        result = func(*args, **(kwargs or {}))
-        if func.overloadpacket.__name__ in _FFTS:
-            field, axes = args[0], args[1]
-            self.count += max(field.numel(), result.numel()) / self._samples * len(axes) / 2
-        return result
-
-    def __enter__(self) -> FftCount:
-        super().__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        super().__exit__(kind, error, trace)
+# --- the FFTs of an iteration: their number, and their time alone, which is a lower limit ---
 
 
 def iteration_ffts(system: System) -> float:

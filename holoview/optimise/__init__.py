@@ -4,6 +4,10 @@ hologram_job         a whole optimisation: when it ends, and the checkpoint and 
 film                 holograms for the pictures of a film, each from the one before
 field_loss           the loss of complex fields, for targets whose phases count
 kernels              image and gradients of a plane's fields, by torch or compiled by numba
+kernel_choice        which of both is faster on this machine, measured once
+vector_fft           FFTs of many lines side by side in the processor's vectors, compiled by numba
+vector_kernels       compiled passes of an iteration over fields, each around such an FFT
+compiled_model       `propagation` by these passes
 solve                the optimisation loop, a generator of states
 named_methods        double phase and Gerchberg–Saxton, to compare with
 settings             options of the optimiser; the colour spaces in which image and target are compared
@@ -16,6 +20,7 @@ problem              one evaluation of the loss and of the requested gradients
 objective            the loss of an image stack and its derivative; laser amplitudes in closed form
 eyebox_penalty       penalty on an unevenly filled eyebox
 forward_model        wave propagation from patterns to intensities, and its hand-written adjoint
+propagation          its parts: through the modulators, and to a plane
 autograd_model       the same with torch's autograd, where effects change the modulators' light
 transfer_functions   precomputed transfer functions, pupils and spectra of pixels
 beams                the frequencies of the beams, groups that are computed together, fields as they are stored

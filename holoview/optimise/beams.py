@@ -21,7 +21,9 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.model.passband import Band
 from holoview.model.plan import Plan
@@ -201,7 +203,30 @@ class ZeroTails:
 
 # --- fields as they are stored ---------------------------------------------------------------------------------------
 
+VECTOR = 16
+"""Numbers that compiled passes take at a time."""
 _ROW_MARGIN = 1  # numbers between rows: columns of rows whose length is a power of 2 compete for the same cache lines
+
+
+def row_pitch(count: int) -> int:
+    """Numbers from a row to the next for compiled passes, whose vectors may end behind a row but not in another one."""
+    return -(-count // VECTOR) * VECTOR + VECTOR // 2
+
+
+def padded_rows(*sizes: int, like: Tensor) -> Tensor:
+    """Zeros (…, row, x) whose rows lie `row_pitch` apart, of the type and on the device of a tensor."""
+    return like.new_zeros(*sizes[:-1], row_pitch(sizes[-1]))[..., : sizes[-1]]
+
+
+def flat_view(values: Tensor) -> tuple[NDArray[np.floating], tuple[int, ...], tuple[int, ...]]:
+    """A tensor (…, x) with contiguous rows as numba's loops take it: one axis, and the sizes and strides of all others.
+
+    Loops over one axis without gaps use the processor's vectors. Real and imaginary parts of complex numbers alternate.
+    """
+    parts = torch.view_as_real(values).flatten(-2) if values.is_complex() else values
+    assert parts.stride(-1) == 1
+    length = 1 + sum((size - 1) * stride for size, stride in zip(parts.shape, parts.stride(), strict=True))
+    return parts.as_strided((length,), (1,)).numpy(), tuple(parts.shape), parts.stride()[:-1]
 
 
 @dataclass(frozen=True)
@@ -268,9 +293,11 @@ class BeamFields:
     gap_lines: Tensor | None
 
 
-def make_lines(beams: tuple[int, int], rows: int, frequencies: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+def make_lines(beams: tuple[int, int], rows: int, frequencies: int, like: Tensor, *, by_rows: bool) -> Tensor:
     """Lines (laser, source, row, frequency) of zeros, stored row after row: those of all beams lie together."""
-    lines = torch.zeros(rows, *beams, frequencies + _ROW_MARGIN, dtype=dtype, device=device)
+    pitch = row_pitch(frequencies) if by_rows else frequencies + _ROW_MARGIN
+    count = math.prod(beams) * pitch
+    lines = like.new_zeros(rows, count + VECTOR)[:, :count].view(rows, *beams, pitch)
     return lines[..., :frequencies].movedim(0, 2)
 
 
@@ -280,19 +307,25 @@ def make_beam_fields(
     columns: list[slice],
     plane_lines: Tensor,
     has_second_modulator: bool,
+    *,
+    by_rows: bool,
 ) -> BeamFields:
-    """The fields of a group; plane_lines (laser, source, y, k_x): of all beams."""
+    """The fields of a group; plane_lines (laser, source, y, k_x): of all beams. by_rows: for compiled passes."""
     y, x = axes
 
     def blocks() -> ColumnBlocks:
         sizes = [(part.stop - part.start, y.last.frequencies) for part in columns]
+        if by_rows:
+            return ColumnBlocks(columns, [padded_rows(*group.shape, *size[::-1], like=plane_lines) for size in sizes])
         return ColumnBlocks(columns, [plane_lines.new_zeros(*group.shape, *size).mT for size in sizes])
 
-    rows, dtype, device = y.last.count, plane_lines.dtype, plane_lines.device
+    gap_lines = None
+    if has_second_modulator:
+        gap_lines = make_lines(group.shape, y.last.count, x.gap.frequencies, plane_lines, by_rows=by_rows)
     return BeamFields(
         group=group,
         spectra=blocks(),
         adjoint_spectra=blocks(),
         plane_lines=plane_lines[group.lasers, group.sources],
-        gap_lines=make_lines(group.shape, rows, x.gap.frequencies, dtype, device) if has_second_modulator else None,
+        gap_lines=gap_lines,
     )

@@ -12,23 +12,23 @@ samples: the spectrum of an upsampled pattern is that of its pixels, repeated.
 The adjoint carries conjugate gradients c, defined by dL = Re Σ c·dx, from the planes back to the modulators. They need
 the H themselves where gradients would need their conjugates:
 
-    c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  and from there on as `ModulatorLight` says
+    c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  and from there on as `propagation` says
 
 An evaluation calls `forward` once, `process_planes`, and at last `accumulate_gradients`. Planes come one after the
 other, so that the fields of only one are in memory. The loss at a sample depends on the fields at this sample only, so
 that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back while
 the block is in the cache. A structural loss takes a whole plane as one block.
 
-The adjoint by hand costs this file, `beams` and `transfer_functions`. It saves processor time and memory: autograd
-through the same bench (`autograd_model`) takes 1.2 to 1.3 times the time (0.24 s → 0.31 s, 1.04 s → 1.33 s) and 1.7 to
-1.9 times the memory (93 → 156 MiB, 278 → 520 MiB; holochrome-8, 192 × 256 and 384 × 512 pixels, 5 planes, complex64,
-one thread, medians of 7 runs in turn of an evaluation with its gradient).
+The adjoint by hand costs this file, `propagation`, `beams` and `transfer_functions`. It saves processor time and
+memory: by torch, autograd through the same bench (`autograd_model`) takes 1.2 to 1.3 times the time and 1.7 to 1.9
+times the memory (93 → 156 MiB, 278 → 520 MiB; holochrome-8, 192 × 256 and 384 × 512 pixels, 5 planes, complex64, one
+thread). Compiled passes (`compiled_model`) take less again.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TypeVar
@@ -36,26 +36,23 @@ from typing import TypeVar
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.resample import upsample_nearest
-from holoview.optics.slm import phasor, sum_pool
 from holoview.optimise.beams import (
+    VECTOR,
     BeamFields,
-    BeamGroup,
     ColumnBlocks,
     SpectralAxis,
-    ZeroTails,
     block_bytes,
     group_beams,
     make_beam_fields,
     make_lines,
-    samples_a_pixel,
     slices,
     spectral_axes,
 )
 from holoview.optimise.kernels import TORCH_KERNELS, Kernels
-from holoview.optimise.lasers import Laser, lit_lasers
+from holoview.optimise.lasers import lit_lasers
 from holoview.optimise.level_gradients import LevelSteps, secant_gradient
 from holoview.optimise.parallel import ThreadTeam
+from holoview.optimise.propagation import ModulatorLight, PlanePropagation
 from holoview.optimise.transfer_functions import TransferFunctions
 from holoview.optimise.wavelengths import BeamAdjoint, wavelength_derivative
 
@@ -63,6 +60,8 @@ Tensor = torch.Tensor
 Result = TypeVar("Result")
 ProcessRows = Callable[[int, slice, Tensor], Result]
 """Is given a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E to carry them back."""
+ProcessLines = Callable[[int, slice, Tensor, PlanePropagation], Result]
+"""The same with the lines of E (laser, source, row, k_x), and with the propagation that evaluates them in one pass."""
 
 
 class ForwardModel:
@@ -108,19 +107,31 @@ class ForwardModel:
         with suppress(AttributeError):  # there are none yet in a new model
             del self.transfer_functions, self._light, self._fields, self._lines  # frees memory for the next ones
         limit, number_bytes, (rows, columns) = block_bytes(self.device), self.complex_dtype.itemsize, plan.grid.padded
+        by_rows = self.kernels.has_passes(self.axes)
+        width = columns if by_rows else max(1, limit // (rows * number_bytes))
         self.transfer_functions = TransferFunctions(
-            plan, self.axes, max(1, limit // (rows * number_bytes)), self.complex_dtype, self.device
+            plan, self.axes, width, self.complex_dtype, self.device, by_rows=by_rows
         )
         wavelengths = self.transfer_functions.wavelengths
         groups = group_beams(self.lasers, wavelengths, self.source_count, rows * columns * number_bytes, limit)
         beams, frequencies = (len(self.lasers), self.source_count), self.axes[1].last.frequencies
-        self._lines = make_lines(beams, plan.grid.shape[0], frequencies, self.complex_dtype, self.device)
+        like = torch.empty(0, dtype=self.complex_dtype, device=self.device)
+        self._lines = make_lines(beams, plan.grid.shape[0], frequencies, like, by_rows=by_rows)
         blocks = self.transfer_functions.columns
         self._fields = [
-            make_beam_fields(group, self.axes, blocks, self._lines, self.has_second_modulator) for group in groups
+            make_beam_fields(group, self.axes, blocks, self._lines, self.has_second_modulator, by_rows=by_rows)
+            for group in groups
         ]
-        self._light = ModulatorLight(plan, self.lasers, self.transfer_functions)
-        self._propagation = PlanePropagation(self.axes)
+        self._light, self._propagation = self._make_parts(by_rows)
+
+    def _make_parts(self, by_rows: bool) -> tuple[ModulatorLight, PlanePropagation]:
+        """From the pixels to the spectra, and from there to the planes; by_rows: in compiled passes."""
+        arguments = (self.plan, self.lasers, self.transfer_functions)
+        if not by_rows:
+            return ModulatorLight(*arguments), PlanePropagation(self.axes)
+        from holoview.optimise.compiled_model import CompiledModulatorLight, CompiledPlanePropagation
+
+        return CompiledModulatorLight(*arguments), CompiledPlanePropagation(self.axes, self.complex_dtype)
 
     def set_eyes(self, plan: Plan) -> None:
         """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`)."""
@@ -145,18 +156,25 @@ class ForwardModel:
         self._clear_adjoints(wavelength_gradient)
 
     def process_planes(
-        self, planes: Sequence[int], process_rows: ProcessRows[Result], *, carry_back: bool
+        self,
+        planes: Sequence[int],
+        process_rows: ProcessRows[Result],
+        process_lines: ProcessLines[Result] | None = None,
+        *,
+        carry_back: bool,
     ) -> list[list[Result]]:
         """Calls a function with the fields at each plane, block by block of rows.
 
         Returns its results for each plane, from top to bottom. carry_back: the function leaves c_E in place of the
-        fields, whose part in c_W is then added.
+        fields, whose part in c_W is then added. process_lines: what takes its place where passes are compiled.
         """
+        if not self._propagation.evaluates_lines:
+            process_lines = None
         blocks = [(i, block) for i in range(len(self._fields)) for block in range(len(self.transfer_functions.columns))]
         results, before = [], None
         for plane in planes:
             self._team.map(partial(self._process_columns, before, plane), blocks)
-            results.append(self._process_rows(plane, process_rows, carry_back))
+            results.append(self._process_rows(plane, process_rows, process_lines, carry_back))
             before = plane if carry_back else None
         if before is not None:
             self._team.map(partial(self._process_columns, before, None), blocks)
@@ -207,18 +225,29 @@ class ForwardModel:
         """Carries a block of columns back from the plane before and on to the next one, if there are these planes."""
         index, block = chosen
         fields, transfers = self._fields[index], self.transfer_functions.planes[block]
-        wavelengths = fields.group.wavelengths
-        if before is not None:
-            adjoint = self._propagation.carry_back(fields, block, transfers[wavelengths, before, None])
-            if self._z_weighted_adjoints:
-                z_m = float(self.plan.planes_m[before])
-                weighted = self._z_weighted_adjoints[index].blocks[block]
-                weighted.addcmul_(adjoint, transfers[wavelengths, before, None], value=z_m)
-        if plane is not None:
-            self._propagation.to_plane(fields, block, transfers[wavelengths, plane, None])
+        last, following = (
+            None if number is None else transfers[fields.group.wavelengths, number, None] for number in (before, plane)
+        )
+        if not self._z_weighted_adjoints:
+            self._propagation.move(fields, block, last, following)
+            return
+        if before is not None and last is not None:
+            adjoint = self._propagation.carry_back(fields, block, last)
+            weighted = self._z_weighted_adjoints[index].blocks[block]
+            weighted.addcmul_(adjoint, last, value=float(self.plan.planes_m[before]))
+        if following is not None:
+            self._propagation.to_plane(fields, block, following)
 
-    def _process_rows(self, plane: int, process_rows: ProcessRows[Result], carry_back: bool) -> list[Result]:
+    def _process_rows(
+        self,
+        plane: int,
+        process_rows: ProcessRows[Result],
+        process_lines: ProcessLines[Result] | None,
+        carry_back: bool,
+    ) -> list[Result]:
         def process(rows: slice) -> Result:
+            if process_lines is not None:
+                return process_lines(plane, rows, self._lines[:, :, rows], self._propagation)
             return self._propagation.process_rows(
                 self._lines[:, :, rows], lambda fields: process_rows(plane, rows, fields), carry_back=carry_back
             )
@@ -227,7 +256,10 @@ class ForwardModel:
         if self._rows_at_a_time is not None:
             return [process(rows) for rows in slices(total, self._rows_at_a_time)]
         row_bytes = len(self.lasers) * self.source_count * self.plan.grid.padded[1] * self.complex_dtype.itemsize
-        return self._team.map(process, slices(total, block_bytes(self.device) // row_bytes))
+        at_a_time = block_bytes(self.device) // row_bytes
+        if process_lines is not None:  # whole vectors of rows
+            at_a_time = max(1, at_a_time // VECTOR) * VECTOR
+        return self._team.map(process, slices(total, at_a_time))
 
     def _clear_adjoints(self, wavelength_gradient: bool) -> None:
         for fields in self._fields:
@@ -295,207 +327,3 @@ class ForwardModel:
                 )
                 derivatives.append((wavelength, wavelength_derivative(self.plan, self.transfer_functions, beam)))
         return derivatives
-
-
-class ModulatorLight:
-    """From the pixels of the modulators to the spectra behind the last one, and back to gradients of the pixels.
-
-        V = B·H_gap·F[s·p₁],  w = [F⁻¹V]·p₂,  W = F w          (one modulator: W = V)
-        c_w = F c_W,  ∂L/∂opd₂ = −(2π/λ)·Im(c_w·w),  c_V = F⁻¹(c_w·p₂),  ∂L/∂opd₁ = −(2π/λ)·Im(s·p₁·F[B·H_gap·c_V])
-
-    with products c·w summed over the samples of each pixel. Transforms along x and along y alternate: those along x,
-    and all that lies between two of them, pass over blocks of rows, those along y over blocks of columns, so that a
-    block stays in the cache from its first operation to its last.
-    """
-
-    def __init__(self, plan: Plan, lasers: Sequence[Laser], transfer_functions: TransferFunctions) -> None:
-        self.plan, self.lasers, self.axes = plan, lasers, transfer_functions.axes
-        self.transfer_functions = transfer_functions
-        self._repeats = plan.grid.upsample // samples_a_pixel(plan)
-
-    def compute_spectra(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
-        """Writes W of some beams for optical paths (frame, modulator, y, x), m.
-
-        Returns the modulators' pixels p, (laser, y, x) complex each.
-        """
-        phasors = self._phasors(fields, opd_m)
-        incident = self._incident_columns(fields.group, phasors[0])
-        y, x = self.axes
-        if fields.gap_lines is None:  # the blocks are then those of the last band
-            for columns, spectrum in incident:
-                fields.spectra.write(columns, spectrum)
-            return phasors
-        for columns, spectrum in incident:
-            fields.gap_lines[..., columns] = y.gap.inverse(spectrum.mT, -1).mT
-        for rows, pixel_rows in self._row_blocks(fields):
-            field = x.gap.inverse(fields.gap_lines[..., rows, :], -1)
-            self._modulate(field, phasors[1][:, pixel_rows])
-            fields.plane_lines[..., rows, :] = x.last.forward(field, -1)
-        for columns, spectrum in zip(fields.spectra.columns, fields.spectra.blocks, strict=True):
-            spectrum.copy_(y.last.forward(fields.plane_lines[..., columns].mT, -1).mT)
-        return phasors
-
-    def incident_spectra(self, fields: BeamFields, first_pixels: Tensor) -> Tensor:
-        """V of some beams, (laser, source, k_y, k_x) in the gap's band."""
-        y, x = self.axes
-        spectra = fields.plane_lines.new_empty(*fields.group.shape, y.gap.frequencies, x.gap.frequencies)
-        for columns, incident in self._incident_columns(fields.group, first_pixels):
-            spectra[..., columns] = incident
-        return spectra
-
-    def backpropagate(
-        self, fields: BeamFields, phasors: Sequence[Tensor], incident_adjoint: Tensor | None = None
-    ) -> list[Tensor]:
-        """Products c·w of each modulator, summed over the samples of a pixel, (laser, source, y, x).
-
-        Overwrites the lines of these beams. incident_adjoint: where to write c_V.
-        """
-        later_products = []
-        if fields.gap_lines is not None:
-            later_products.append(self._backpropagate_second_modulator(fields, phasors[1]))
-        lines = self._backpropagate_columns(fields, incident_adjoint)
-        pixels = self.axes[1].pixels.forward_transposed(lines, -1)
-        pixels = pixels.mul_(self._illuminated(fields.group, phasors[0]))
-        return [sum_pool(pixels, self._repeats), *later_products]
-
-    # --- modulator 1 and the gap ------------------------------------------------------------------------------------
-
-    def _phasors(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
-        """exp(2πi·opd/λ) of each modulator's pixels, (laser, y, x)."""
-        lasers = self.lasers[fields.group.lasers]
-        λ = torch.from_numpy(self.plan.system.wavelengths_m[[λ for _, λ in lasers]]).to(opd_m)[:, None, None]
-        frames = [frame for frame, _ in lasers]
-        return [phasor(opd_m[frames, m], λ, fields.plane_lines.dtype) for m in range(opd_m.shape[1])]
-
-    def _illuminated(self, group: BeamGroup, pixels: Tensor) -> Tensor:
-        """The light behind the first modulator's pixels, (laser, source, y, x)."""
-        light = upsample_nearest(pixels, self._repeats)[:, None] if self._repeats > 1 else pixels[:, None]
-        if self.transfer_functions.illumination is None:
-            return light.expand(-1, group.shape[1], -1, -1)
-        y, x = (wave[group.wavelengths, group.sources] for wave in self.transfer_functions.illumination)
-        return light * y[..., None] * x[..., None, :]
-
-    def _incident_columns(self, group: BeamGroup, first_pixels: Tensor) -> Iterator[tuple[slice, Tensor]]:
-        """V of some beams in blocks of columns, (laser, source, k_y, column)."""
-        y, x = self.axes
-        lines = x.pixels.forward(self._illuminated(group, first_pixels), -1)
-        factors = iter(self.transfer_functions.gap)
-        for part, tiles in self.transfer_functions.gap_tiles:
-            spectrum = y.pixels.forward(lines[..., part].mT, -1).mT
-            for columns, entries in tiles:
-                factor = next(factors)[group.wavelengths, None]
-                incident = spectrum.new_empty(*group.shape, columns.stop - columns.start, y.gap.frequencies).mT
-                for rows, row_entries in y.tiles:
-                    source = spectrum[..., row_entries, entries]
-                    torch.mul(source, factor[..., rows, :], out=incident[..., rows, :])
-                yield columns, self._times_pixel_shape(incident, group, columns)
-
-    def _times_pixel_shape(self, spectrum: Tensor, group: BeamGroup, columns: slice) -> Tensor:
-        """Columns of a spectrum times B, in place, unless the transfer functions contain it."""
-        if self.transfer_functions.pixel_shapes is None:
-            return spectrum
-        y, x = (shape[group.wavelengths, group.sources] for shape in self.transfer_functions.pixel_shapes)
-        return spectrum.mul_(y[..., None]).mul_(x[..., None, columns])
-
-    def _backpropagate_columns(self, fields: BeamFields, incident_adjoint: Tensor | None) -> Tensor:
-        """Conjugate gradients of the pixels of modulator 1, transformed along x, (laser, source, y, k_x)."""
-        (y, x), group = self.axes, fields.group
-        lines = fields.plane_lines.new_empty(*group.shape, y.pixels.count, x.pixels.frequencies)
-        factors = iter(self.transfer_functions.gap)
-        for part, tiles in self.transfer_functions.gap_tiles:
-            folded = lines.new_zeros(*group.shape, part.stop - part.start, y.pixels.frequencies).mT
-            for columns, entries in tiles:
-                if fields.gap_lines is None:
-                    adjoint = fields.adjoint_spectra.read(columns)
-                else:
-                    adjoint = y.gap.inverse_transposed(fields.gap_lines[..., columns].mT, -1).mT
-                if incident_adjoint is not None:
-                    incident_adjoint[..., columns] = adjoint
-                product = self._times_pixel_shape(adjoint * next(factors)[group.wavelengths, None], group, columns)
-                for rows, row_entries in y.tiles:
-                    folded[..., row_entries, entries] += product[..., rows, :]
-            lines[..., part] = y.pixels.forward_transposed(folded.mT, -1).mT
-        return lines
-
-    # --- modulator 2 ------------------------------------------------------------------------------------------------
-
-    def _backpropagate_second_modulator(self, fields: BeamFields, pixels: Tensor) -> Tensor:
-        """Products c·w of modulator 2, (laser, source, y, x); the lines in the gap become those of c_V."""
-        assert fields.gap_lines is not None
-        (y, x), lines = self.axes, fields.plane_lines
-        for columns, spectrum in zip(fields.adjoint_spectra.columns, fields.adjoint_spectra.blocks, strict=True):
-            lines[..., columns] = y.last.forward_transposed(spectrum.mT, -1).mT
-        products = lines.new_empty(*fields.group.shape, *pixels.shape[1:])
-        for rows, pixel_rows in self._row_blocks(fields):
-            gap_rows = fields.gap_lines[..., rows, :]
-            field = x.gap.inverse(gap_rows, -1)
-            adjoint = x.last.forward_transposed(lines[..., rows, :], -1)
-            products[..., pixel_rows, :] = sum_pool(field.mul_(adjoint), self.plan.grid.upsample)
-            self._modulate(adjoint, pixels[:, pixel_rows])
-            gap_rows.copy_(x.gap.inverse_transposed(adjoint, -1))
-        return products.mul_(pixels[:, None])
-
-    def _modulate(self, field: Tensor, pixels: Tensor) -> None:
-        """Multiplies rows of a field (laser, source, y, x) by a modulator's pixels (laser, y, x), in place."""
-        upsample = self.plan.grid.upsample
-        pixel_rows = pixels.repeat_interleave(upsample, dim=-1)[:, None, :, None, :]
-        field.view(*field.shape[:2], -1, upsample, field.shape[-1]).mul_(pixel_rows)
-
-    def _row_blocks(self, fields: BeamFields) -> list[tuple[slice, slice]]:
-        """Blocks of rows of samples, and their rows of pixels."""
-        upsample, lines = self.plan.grid.upsample, fields.plane_lines
-        row_bytes = math.prod(fields.group.shape) * self.plan.grid.padded[1] * lines.element_size()
-        pixel_rows = slices(lines.shape[-2] // upsample, block_bytes(lines.device) // (row_bytes * upsample))
-        return [(slice(p.start * upsample, p.stop * upsample), p) for p in pixel_rows]
-
-
-class PlanePropagation:
-    """From the spectra behind the last modulator to the fields at a focal plane, and back: the part that planes repeat.
-
-        E = [F⁻¹ H W],  c_W += H·F⁻¹c_E
-
-    Both ways are a multiplication by H, an FFT along y in blocks of columns, and one along x in blocks of rows. The
-    band lies at the first bins of the FFT, so that the zeros that pad it lie behind it. Transfer functions contain
-    1/(P_y·P_x), so that inverse FFTs aren't normalised.
-    """
-
-    def __init__(self, axes: tuple[SpectralAxis, SpectralAxis]) -> None:
-        self._y, self._x = (axis.last for axis in axes)
-        assert self._y.lowest == self._x.lowest == 0
-        self._zero_tails = ZeroTails()
-
-    def to_plane(self, fields: BeamFields, block: int, transfer: Tensor) -> None:
-        """Writes a block of columns of a plane's lines. transfer (laser, 1, k_y, k_x): H in this block."""
-        spectrum = fields.spectra.blocks[block]
-        padded = self._zero_tails.buffer(spectrum, -2, self._y.padded)
-        torch.mul(spectrum, transfer, out=padded.narrow(-2, 0, self._y.frequencies))
-        lines = fields.plane_lines[..., fields.spectra.columns[block]]
-        lines.copy_(_inverse_fft(padded, -2).narrow(-2, 0, self._y.count))
-
-    def carry_back(self, fields: BeamFields, block: int, transfer: Tensor) -> Tensor:
-        """Adds a plane's part to a block of columns of c_W. Returns that part without H."""
-        lines = fields.plane_lines[..., fields.spectra.columns[block]]
-        padded = self._zero_tails.buffer(lines, -2, self._y.padded)
-        padded.narrow(-2, 0, self._y.count).copy_(lines)
-        adjoint = _inverse_fft(padded, -2).narrow(-2, 0, self._y.frequencies)
-        fields.adjoint_spectra.blocks[block].addcmul_(adjoint, transfer)
-        return adjoint
-
-    def process_rows(self, lines: Tensor, process: Callable[[Tensor], Result], *, carry_back: bool) -> Result:
-        """Calls a function with the fields of lines (laser, source, row, k_x); carry_back: back to lines again."""
-        rows = lines.movedim(2, 0)  # as they are stored
-        padded = rows
-        if self._x.frequencies < self._x.padded:
-            padded = self._zero_tails.buffer(rows, -1, self._x.padded)
-            padded.narrow(-1, 0, self._x.frequencies).copy_(rows)
-        whole = _inverse_fft(padded, -1)
-        result = process(whole.narrow(-1, 0, self._x.count).movedim(0, 2))
-        if carry_back:
-            whole.narrow(-1, self._x.count, self._x.padded - self._x.count).zero_()
-            rows.copy_(_inverse_fft(whole, -1).narrow(-1, 0, self._x.frequencies))
-        return result
-
-
-def _inverse_fft(values: Tensor, dim: int) -> Tensor:
-    """Σ_k X_k·exp(2πi·k·n/P), which is its own transpose; no lines give no lines."""
-    return torch.fft.ifft(values, dim=dim, norm="forward") if values.numel() else values.clone()

@@ -23,7 +23,7 @@ from holoview.model.system import System
 from holoview.optimise.checkpoint import Checkpoint, IterationState
 from holoview.optimise.eyes import StacksAt
 from holoview.optimise.field_loss import ComplexTarget
-from holoview.optimise.kernels import will_compile
+from holoview.optimise.kernel_choice import will_compile
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.named_methods import METHODS, describe_method, iterate_named
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
@@ -134,7 +134,7 @@ def optimise_hologram(
     start = None if options.initial_hologram is None else options.initial_hologram.drive
     files = IntermediateFiles(options, tell)
     if will_compile(options.device):
-        tell("compiling the optimiser for this processor, once: some seconds")
+        tell("compiling the optimiser for this processor, once: about twenty seconds")
     state: IterationState | None = None
     simulated = options.simulated(system)
     if options.method == "adam":

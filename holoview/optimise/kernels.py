@@ -2,7 +2,6 @@
 
 `Kernels`           the operations, by torch: the reference, and what other devices than the CPU use
 `CompiledKernels`   the same, compiled for this processor; results differ by rounding
-`choose_kernels`    the faster of both on this machine, measured once and remembered
 
 The compiled operations hold no lock of Python, so that each thread of a `ThreadTeam` works on its own block. numba
 keeps its machine code in the user's cache folder, for each processor and version.
@@ -10,22 +9,14 @@ keeps its machine code in the user's cache folder, for each processor and versio
 
 from __future__ import annotations
 
-import json
-import platform
-import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from holoview.util.errors import UserError
-from holoview.util.file_writer import write_file
+from holoview.optimise.beams import SpectralAxis, flat_view
 from holoview.util.files import cache_dir
 from holoview.util.packages import import_optional
 
@@ -36,6 +27,10 @@ class Kernels:
     """Operations on fields (laser, source, row, x), complex, by torch. name: of this way to compute them."""
 
     name = "torch"
+
+    def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
+        """Whether the transforms along these axes, and all around them, are done in compiled passes."""
+        return False
 
     def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
         """The image (channel, row, x) Σ weight·|E|². weights (beam, channel): of each laser from each source."""
@@ -80,29 +75,23 @@ class CompiledKernels(Kernels):
     def __init__(self) -> None:
         self._mix, self._weight, self._residual = _compiled()
 
+    def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
+        from holoview.optimise.compiled_model import fits_passes
+
+        return fits_passes(axes)
+
     def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
         image = weights.new_empty(weights.shape[1], *fields.shape[2:])
-        self._mix(*_flat(fields), weights.contiguous().numpy(), image.numpy())
+        self._mix(*flat_view(fields), weights.contiguous().numpy(), image.numpy())
         return image
 
     def replace_by_adjoint(self, fields: Tensor, weights: Tensor, slopes: Tensor) -> None:
-        self._weight(*_flat(fields), (2 * weights).contiguous().numpy(), slopes.contiguous().numpy())
+        self._weight(*flat_view(fields), (2 * weights).contiguous().numpy(), slopes.contiguous().numpy())
 
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
         norms = image.new_empty(2)
-        self._residual(*_flat(image), *_flat(target)[::2], image.new_full((1,), factor).numpy(), norms.numpy())
+        self._residual(*flat_view(image), *flat_view(target)[::2], image.new_full((1,), factor).numpy(), norms.numpy())
         return norms[0], norms[1]
-
-
-def _flat(values: Tensor) -> tuple[NDArray[np.floating], tuple[int, ...], tuple[int, ...]]:
-    """A tensor (…, x) with contiguous rows as numba's loops take it: one axis, and the sizes and strides of all others.
-
-    Loops over one axis without gaps use the processor's vectors. Real and imaginary parts of complex numbers alternate.
-    """
-    parts = torch.view_as_real(values).flatten(-2) if values.is_complex() else values
-    assert parts.stride(-1) == 1
-    length = 1 + sum((size - 1) * stride for size, stride in zip(parts.shape, parts.stride(), strict=True))
-    return parts.as_strided((length,), (1,)).numpy(), tuple(parts.shape), parts.stride()[:-1]
 
 
 # --- what numba compiles ---------------------------------------------------------------------------------------------
@@ -177,83 +166,3 @@ def _compiled() -> tuple[Callable[..., None], ...]:
         )
     finally:
         numba.config.CACHE_DIR = before
-
-
-# --- the choice ------------------------------------------------------------------------------------------------------
-
-_FORMAT = 1
-"""Of the file of choices; to be increased when loops become faster or slower."""
-_FILE = "optimiser-kernels.json"
-_BLOCK = (8, 1, 16, 1024)  # lasers, sources, rows, samples: 1 MiB, as a block on the processor
-_ROUNDS = 5
-
-
-@cache
-def choose_kernels(device: str) -> Kernels:
-    """The faster kernels for a torch device: compiled ones only on the CPU, and where numba is installed.
-
-    Both are timed when a machine computes its first hologram, and the choice is kept in the user's cache folder.
-    """
-    if torch.device(device).type != "cpu" or find_spec("numba") is None:
-        return TORCH_KERNELS
-    chosen = _remembered_name()
-    if chosen is None:
-        chosen = _faster_name()
-        _remember(chosen)
-    return CompiledKernels() if chosen == CompiledKernels.name else TORCH_KERNELS
-
-
-def will_compile(device: str) -> bool:
-    """Whether `choose_kernels` has yet to compile and time the kernels for a torch device, which takes seconds."""
-    return torch.device(device).type == "cpu" and find_spec("numba") is not None and _remembered_name() is None
-
-
-def _faster_name() -> str:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as a thread of the team has
-    try:
-        rivals = (TORCH_KERNELS, CompiledKernels())
-        seconds = {kernels.name: [_seconds_of_block(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
-    except Exception:  # whatever a compiler meets on a machine that nobody has tried
-        return TORCH_KERNELS.name
-    finally:
-        torch.set_num_threads(threads)
-    return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
-
-
-def _seconds_of_block(kernels: Kernels) -> float:
-    """Processor time of this thread for a block, from fields to their gradients."""
-    lasers, _, rows, samples = _BLOCK
-    fields, target = torch.ones(_BLOCK, dtype=torch.complex64), torch.zeros(3, rows, samples)
-    weights = torch.ones(lasers, 3)
-    started = time.thread_time()
-    image = kernels.mix(fields, weights)
-    kernels.replace_by_residual(image, target, 1.0)
-    kernels.replace_by_adjoint(fields, weights, image)
-    return time.thread_time() - started
-
-
-def _key() -> str:
-    """Everything that the times depend on."""
-    versions = [version(library) for library in ("numba", "torch")]
-    return json.dumps([_FORMAT, platform.node(), platform.machine(), *versions])
-
-
-def _remembered_name() -> str | None:
-    name = _remembered().get(_key())
-    return name if name in (TORCH_KERNELS.name, CompiledKernels.name) else None
-
-
-def _remembered() -> dict[str, Any]:
-    try:
-        entries = json.loads((cache_dir() / _FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return entries if isinstance(entries, dict) else {}
-
-
-def _remember(name: str) -> None:
-    path = cache_dir() / _FILE
-    with suppress(OSError, UserError):  # a folder that can't be written: the next run measures again
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, json.dumps(_remembered() | {_key(): name}, indent=1, sort_keys=True), is_durable=False)

@@ -34,8 +34,9 @@ def with_compact_grid(system: System) -> System:
 
 
 def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: bool = False) -> int:
-    """Peak memory of the tensors of an optimisation on the compact grid, within 10 %; free_wavelengths: of these too.
+    """Peak memory of the tensors of an optimisation on the compact grid, within 10 % where torch computes.
 
+    free_wavelengths: of these too.
     whole_planes: for a loss by structure, which takes a plane at once.
 
     Its process takes more: 7 to 90 MiB were measured with patterns alone (1024 × 768 samples, Linux, 2 threads: tables

@@ -22,6 +22,7 @@ from holoview.numerics.sampling import Region, region_slices, zero_outside
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
 from holoview.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
+from holoview.optimise.propagation import PlanePropagation
 from holoview.optimise.settings import LossSpace, Settings, find_loss_space
 from holoview.util.errors import UserError
 
@@ -72,8 +73,13 @@ class Objective:
         is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
         self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
         # squared errors of the channels that the PSNR is defined on
-        self._is_plain = self._to_rgb is None and not loss.is_encoded and loss.structure_weight == 0
+        self.is_plain = self._to_rgb is None and not loss.is_encoded and loss.structure_weight == 0
         self.target = target
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all samples count: the region is the image."""
+        return all(part == slice(0, n) for part, n in zip(self.region_slices, self.target.shape[-2:], strict=True))
 
     def set_stack(self, stack: NDArray[np.floating]) -> None:
         """Changes to another focal stack (plane, y, x, 3) in linear sRGB, of the same shape.
@@ -95,8 +101,8 @@ class Objective:
             return ResidualSums(image.new_zeros(()), image.new_zeros(()))
         inside, inside_target = cut
         cropped, target = image[inside], self.target[plane][inside_target]
-        if self._is_plain:
-            norms = kernels.replace_by_residual(cropped, target, 2 * self._sample_weight(plane))
+        if self.is_plain:
+            norms = kernels.replace_by_residual(cropped, target, self.slope_of_residual(plane))
         else:
             norms = self._replace_by_slopes(plane, cropped, target)
         zero_outside(image, *inside[1:])
@@ -153,6 +159,10 @@ class Objective:
         elif self._to_rgb is not None:
             image = torch.einsum("rc,cyx->ryx", self._to_rgb, image)
         return image.movedim(0, -1).cpu().numpy().copy()
+
+    def slope_of_residual(self, plane: int) -> float:
+        """∂L/∂image over image − target, of a plain loss."""
+        return 2 * self._sample_weight(plane)
 
     def _sample_weight(self, plane: int) -> float:
         """What a squared residual of one channel of one sample adds to the loss."""
@@ -327,6 +337,25 @@ class RowEvaluation:
         if self.needs_gradient:
             self.kernels.replace_by_adjoint(fields, beam_weights, image)
         return RowResult(sums, normal_equations, products)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether `evaluate_lines` computes all that is wanted: the image's squared errors and their gradients."""
+        objective = self.objective
+        wants_intensity = self.least_squares is not None or self.needs_image_products
+        return objective.is_plain and objective.is_whole and not wants_intensity and self.group.size == 1
+
+    def evaluate_lines(self, plane: int, rows: slice, lines: Tensor, propagation: PlanePropagation) -> RowResult:
+        """The result of rows of a plane from lines of E (laser, source, row, k_x), which become those of c_E."""
+        norms = propagation.evaluate_rows(
+            lines,
+            beam_weights_of(self.weights, lines.shape[1]),
+            self.objective.target[plane][:, rows],
+            self.objective.slope_of_residual(plane),
+            self.picture[:, rows] if plane == self.pictured_plane else None,
+            carry_back=self.needs_gradient,
+        )
+        return RowResult(ResidualSums(*norms), None, None)
 
     def _normal_equations(
         self, plane: int, rows: slice, intensity: Tensor, least_squares: AmplitudeLeastSquares

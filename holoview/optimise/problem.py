@@ -19,7 +19,8 @@ from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.eyes import Places
 from holoview.optimise.field_loss import ComplexTarget, FieldEvaluation, check_suits, split_target
 from holoview.optimise.forward_model import ProcessRows
-from holoview.optimise.kernels import Kernels, choose_kernels
+from holoview.optimise.kernel_choice import choose_kernels
+from holoview.optimise.kernels import Kernels
 from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, require_optimisation_memory
@@ -184,7 +185,10 @@ class Problem:
         image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
         evaluate_rows = self._row_evaluation(weights, least_squares, request)
         planes = range(len(objective.target))
-        results = self.model.process_planes(planes, evaluate_rows, carry_back=request.path_gradient)
+        evaluate_lines = None
+        if isinstance(evaluate_rows, RowEvaluation) and evaluate_rows.is_plain:
+            evaluate_lines = evaluate_rows.evaluate_lines
+        results = self.model.process_planes(planes, evaluate_rows, evaluate_lines, carry_back=request.path_gradient)
         plane_losses = [objective.plane_loss(plane, [row.sums for row in results[plane]]) for plane in planes]
         for rows, plane_weight in zip(results, objective.plane_weights.tolist(), strict=True):
             for row in rows:

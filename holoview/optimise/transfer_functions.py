@@ -18,7 +18,7 @@ from holoview.optics.propagate import (
     stopped,
 )
 from holoview.optics.slm import pixel_spectrum
-from holoview.optimise.beams import SpectralAxis, samples_a_pixel, slices
+from holoview.optimise.beams import SpectralAxis, padded_rows, samples_a_pixel, slices
 
 Tensor = torch.Tensor
 
@@ -28,12 +28,14 @@ _MIN_TRANSMISSION = 1e-100  # of a pupil: below, the derivative of its logarithm
 class TransferFunctions:
     """The factors of a plan for each wavelength in use, complex, at the frequencies that pass the relays' stops.
 
-    column_width: of the blocks in which factors are stored, as `BeamFields` stores spectra.
+    column_width: of the blocks in which factors are stored, as `BeamFields` stores spectra. by_rows: for compiled
+    passes, one block whose rows are contiguous.
     columns: these blocks behind the last modulator. planes (wavelength, plane, k_y, k_x) in each of them: H × pupil
     from the last modulator to a focal plane, divided by the length P_y·P_x of the FFT.
     gap_tiles: blocks of the spectrum of pixels, and the columns of the gap's band that each makes.
     gap (wavelength, k_y, k_x) for each of these columns: H × pupil between the modulators, 1 for one modulator, times
     the spectrum of a pixel's shape if there is only one source.
+    gap_storage (wavelength, k_y, tile, k_x): where compiled passes find `gap`; None for others.
     pixel_shapes, illumination: (wavelength, source, n) for each axis y, x. The spectra of the pixel's shape, None if
     `gap` holds them; the plane waves at the pixels, None if all sources lie on the axis.
 
@@ -48,8 +50,12 @@ class TransferFunctions:
         column_width: int,
         dtype: torch.dtype,
         device: torch.device,
+        *,
+        by_rows: bool = False,
     ) -> None:
         self.plan, self.axes, self.dtype, self.device = plan, axes, dtype, device
+        self._by_rows = by_rows
+        self.gap_storage: Tensor | None = None
         self._float64_device = device if device.type == "cuda" else torch.device("cpu")
         self.wavelengths = [λ for λ in range(len(plan.system.wavelengths_m)) if plan.lit(λ)]
         self.columns = slices(axes[1].last.frequencies, column_width)
@@ -57,7 +63,7 @@ class TransferFunctions:
         self._gap_columns = [columns for _, tiles in self.gap_tiles for columns, _ in tiles]
         count = len(self.wavelengths)
         self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), axes[0].last.frequencies)
-        self.gap = self._empty_blocks(self._gap_columns, count, axes[0].gap.frequencies)
+        self.gap = self._empty_gap(count)
         for i, λ in enumerate(self.wavelengths):
             self._fill(i, λ)
         self._free_space: dict[tuple[int, float], Tensor] = {}
@@ -71,8 +77,20 @@ class TransferFunctions:
 
     def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
         *outer, rows = sizes
+        if self._by_rows:
+            like = torch.empty(0, dtype=self.dtype, device=self.device)
+            return [padded_rows(*outer, rows, part.stop - part.start, like=like) for part in columns]
         shapes = [(*outer, part.stop - part.start, rows) for part in columns]
         return [torch.empty(shape, dtype=self.dtype, device=self.device).mT for shape in shapes]
+
+    def _empty_gap(self, count: int) -> list[Tensor]:
+        rows = self.axes[0].gap.frequencies
+        if not self._by_rows:
+            return self._empty_blocks(self._gap_columns, count, rows)
+        widths = [part.stop - part.start for part in self._gap_columns]
+        like = torch.empty(0, dtype=self.dtype, device=self.device)
+        storage = self.gap_storage = padded_rows(count, rows, len(widths), widths[0], like=like)
+        return [storage[:, :, tile, :width] for tile, width in enumerate(widths)]
 
     def set_eyes(self, plan: Plan) -> None:
         """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`).

@@ -35,6 +35,8 @@ CHOICE = "importing a rendercanvas backend chooses the window system, and may ne
 BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.adapter` to do"
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
+    ("holoview.optimise.forward_model", "holoview.optimise.compiled_model"): OPTIONAL,
+    ("holoview.optimise.kernels", "holoview.optimise.compiled_model"): OPTIONAL,
     ("holoview.colour", "colour"): SLOW,
     ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,

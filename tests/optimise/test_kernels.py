@@ -13,8 +13,9 @@ import torch
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optimise import kernels as module
-from holoview.optimise.kernels import TORCH_KERNELS, CompiledKernels, choose_kernels, will_compile
+from holoview.optimise import kernel_choice as module
+from holoview.optimise.kernel_choice import choose_kernels, will_compile
+from holoview.optimise.kernels import TORCH_KERNELS, CompiledKernels
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import LOSS_SPACES, Settings
 
@@ -101,7 +102,34 @@ BENCHES: dict[str, dict[str, Any]] = {
         "source": {"directions": [[0, 0], [0.01, -0.02]]},
         "amplitudes": [[1.0, 0.5, 0.0], [0.7, 0.9, 1.2]],
     },
+    "three samples a pixel": {"upsample": 3},
+    "bands off the centre": {"relay1.square": "first order", "relay1.centre_na": [0, 0.01], "relay2.iris_na": 0.02},
+    "an eye": {"eye": {"eyepiece": "5 mm", "pupil": "0.5 mm", "pupil_x": "0.1 mm", "accommodation": ["3 D", "9 D"]}},
+    "rows that fill no vector": {"shape": (17, 19)},
 }
+
+
+@pytest.mark.parametrize("loss", ["linear-srgb", "mono"])
+@pytest.mark.parametrize("name", BENCHES)
+def test_the_pass_from_lines_to_the_loss_and_back_is_that_of_torch(
+    name: str, loss: str, bench: Bench, noise: Noise, compiled: CompiledKernels
+) -> None:
+    system = bench(**BENCHES[name])
+    grid = make_plan(system).grid
+    stack = np.random.default_rng(3).uniform(0.1, 0.6, (len(system.planes_m), *grid.shape, 3))
+    found, expected = (
+        Problem(system, stack, Settings(loss=loss), double=True, kernels=kernels).evaluate(
+            noise(0, *system.drive_shape) * 825e-9, np.array(system.amplitudes), EvaluationRequest(path_gradient=True)
+        )
+        for kernels in (compiled, TORCH_KERNELS)
+    )
+    near = 1e-12  # sums of some thousand terms in another order: 1e3·2⁻⁵³
+    assert found.loss == pytest.approx(expected.loss, rel=near)
+    assert found.psnr_db == pytest.approx(expected.psnr_db, rel=near)
+    np.testing.assert_allclose(found.picture(), expected.picture(), rtol=1e-9, atol=near)
+    assert found.path_gradient is not None and expected.path_gradient is not None
+    difference = float((found.path_gradient - expected.path_gradient).norm())
+    assert difference <= near * float(expected.path_gradient.norm())
 
 
 @pytest.mark.parametrize("name", BENCHES)
@@ -167,7 +195,7 @@ def test_a_file_that_says_nothing_is_measured_again(
 def test_the_faster_of_both_is_chosen(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for faster, slower in (("torch", "compiled"), ("compiled", "torch")):
         times = {faster: 1.0, slower: 2.0}
-        monkeypatch.setattr(module, "_seconds_of_block", lambda kernels, times=times: times[kernels.name])
+        monkeypatch.setattr(module, "_seconds", lambda kernels, times=times: times[kernels.name])
         assert module._faster_name() == faster
 
 
@@ -175,7 +203,7 @@ def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monk
     def fail() -> None:
         raise RuntimeError("no compiler for this processor")
 
-    monkeypatch.setattr(module, "_compiled", fail)
+    monkeypatch.setattr("holoview.optimise.kernels._compiled", fail)
     assert choose_kernels("cpu") is TORCH_KERNELS
     choose_kernels.cache_clear()
     monkeypatch.setattr(module, "find_spec", lambda name: None)
