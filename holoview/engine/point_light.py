@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ def section_steps(
     Raises UserError as `make_plan` and `FrameInputs` do, and when memory doesn't suffice for the spectra.
     """
     plan = make_plan(system, planes_m)
-    executor, beams = TorchExecutor(plan, FrameInputs(plan, drive)), beams_of(plan, lasers)
+    executor, beams = _executor(plan, drive), beams_of(plan, lasers)
     needed = len(beams) * math.prod(plan.band(1).shape) * 8 + _PADDED_ARRAYS * math.prod(plan.grid.padded) * 8
     require_memory("sections", needed, remedy="show fewer lasers or frames")
     rows, columns = plan.grid.shape
@@ -113,6 +113,11 @@ def section_steps(
         nearest = np.abs(np.arange(len(planes_m))[:, None] - np.flatnonzero(done)).argmin(axis=1)
         shown = np.flatnonzero(done)[nearest]
         yield Sections(planes_m, xz[shown], yz[shown], float(done.mean()))
+
+
+def _executor(plan: Plan, drive: Any, *, double: bool = False) -> TorchExecutor:
+    """The reference executor of a plan, with memory for the image of one of its planes only."""
+    return TorchExecutor(replace(plan, planes_m=plan.planes_m[:1]), FrameInputs(plan, drive), double=double)
 
 
 def _coarse_to_fine(count: int) -> list[int]:
@@ -185,7 +190,7 @@ def point_steps(
     """
     plan = make_plan(system, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     require_memory("the light of a point", _PADDED_ARRAYS * math.prod(plan.grid.padded) * 16, remedy="lower padding")
-    executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
+    executor = _executor(plan, drive, double=True)
     beams, shape = beams_of(plan, lasers), plan.grid.shape
     lines = _lines(plan)
     intensities, xyz, total = np.zeros(len(system.wavelengths_m)), np.zeros(3), 0.0
