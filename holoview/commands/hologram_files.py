@@ -18,6 +18,7 @@ from holoview.commands.arguments import (
     parse_assignment,
     parse_effects,
     system_from_args,
+    whole,
     with_changes,
     with_effects,
 )
@@ -29,7 +30,7 @@ from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.wavefield.reading import ReadRequest, over, remember, request_of_notes
-from holoview.wavefield.request import Part, Propagation, Quantity, RecordingKind
+from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, RecordingKind
 
 _NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
@@ -44,6 +45,8 @@ _OPTIONS = (
     "parts",
     "conjugate",
     "file_note",
+    "aperture",
+    "decimate",
 )
 
 
@@ -80,6 +83,15 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         **several,
         help="a key of the notes beside a file: phase_levels=255 colour_axis=last transposed=true …",
     )
+    group.add_argument(
+        "--aperture",
+        metavar="PART",
+        help="read a part: X,Y,WIDTH,HEIGHT in samples from the upper left; or a square of degrees as seen from "
+        "the image, 2deg in the middle, 2deg,X,Y with its centre at X, Y degrees",
+    )
+    group.add_argument(
+        "--decimate", metavar="N", type=whole(1), help="the mean of N × N samples becomes one: a view of a large whole"
+    )
     group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
     group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
 
@@ -108,8 +120,27 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,
         propagation=args.propagation,
+        decimate=args.decimate or 1,
+        most_samples=MOST_UNASKED,
+        **_aperture(args.aperture),
     )
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
+
+
+def _aperture(text: str | None) -> dict[str, Any]:
+    """The part of a file that --aperture states, as a field of a request. Raises UserError for other texts."""
+    if text is None:
+        return {}
+    size, *centre = text.replace(" ", "").split(",")
+    try:
+        if size.endswith("deg") and len(centre) in (0, 2):
+            x, y = (float(part.removesuffix("deg")) for part in centre or ("0", "0"))
+            return {"aperture_deg": (float(size.removesuffix("deg")), x, y)}
+        x0, y0, width, height = map(int, (size, *centre))
+        return {"region": (x0, y0, width, height)}
+    except ValueError:
+        expected = "x,y,width,height in whole samples, or degrees such as 2deg or 2deg,1,0"
+        raise UserError("--aperture", f'"{text}"', expected=expected) from None
 
 
 def _notes(texts: Sequence[str]) -> dict[str, Any]:

@@ -48,6 +48,7 @@ from holoview.util.tables import parse_toml
 from holoview.view import random_drive, simulate
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest
+from holoview.wavefield.request import MOST_UNASKED
 
 EXAMPLE_PRESET = "holochrome-8"
 _ORIGIN = "shipped hologram of the still life"
@@ -382,7 +383,7 @@ def _file(path: Path, system: System) -> FileContent:
 
 def _field(paths: list[Path], request: ReadRequest) -> FileContent:
     """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
-    opened = open_hologram(paths, replace(request, accept_guesses=True))
+    opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=MOST_UNASKED))
     system, drive = opened.hologram.system, opened.hologram.drive
     stops = 0.0
     if drive.size <= _MOST_FITTED:

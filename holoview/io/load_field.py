@@ -194,7 +194,7 @@ def is_field_file(path: Path) -> bool:
 
 def _at_distance(hologram: Hologram, request: ReadRequest) -> Hologram:
     """A hologram of holoview with the distance of a request, if that states one. Raises UserError for anything else."""
-    known = replace(request, distance_m=None, accept_guesses=False)
+    known = replace(request, distance_m=None, accept_guesses=False, most_samples=None)
     if known not in (ReadRequest(), ReadRequest(propagation="asm")):  # its own plane is what it is shown in
         raise UserError(
             "pitch, wavelength, quantity …",

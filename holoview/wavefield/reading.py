@@ -6,6 +6,7 @@ guessed with a reason (`interpret`).
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -16,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
 from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
@@ -34,7 +36,7 @@ from holoview.wavefield.interpret.remembered import over, read_notes, remember, 
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
-from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
+from holoview.wavefield.wavefield import Provenance, Wavefield, samples_of_degrees, without_checkerboard
 
 __all__ = [
     "BinaryLayout",
@@ -143,7 +145,7 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
     _require_answers(known, findings)
     index = request.refractive_index or 1.0
     in_medium = np.array(wavelengths) / index
-    region = check_region(request.region, rows, columns, request.decimate)
+    region = _region(request, (rows, columns), pitch, distance, findings)
     values = assemble(arrangement.groups, region, request.decimate, name, is_field)
     coarse = pitch[0] * request.decimate, pitch[1] * request.decimate
     values.flags.writeable = False
@@ -161,6 +163,40 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
         tuple(findings.questions),
         tuple(findings.notes),
     )
+
+
+_APERTURE = 1024  # samples of a side of the middle that is read of a field with too many of them
+
+
+def _region(
+    request: ReadRequest,
+    shape: tuple[int, int],
+    pitch_m: tuple[float, float],
+    distance_m: float,
+    findings: Findings,
+) -> Region:
+    """The part that is read; a note tells the user where it lies, as pictures are centred on it."""
+    rows, columns = shape
+    wanted = request.region
+    if request.aperture_deg is not None:
+        size, x, y = request.aperture_deg
+        (height, width), (beside_y, beside_x) = samples_of_degrees(distance_m, pitch_m, (size, size), (y, x))
+        wanted = round((columns - width) / 2 + beside_x), round((rows - height) / 2 + beside_y), width, height
+        if min(wanted) < 0:
+            found = f"{width} × {height} samples at ({wanted[0]}, {wanted[1]})"
+            raise UserError("aperture", found, expected=f"a part of the {columns} × {rows} samples")
+    too_many = request.most_samples is not None and rows * columns > request.most_samples
+    if wanted is None and request.decimate == 1 and too_many:
+        height, width = min(rows, _APERTURE), min(columns, _APERTURE)
+        wanted = (columns - width) // 2, (rows - height) // 2, width, height
+        findings.notes.append(
+            f"of its {columns} × {rows} samples the middle {width} × {height} are read: --aperture takes another part, "
+            f"--decimate {math.ceil(max(shape) / _APERTURE)} the middle of the band of the whole"
+        )
+    region = check_region(wanted, rows, columns, request.decimate)
+    if wanted is not None:
+        findings.add("aperture", f"{region[2]} × {region[3]} samples at {region[0]}, {region[1]}", "given", "as asked")
+    return region
 
 
 def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:

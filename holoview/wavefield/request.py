@@ -24,6 +24,10 @@ Propagation = Literal["auto", "asm", "fresnel", "fourier"]
 """How the field's light goes to its distance: see `holoview.wavefield.propagation`."""
 
 
+MOST_UNASKED = 1 << 24
+"""Samples a colour: of a field with more, commands and the viewer read the middle unless a part is asked for."""
+
+
 @dataclass(frozen=True)
 class BinaryLayout:
     """The layout of a binary dump: a file of numbers without a description.
@@ -60,6 +64,8 @@ class ReadRequest:
     phase_levels: the number in the file that stands for 2π: 255, 256, 1, or 2π for radians.
     colour_axis: whether the colours are the file's first or last axis. transposed: whether y and x are exchanged.
     region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.
+    aperture_deg: (size, x, y) of a square region in degrees as seen from the image, its centre at x, y from the middle.
+    most_samples: of a field with more samples a colour only the middle is read, unless a part or `decimate` is stated.
     decimate: the mean of so many samples in both directions becomes one, which keeps the middle of the spectrum.
     binary: the layout of a file without a description.
     propagation: how the light goes from the field to its distance.
@@ -83,6 +89,8 @@ class ReadRequest:
     colour_axis: AxisPlace | None = None
     transposed: bool | None = None
     region: Region | None = None
+    aperture_deg: tuple[float, float, float] | None = None
+    most_samples: int | None = None
     decimate: int = 1
     binary: BinaryLayout | None = None
     accept_guesses: bool = False

@@ -8,7 +8,6 @@ reconstruction after Appl. Opt. 62, 2462 (2023)).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,7 @@ from PIL import Image
 from holoview.optics.free_space import Window
 from holoview.util.errors import UserError
 from holoview.wavefield.propagation import Method, PropagatedField, choose_method, propagate_field
-from holoview.wavefield.wavefield import Wavefield
+from holoview.wavefield.wavefield import Wavefield, samples_of_degrees
 
 Pair = tuple[float, float]
 
@@ -55,18 +54,8 @@ class SyntheticAperture:
 
         Raises UserError for angles beyond 90 degrees and for an aperture that isn't inside the hologram.
         """
-        if not (distance_m != 0 and all(0 < a < 180 for a in size_deg) and all(abs(a) < 90 for a in centre_deg)):
-            found = f"{size_deg[1]:g} × {size_deg[0]:g} degrees at {distance_m:g} m"
-            raise UserError("aperture", found, expected="angles below 90 degrees to each side, at a distance")
-        rows, columns = (
-            max(1, round(2 * abs(distance_m) * math.tan(math.radians(angle) / 2) / pitch))
-            for angle, pitch in zip(size_deg, field.pitch_m, strict=True)
-        )
-        y, x = (
-            abs(distance_m) * math.tan(math.radians(angle)) / pitch
-            for angle, pitch in zip(centre_deg, field.pitch_m, strict=True)
-        )
-        return SyntheticAperture.from_samples(field, (rows, columns), (y, x))
+        shape, centre = samples_of_degrees(distance_m, field.pitch_m, size_deg, centre_deg)
+        return SyntheticAperture.from_samples(field, shape, centre)
 
     def centre_m(self, field: Wavefield) -> Pair:
         """Its centre (y, x) from that of the hologram."""

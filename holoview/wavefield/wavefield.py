@@ -95,6 +95,30 @@ class Wavefield:
         return f"{columns} × {rows} samples at {pitch}, {count} wavelength{'s' * (count != 1)} ({nm} nm)"
 
 
+def samples_of_degrees(
+    distance_m: float, pitch_m: tuple[float, float], size_deg: tuple[float, float], centre_deg: tuple[float, float]
+) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Rows and columns of a part of a hologram, and its centre (y, x) from that of the hologram in samples.
+
+    size_deg, centre_deg: (y, x) in degrees as seen from the middle of the image: α degrees are 2·|z|·tan(α/2), a centre
+    at β degrees |z|·tan β beside the axis.
+
+    Raises UserError for angles beyond 90 degrees to a side, and without a distance.
+    """
+    if not (distance_m != 0 and all(0 < a < 180 for a in size_deg) and all(abs(a) < 90 for a in centre_deg)):
+        found = f"{size_deg[1]:g} × {size_deg[0]:g} degrees at {distance_m:g} m"
+        raise UserError("aperture", found, expected="angles below 90 degrees to each side, at a distance")
+    rows, columns = (
+        max(1, round(2 * abs(distance_m) * math.tan(math.radians(angle) / 2) / pitch))
+        for angle, pitch in zip(size_deg, pitch_m, strict=True)
+    )
+    y, x = (
+        abs(distance_m) * math.tan(math.radians(angle)) / pitch
+        for angle, pitch in zip(centre_deg, pitch_m, strict=True)
+    )
+    return (rows, columns), (y, x)
+
+
 def without_checkerboard(values: NDArray[Any]) -> NDArray[Any]:
     """Values (…, y, x) times (−1)^(row + column), which moves their spectrum by half its width along both axes."""
     rows, columns = (np.where(np.arange(n) % 2, np.float32(-1), np.float32(1)) for n in values.shape[-2:])

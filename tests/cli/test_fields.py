@@ -126,6 +126,18 @@ def test_options_are_remembered_beside_the_file(holoview: Run) -> None:
     assert {entry["name"]: entry["origin"] for entry in read["properties"]}["pitch"] == "remembered"
 
 
+@pytest.mark.parametrize("part", ["32,0,32,48", "1deg,0.5,0"])
+def test_a_part_of_a_field_is_read_in_samples_or_in_degrees_as_seen_from_the_image(holoview: Run, part: str) -> None:
+    np.save("lens.npy", _lens())
+    info = holoview("info", "lens.npy", *KNOWN, "--plane", "1cm", "--aperture", part)
+    size = round(2 * Z_M * np.tan(np.radians(0.5)) / PITCH_M)  # 22
+    left = round((64 - size) / 2 + Z_M * np.tan(np.radians(0.5)) / PITCH_M)  # 21 + 10.9
+    expected = "32 × 48 samples at 32, 0" if "deg" not in part else f"{size} × {size} samples at {left}, 21"
+    assert info.code == 0 and expected in info.out
+    whole = holoview("info", "lens.npy", *KNOWN, "--decimate", "4")
+    assert "16 x 16 samples" in whole.out and "32 um" in whole.out
+
+
 def test_files_are_the_parts_of_one_field(holoview: Run) -> None:
     np.save("re.npy", _lens().real)
     np.save("im.npy", _lens().imag)
@@ -208,6 +220,9 @@ def test_contrast_and_info_take_fields(holoview: Run) -> None:
         (["render", "lens.npy", *KNOWN, "--scheme", "simultaneous", "-o", "x.png"], "--scheme"),
         (["render", "lens.npy", *KNOWN, "--set", "upsample=2", "-o", "x.png"], "known at points"),
         (["render", "lens.npy", *KNOWN, "--plane", "3m", "--propagation", "asm", "-o", "x.png"], "3"),
+        (["render", "lens.npy", *KNOWN, "--aperture", "0,0,32", "-o", "x.png"], "--aperture"),
+        (["render", "lens.npy", *KNOWN, "--aperture", "60,0,32,32", "-o", "x.png"], "region"),
+        (["render", "lens.npy", *KNOWN, "--plane", "1cm", "--aperture", "9deg", "-o", "x.png"], "aperture"),
         (["render", "lens.npy", *KNOWN, "--parts", "real,colour", "-o", "x.png"], "colour"),
         (["render", "lens.npy", *KNOWN, "--effects", "crosstalk.sigma=0.4", *TORCH, "-o", "x.png"], "a field has none"),
         (["render", "cut.npy", *KNOWN, "-o", "x.png"], "cut.npy"),

@@ -50,6 +50,13 @@ def test_a_region_is_read_and_decimated_by_means(tmp_path: Path) -> None:
     assert field.pitch_m == (16e-6, 16e-6)
 
 
+def test_of_too_many_samples_the_middle_is_read_and_said(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", np.zeros((1500, 1100), np.complex64))
+    reading = read_wavefield([tmp_path / "u.npy"], ReadRequest((1e-6, 1e-6), (532e-9,), most_samples=1 << 20))
+    assert reading.wavefield is not None and reading.wavefield.shape == (1024, 1024)
+    assert any("--aperture" in note and "--decimate 2" in note for note in reading.notes)
+
+
 def test_pitch_and_wavelengths_that_nothing_tells_are_asked_for_with_a_guess(tmp_path: Path) -> None:
     np.save(tmp_path / "u.npy", _field(20, 30))
     with pytest.raises(UserError, match=r"--pitch and --wavelength; e.g. --pitch 8um --wavelength 532nm"):
