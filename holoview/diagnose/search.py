@@ -270,7 +270,7 @@ def _search_further_causes(
         result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
         if result.best.causes != exchanged and not is_settled(result):
             exchanged = result.best.causes
-            if costly := _with_costly_in_place(context, result, effects):
+            if costly := with_costly_in_place(context, result, effects):
                 fits += costly
                 result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
         if explains_everything(result) or is_settled(result):
@@ -333,9 +333,7 @@ def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[Ca
     return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
 
 
-def _with_costly_in_place(
-    context: SearchContext, result: SearchResult, effects: Sequence[Effect]
-) -> list[CandidateFit]:
+def with_costly_in_place(context: SearchContext, result: SearchResult, effects: Sequence[Effect]) -> list[CandidateFit]:
     """Refined fits in which an effect of many fields stands in place of one cause of the best candidate.
 
     Simple effects come first in every screening, and imitate costly ones: a blur of the camera stands for an extended

@@ -21,7 +21,7 @@ class Fringes:
     period_px: camera pixels from one maximum to the next at `at_m`, in proportion to the wavelength at others.
     towards_rad: direction across the fringes, from +x (columns) towards +y (rows). depth: of the shortest wavelength
     and of the longest, others between. thickness_m: of the plate where the picture's centre is, optical, which gives
-    the phase.
+    the phase. is_moire: instead, the period is the same at all wavelengths, and so is the phase.
     """
 
     period_px: float
@@ -29,14 +29,16 @@ class Fringes:
     depth: tuple[float, float]
     at_m: float = 550e-9
     thickness_m: float = 0.73e-3
+    is_moire: bool = False
 
     def seen(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
         """The light (y, x) with the fringes on it. ends_m: the shortest and the longest wavelength."""
         rows, columns = np.indices(light.shape)
         y, x = rows - (light.shape[0] - 1) / 2, columns - (light.shape[1] - 1) / 2
         across = x * np.cos(self.towards_rad) + y * np.sin(self.towards_rad)
+        wavelength_m, seen_m = (self.at_m if self.is_moire else wavelength_m), wavelength_m
         turns = 2 * self.thickness_m / wavelength_m + across / (self.period_px * wavelength_m / self.at_m)
-        return light * (1 + np.interp(wavelength_m, ends_m, self.depth) * np.cos(2 * np.pi * turns))
+        return light * (1 + np.interp(seen_m, ends_m, self.depth) * np.cos(2 * np.pi * turns))
 
 
 @dataclass(frozen=True)

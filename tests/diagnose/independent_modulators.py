@@ -44,7 +44,8 @@ class Dead:
     """Pixels that a driver no longer reaches: so many rows and columns from the first ones, None: all to the end.
 
     level: what they show, in levels of the table, between two of them too. None: what they were sent last before the
-    driver failed, the first patterns of the session. is_late: instead, what was sent for the capture before.
+    driver failed, the first patterns of the session. is_late: instead, what was sent for the capture before. flickers:
+    instead, levels at random, others in each capture.
     """
 
     first_row: int = 0
@@ -53,6 +54,7 @@ class Dead:
     columns: int | None = None
     level: float | None = 0.0
     is_late: bool = False
+    flickers: bool = False
 
     def shown(self, levels: Floats, before_failure: Floats, before: Floats) -> Floats:
         """The levels (y, x) with those of the dead pixels."""
@@ -63,6 +65,9 @@ class Dead:
         )
         changed[y, x] = before_failure[y, x] if self.level is None else self.level
         changed[y, x] = before[y, x] if self.is_late else changed[y, x]
+        if self.flickers:
+            rng = np.random.default_rng(int(np.square(levels.cumsum()).sum()) % 2**32)
+            changed[y, x] = rng.uniform(0.0, levels.max(), changed[y, x].shape)
         return changed
 
 

@@ -81,6 +81,11 @@ CASES = [
     ),
     Case(Faults(camera=CameraFaults(room=ROOM)), "ambient", _room(ROOM)),
     Case(Faults(camera=CameraFaults(shading=SHADING)), "vignetting", _shading(SHADING)),
+    Case(
+        Faults(camera=CameraFaults(fringes=Fringes(9.0, 2.1, (0.05, 0.05), is_moire=True))),
+        "camera_fringes",
+        {**_fringes(9.0, 2.1), "achromatic": 1.0},
+    ),
     Case(Faults(camera=CameraFaults(blur_px=0.6)), "camera_blur", {"sigma": 0.6}),
     Case(Faults(black=20.0), "camera_black", {"black": 20.0}),
     Case(

@@ -84,6 +84,18 @@ def test_parts_of_lines_and_lines_of_earlier_patterns_are_named(tmp_path: Path, 
     _check(found, "slm1_stuck", places, levels)
 
 
+@pytest.mark.explores
+def test_columns_that_flicker_are_told(tmp_path: Path) -> None:
+    """No effect describes them; free levels of two columns explain the excess, and change from capture to capture."""
+    dead = tuple(Dead(first_column=column, columns=1, flickers=True) for column in (9, 27))
+    lab = Laboratory(faults=Faults(modulators=ModulatorFaults(dead=((), dead))), fine=2, each=6, seed=1)
+    effects = [listed_effects()[name] for name in (*FEW, "slm2_stuck", "gap", "camera_black")]
+    found = diagnose(read_captures(write_session(tmp_path / "c.h5", lab)), effects, workers=1, sampling=SAME)
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    told = "Columns 9 and 27 of modulator 2 show levels that change from capture to capture"
+    assert any(note.startswith(told) for note in found.notes), found.notes
+
+
 SIX = (11, 37, 38, 64, 90, 121)
 OWN = ((5, 0.0), (30, 3.3), (62, 12.6), (63, 7.0), (100, 15.0), (119, 9.1))
 BLOCK = [(y, x) for y in range(30, 34) for x in range(50, 54)]
