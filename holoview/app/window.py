@@ -6,6 +6,7 @@ in the same way on a screen, off screen and in a browser.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +37,8 @@ _UNSEEN_S = 0.05  # of frames that process input that waits; then one is drawn, 
 class Window:
     """Draws ImGui into a canvas when something has happened: an event, or a call of `wake`.
 
-    frame_s: a fixed time between frames, which makes pictures repeatable; measured when None. Call `open` once before
+    frame_s: a fixed time between frames, which makes pictures repeatable (all input that waits is processed then before
+    a frame is drawn, however slow the machine is); measured when None. Call `open` once before
     the first frame and `close` at the end: a process has one ImGui window at a time.
 
     draw_s: time that drawing the last frame took on the CPU. error: the exception that ended the last frame, or None.
@@ -109,7 +111,7 @@ class Window:
         if self.closed:
             return
         begun = time.perf_counter()
-        self._unseen_until = begun + _UNSEEN_S
+        self._unseen_until = math.inf if self._frame_s else begun + _UNSEEN_S
         try:
             self._has_more = True
             while self._has_more:

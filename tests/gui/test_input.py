@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.app.panels.files import FilesPanel
+from holoview.app.panels.focus import FocusPanel
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
@@ -50,6 +51,18 @@ def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
     _draw_on_demand(gui, monkeypatch)
     assert gui.app.panel(FilesPanel).dialog.is_open
     assert gui.session.view_settings.compare == "off"
+
+
+def test_what_a_script_does_is_done_when_it_goes_on_however_slow_the_machine_is(
+    gui: Gui, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no time is left for frames that nobody sees, input would wait for frames to come."""
+    monkeypatch.setattr("holoview.app.window._UNSEEN_S", -1.0)
+    gui.click(gui.item_position("gap", 0.2))
+    gui.press_chord("Space")
+    assert gui.app.panel(FocusPanel).is_playing and not gui.app.window.has_pending_input
+    gui.press_chord("Space")
+    assert not gui.app.panel(FocusPanel).is_playing and not gui.app.window.has_pending_input
 
 
 def test_a_letter_before_a_modifier_is_without_it(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
