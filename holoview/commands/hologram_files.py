@@ -7,6 +7,7 @@ field of another program, whose parts may be in several files.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -47,6 +48,7 @@ _OPTIONS = (
     "file_note",
     "aperture",
     "decimate",
+    "steps",
 )
 
 
@@ -69,6 +71,11 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         "--parts", metavar="A,B", help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…"
     )
     group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
+    group.add_argument(
+        "--steps",
+        metavar="DEGREES",
+        help="of a phase-shifting set: 0,90,180,270 of the pictures' reference, equal (if absent), or unknown: found",
+    )
     group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
     group.add_argument(
         "--propagation",
@@ -116,6 +123,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         variable=args.variable,
         parts=parts,
         recording=args.recording,
+        steps=_steps(args.steps, args.recording),
         refractive_index=args.index,
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,
@@ -125,6 +133,20 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         **_aperture(args.aperture),
     )
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
+
+
+def _steps(text: str | None, recording: str | None) -> Any:
+    """The steps that --steps states, for a request. Raises UserError for other texts, and without phase-shifting."""
+    if text is None or text == "equal":
+        return "equal"
+    if recording != "phase-shifting":
+        raise UserError("--steps", f"with {recording or 'no'} recording", expected="--recording phase-shifting")
+    if text == "unknown":
+        return text
+    try:
+        return tuple(math.radians(float(part.removesuffix("deg"))) for part in text.replace(" ", "").split(","))
+    except ValueError:
+        raise UserError("--steps", f'"{text}"', expected="degrees, one a picture: 0,90,180,270; or unknown") from None
 
 
 def _aperture(text: str | None) -> dict[str, Any]:

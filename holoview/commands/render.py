@@ -57,12 +57,14 @@ from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.model.system import System
 from holoview.render.planes import SeenView, describe_view, exposed_pictures, write_pictures
-from holoview.render.tone_mapping import field_picture, fitting_stops
+from holoview.render.tone_mapping import FieldPicture, field_picture, fitting_stops, linear_picture
 from holoview.render.view_settings import QUANTITIES
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.view import View, field_at, random_drive, simulate
+
+_UNWRAPPED = "unwrapped-phase"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -120,7 +122,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("the field itself, of one laser, in place of what an observer sees")
-    group.add_argument("--show", choices=QUANTITIES, help="a picture of this quantity of the complex field")
+    group.add_argument(
+        "--show",
+        choices=(*QUANTITIES, _UNWRAPPED),
+        help="a picture of this quantity of the complex field; unwrapped-phase needs holoview[unwrap]",
+    )
     group.add_argument(
         "--stage",
         metavar="NAME",
@@ -205,7 +211,7 @@ def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.flo
     saver, files = ResultSaver(), []
     for plane_m, path in zip(planes_m.tolist(), paths, strict=True):
         field = field_at(system, shown.drive, stage=stage, plane=plane_m, laser=laser)
-        picture, plane = field_picture(field.values, args.show), plane_label(system, plane_m)
+        picture, plane = _field_picture(field.values, args.show), plane_label(system, plane_m)
         texts = {"holoview.preset": system.name, "holoview.plane": plane, "holoview.stage": stage}
         texts |= {
             "holoview.quantity": args.show,
@@ -222,6 +228,15 @@ def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.flo
     for entry in [] if args.json else files:
         print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}")
     return saver.exit_code
+
+
+def _field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldPicture:
+    """A picture of a field (y, x). Raises UserError if the phase is to be unwrapped and scikit-image isn't there."""
+    if quantity != _UNWRAPPED:
+        return field_picture(values, quantity)
+    from holoview.wavefield.demodulation import unwrapped_phase  # slow start: it imports scipy
+
+    return linear_picture(unwrapped_phase(values), "rad")
 
 
 def _shown(args: argparse.Namespace) -> Shown:

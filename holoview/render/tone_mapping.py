@@ -176,6 +176,13 @@ def field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldPi
     return FieldPicture(_level(srgb_encode(hue)), f"hue: red 0, green 2π/3, blue 4π/3; black 0, bright {most:.4g}")
 
 
+def linear_picture(values: NDArray[np.floating], unit: str) -> FieldPicture:
+    """Real numbers (y, x) in grey, from their smallest to their largest value, linear in the sRGB code."""
+    low, high = float(values.min()), float(values.max())
+    share = (values - low) / ((high - low) or 1.0)
+    return FieldPicture(colour_map("grey")[_level(share)], f"black {low:.4g} {unit}, white {high:.4g} {unit}")
+
+
 def _spectrum(values: NDArray[np.complexfloating]) -> FieldPicture:
     power = np.square(np.abs(np.fft.fftshift(np.fft.fft2(values))))
     strongest = float(power.max()) or 1.0

@@ -111,7 +111,7 @@ def field_of_recording(recording: Recording) -> Demodulated:
 
 def _field_of_kind(recording: Recording) -> Demodulated:
     if recording.kind == "phase-shifting":
-        return phase_shifting_field(recording)
+        return phase_shifting_field(recording, recording.steps)
     if recording.kind == "in-line":
         return _in_line_with_background(recording)
     if recording.kind == "off-axis":

@@ -58,6 +58,7 @@ class Recording:
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
     background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels.
     kind, conjugated: as given, None if unknown; conjugated: whether the conjugate of its field is wanted.
+    steps: as of `ReadRequest`.
     """
 
     pictures: NDArray[np.float32]
@@ -67,6 +68,7 @@ class Recording:
     kind: RecordingKind | None
     name: str
     conjugated: bool | None = None
+    steps: tuple[float, ...] | Literal["equal", "unknown"] = "equal"
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,9 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
         final = _finished(values, request, arrangement)
         field = Wavefield(final, coarse, in_medium, distance, radius, name)
     else:
-        recording = Recording(values, coarse, in_medium, distance, request.recording, name, request.conjugated)
+        recording = Recording(
+            values, coarse, in_medium, distance, request.recording, name, request.conjugated, request.steps
+        )
     return Reading(
         field,
         recording,

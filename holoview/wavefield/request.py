@@ -57,6 +57,8 @@ class ReadRequest:
     quantity: what the numbers are. variable: name of the array, where a file holds several.
     parts: what each of several files, or of several variables named in `variable` with commas, is of one field.
     recording: how a camera recorded the picture, or "none" for a real picture that isn't a recording.
+    steps: phases of the reference in the pictures of a phase-shifting set, rad; "equal" for 2π/N apart, "unknown" to
+    find them from the pictures.
     refractive_index: of the medium behind the field; wavelengths are divided by it.
     conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
     checkerboard: whether the phase alternates by π from sample to sample, which is taken away: as of a transform whose
@@ -82,6 +84,7 @@ class ReadRequest:
     variable: str | None = None
     parts: tuple[Part, ...] = ()
     recording: RecordingKind | None = None
+    steps: tuple[float, ...] | Literal["equal", "unknown"] = "equal"
     refractive_index: float | None = None
     conjugated: bool | None = None
     checkerboard: bool | None = None

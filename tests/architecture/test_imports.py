@@ -52,6 +52,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.view", "holoview.engine.torch_executor"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.render.page_images", "holoview.wavefield.demodulation"): SLOW,
+    ("holoview.commands.render", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.focus"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
     ("holoview.io.hologram", "holoview.wavefield.field_target"): SLOW,

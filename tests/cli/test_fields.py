@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,25 @@ def test_a_part_of_a_field_is_read_in_samples_or_in_degrees_as_seen_from_the_ima
     assert "16 x 16 samples" in whole.out and "32 um" in whole.out
 
 
+@pytest.mark.parametrize("steps", [(), ("--steps", "0,90,200"), ("--steps", "unknown")])
+def test_a_phase_shifting_set_of_files_shows_its_phase_unwrapped(holoview: Run, steps: tuple[str, ...]) -> None:
+    """A lens of several turns, and a speckled amplitude, as unknown steps need many fringes."""
+    pytest.importorskip("skimage")
+    y, x = np.mgrid[-48:48, -48:48] / 48
+    wave = 10 * np.exp(1j * (9 * (x**2 + y**2) + 6 * x))
+    shifts = np.radians([0, 90, 200]) if len(steps) == 2 else np.arange(3) * 2 * np.pi / 3
+    for index, shift in enumerate(shifts):
+        np.save(f"step{index}.npy", np.abs(wave + 20 * np.exp(1j * shift)) ** 2)
+    names = [f"step{index}.npy" for index in range(3)]
+    known = [*KNOWN, "--recording", "phase-shifting", *steps]
+    options = ["--show", "unwrapped-phase", "--plane", "0mm", "--stage", "field", "--json", "-o", "p.png"]
+    done = holoview("render", *names, *known, *options)
+    assert done.code == 0, done.err
+    low, high = (float(word) for word in re.findall(r"(-?[\d.]+) rad", json.loads(done.out)["planes"][0]["scale"]))
+    expected = 9 * (x**2 + y**2) + 6 * x
+    assert high - low == pytest.approx(np.ptp(expected), rel=0.02)
+
+
 def test_files_are_the_parts_of_one_field(holoview: Run) -> None:
     np.save("re.npy", _lens().real)
     np.save("im.npy", _lens().imag)
@@ -220,6 +240,7 @@ def test_contrast_and_info_take_fields(holoview: Run) -> None:
         (["render", "lens.npy", *KNOWN, "--scheme", "simultaneous", "-o", "x.png"], "--scheme"),
         (["render", "lens.npy", *KNOWN, "--set", "upsample=2", "-o", "x.png"], "known at points"),
         (["render", "lens.npy", *KNOWN, "--plane", "3m", "--propagation", "asm", "-o", "x.png"], "3"),
+        (["render", "lens.npy", *KNOWN, "--steps", "0,90,180", "-o", "x.png"], "--steps"),
         (["render", "lens.npy", *KNOWN, "--aperture", "0,0,32", "-o", "x.png"], "--aperture"),
         (["render", "lens.npy", *KNOWN, "--aperture", "60,0,32,32", "-o", "x.png"], "region"),
         (["render", "lens.npy", *KNOWN, "--plane", "1cm", "--aperture", "9deg", "-o", "x.png"], "aperture"),
