@@ -35,6 +35,7 @@ from holoview.wavefield.interpret.properties import (
 from holoview.wavefield.interpret.remembered import over, read_notes, remember, request_of_notes
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
+from holoview.wavefield.readers.tile_set import open_tiles
 from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
 from holoview.wavefield.wavefield import Provenance, Wavefield, samples_of_degrees, without_checkerboard
 
@@ -111,7 +112,9 @@ def read_wavefield(
     merged = over(given, read_notes(files[0]))
     findings = Findings()
     with ExitStack() as stack:
-        opened = [(path, *stack.enter_context(open_file(path, merged))) for path in files]
+        table = find_known_file(files[0].name)
+        opens = open_tiles if table is not None and table.is_tiled and len(files) == 1 else open_file
+        opened = [(path, *stack.enter_context(opens(path, merged))) for path in files]
         findings.add("format", opened[0][1].name, "file", "its first bytes")
         findings.notes += [note for _, _, content in opened for note in content.notes]
         contents = [(path, content) for path, _, content in opened]

@@ -125,6 +125,22 @@ def test_a_file_of_the_jpeg_pleno_set_is_known_by_its_name(tmp_path: Path) -> No
     assert squirrel.reference_radius_m == 0.5
 
 
+@pytest.mark.parametrize("name", ["dices200k_{}_{}.bmp", "P00_{:02}{:02}.tif"])
+def test_tiles_are_one_field_of_which_the_needed_ones_are_opened(tmp_path: Path, name: str) -> None:
+    whole = np.random.default_rng(5).integers(0, 2, (5 * 700, 2 * 30)).astype(np.uint8) * 255
+    for y, x in np.ndindex(5, 2):
+        Image.fromarray(whole[700 * y : 700 * y + 700, 30 * x : 30 * x + 30]).save(tmp_path / name.format(y, x))
+    (tmp_path / name.format(4, 1)).write_bytes(b"damaged")  # outside the part that is read and the middle
+    part = ReadRequest(wavelengths_m=(532e-9,), quantity="amplitude", region=(10, 690, 40, 22))
+    reading = read_wavefield([tmp_path / name.format(0, 0)], part)
+    assert reading.wavefield is not None
+    assert np.array_equal(reading.wavefield.values[0, 0].real, whole[690:712, 10:50] / 255)
+    assert reading.wavefield.pitch_m[0] in (0.24e-6, 0.5e-6)
+    (tmp_path / name.format(1, 1)).unlink()
+    with pytest.raises(UserError, match="row 1, column 1"):
+        read_wavefield([tmp_path / name.format(0, 0)], part)
+
+
 def test_objects_of_matlab_are_refused_with_what_to_do(tmp_path: Path) -> None:
     name = b"thing\0\0\0"
     opaque = struct.pack("<IIII", 6, 8, 17, 0) + struct.pack("<II", 1, 5) + name

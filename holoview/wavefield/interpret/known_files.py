@@ -22,6 +22,7 @@ class KnownFile:
 
     distances_m: all published distances, m. facts: what is taken, the first distance among them.
     is_name_inferred: whether the file's name is published nowhere, so that the match is a guess.
+    is_tiled: whether the file is one of many tiles of the hologram.
     """
 
     name: str
@@ -29,6 +30,7 @@ class KnownFile:
     distances_m: tuple[float, ...]
     method: str
     is_name_inferred: bool
+    is_tiled: bool = False
 
     @property
     def reason(self) -> str:
@@ -54,7 +56,8 @@ def find_known_file(name: str) -> KnownFile | None:
                 distance_m=distances[0] if distances else None,
                 reference_radius_m=entry.get("reference_radius_m"),
             )
-            return KnownFile(entry["name"], facts, distances, entry["method"], entry.get("is_name_inferred", False))
+            flags = entry.get("is_name_inferred", False), entry.get("is_tiled", False)
+            return KnownFile(entry["name"], facts, distances, entry["method"], *flags)
     return None
 
 

@@ -12,5 +12,6 @@ openholo     OpenHolo's .ohc
 safetensors_reader  safetensors
 torch_file   torch's pickles, which are refused
 text_table   tables of numbers as text
+tile_set     one field in many files, the tiles of JPEG Pleno's holograms for printing
 binary_dump  plain numbers whose layout the user states
 """
