@@ -4,7 +4,7 @@ No metric fits the brightness of the image to that of the target.
 
 fidelity           peak signal-to-noise ratio, mean CIEDE2000 colour difference
 perceptual_scores  names of the perceptual scores, and which of them are installed
-perceptual         MS-SSIM, FLIP and ColorVideoVDP; contrast in a band of frequencies; SNR and SSIM of complex fields
+perceptual         MS-SSIM, FLIP and ColorVideoVDP; contrast in a band of frequencies; SNR, SSIM, VIFp of fields, views
 speckle            contrast σ/μ of a region, its histogram, independent patterns, contrast on the retina
 gamut              chromaticities and the area that the lasers span
 image_quality      fidelity, speckle and eyebox of a hologram: at its planes, between them, from places of the pupil

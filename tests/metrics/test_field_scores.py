@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from holoview.metrics.perceptual import field_snr, field_ssim, view_scores
+from holoview.metrics.perceptual import field_snr, field_ssim, view_scores, vifp
 from holoview.util.errors import UserError
 
 
@@ -49,3 +49,23 @@ def test_what_has_no_score_is_refused() -> None:
     ):
         with pytest.raises(UserError):
             call()
+
+
+@pytest.mark.parametrize(("kind", "published"), [("noise", 0.4739500872), ("blur", 0.6045734792), ("same", 1.0)])
+def test_vifp_is_that_of_an_independent_program(kind: str, published: float) -> None:
+    """Values of sewar 0.4.10 (`sewar.vifp`), which follows the code of the paper's authors."""
+    y, x = np.mgrid[:96, :128]
+    reference = np.rint(128 + 60 * np.sin(x / 5) + 40 * np.cos(y * x / 300)).clip(0, 255)
+    rolled = [np.roll(reference, shift, axis) for shift, axis in ((0, 0), (1, 0), (1, 1), (2, 1))]
+    noisy = np.rint(reference * 0.8 + 20 + 12 * np.sin(x * 1.7 + y * 2.3)).clip(0, 255)
+    view = {"noise": noisy, "blur": np.rint(sum(rolled) / 4), "same": reference}[kind]
+    assert vifp(view, reference) == pytest.approx(published, abs=1e-6)
+    scores = view_scores(view.astype(np.uint8), reference.astype(np.uint8))
+    assert scores["vifp"] == pytest.approx(published, abs=1e-6)
+
+
+def test_vifp_needs_a_picture() -> None:
+    with pytest.raises(UserError):
+        vifp(np.ones((50, 50)), np.ones((50, 50)))
+    with pytest.raises(UserError):
+        vifp(np.eye(20), np.eye(20))
