@@ -103,6 +103,7 @@ class App:
     def before_frame(self) -> None:
         """Called before panels are drawn: takes results of worker threads, runs commands whose keys were pressed."""
         commands = self.context.commands
+        self.session.hold(self._is_held())
         self.session.poll()
         self.context.received_fields.poll()
         self.context.wants_measurement = False
@@ -173,6 +174,12 @@ class App:
         self.context.close()
         self.session.close()
         self.window.close()
+
+    def _is_held(self) -> bool:
+        """Whether a button is held, or let go in this frame, or a key repeats: edits may belong together."""
+        buttons = range(imgui.MouseButton_.count)
+        is_down = any(imgui.is_mouse_down(button) or imgui.is_mouse_released(button) for button in buttons)
+        return is_down or self.context.commands.is_repeating()
 
     def _move_pupil(self) -> None:
         """Records where the pupil is, or moves it along its path, if either is being done."""

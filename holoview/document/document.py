@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
@@ -179,7 +180,11 @@ def _random(shape: tuple[int, int, int, int]) -> Drive:
 MAX_STEPS = 300
 MAX_BYTES = 1 << 30
 MERGE_WITHIN_S = 1.0
-"""Edits with the same merge key become one step if they follow each other within this time."""
+"""Edits with the same merge key become one step if they follow each other within this time, or in one hold."""
+
+
+class Gesture:
+    """A merge key whose edits become one step however slowly they follow, as frames of a film that plays may."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +207,7 @@ class History:
         self.steps: list[HistoryStep] = [first]
         self.position = 0
         self._clock = clock
+        self._held_since = math.inf
 
     @classmethod
     def from_steps(cls, steps: list[HistoryStep], position: int) -> History:
@@ -219,7 +225,8 @@ class History:
     def add(self, label: str, document: Document, merge_key: Hashable = None) -> None:
         """Adds a step, or merges it into the present one; undone steps are dropped."""
         now, last = self._clock(), self.steps[self.position]
-        merges = merge_key is not None and merge_key == last.merge_key and now - last.when <= MERGE_WITHIN_S
+        is_in_time = now - last.when <= MERGE_WITHIN_S or last.when >= self._held_since or isinstance(merge_key, Gesture)
+        merges = merge_key is not None and merge_key == last.merge_key and is_in_time
         del self.steps[self.position + 1 :]
         if merges and self.position > 0:
             self.steps[self.position] = HistoryStep(label, document, now, merge_key)
@@ -235,6 +242,13 @@ class History:
     def amend_all(self, change: Callable[[Document], Document]) -> None:
         """Applies a change to the documents of all steps, undone steps included."""
         self.steps = [replace(step, document=change(step.document)) for step in self.steps]
+
+    def hold(self, is_held: bool) -> None:
+        """States whether a button or a key is held: the edits of one hold merge, however slowly they follow."""
+        if not is_held:
+            self._held_since = math.inf
+        elif self._held_since == math.inf:
+            self._held_since = self._clock()
 
     def end_gesture(self) -> None:
         """Ends a drag: the next edit is a separate step."""

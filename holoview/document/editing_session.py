@@ -140,9 +140,9 @@ class EditingSession:
     def edit(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **changes: Any) -> None:
         """Changes fields of the document (`system`, `drive`, `view_settings`, `target_spec`, …) in one step of undo.
 
-        Edits with the same `merge_key` that follow each other within a second become one step. An edit that is not
-        `undoable` changes the present step. An edit without effect adds no step. Raises UserError when the result is
-        impossible; then nothing has changed.
+        Edits with the same `merge_key` that follow each other within a second, or in one hold, become one step. An
+        edit that is not `undoable` changes the present step. An edit without effect adds no step. Raises UserError
+        when the result is impossible; then nothing has changed.
         """
         before = self.document
         after = before.with_changes(changes)
@@ -161,6 +161,10 @@ class EditingSession:
     def edit_view(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **fields: Any) -> None:
         """Changes fields of the view settings, e.g. `edit_view("Exposure", exposure_stops=1.0)`."""
         self.edit(label, view_settings=self.view_settings.with_(**fields), merge_key=merge_key, undoable=undoable)
+
+    def hold(self, is_held: bool) -> None:
+        """States whether a button or a key is held: the edits of one hold merge by their keys, however slow they are."""
+        self._history.hold(is_held)
 
     def end_gesture(self) -> None:
         """Ends a drag: the next edit is a separate step of undo, even with the same merge key."""

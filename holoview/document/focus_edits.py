@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.document.document import Gesture
 from holoview.document.editing_session import EditingSession
 from holoview.model.eye import Eye
 from holoview.model.focus import COLUMNS, MAX_POINTS, PupilPath, PupilState, plane_at, system_at
@@ -47,11 +48,11 @@ def look_on_other_side(session: EditingSession) -> None:
     session.edit("Other side", system=system, view_settings=session.view_settings.with_(plane_m=plane_m))
 
 
-def focus_at(session: EditingSession, plane_m: float) -> None:
+def focus_at(session: EditingSession, plane_m: float, merge_key: Hashable = ("plane_m",)) -> None:
     """Moves the focal plane to a distance, clipped to `focus_range_m`; successive moves are one step of undo."""
     low, high = focus_range_m(session.system)
     plane_m = float(f"{min(max(plane_m, low), high):.7g}")
-    session.edit_view("Focal plane", merge_key=("plane_m",), plane_m=plane_m)
+    session.edit_view("Focal plane", merge_key=merge_key, plane_m=plane_m)
 
 
 def focus_on(session: EditingSession, row: int, column: int) -> None:
@@ -167,7 +168,7 @@ class PupilMotion:
     def __init__(self, session: EditingSession, clock: Callable[[], float] = time.perf_counter) -> None:
         self._session, self._clock = session, clock
         self.state: Literal["", "recording", "playing"] = ""
-        self._since = 0.0
+        self._since, self._played = 0.0, Gesture()
         self._times_s: list[float] = []
         self._states: list[PupilState] = []
 
@@ -197,7 +198,7 @@ class PupilMotion:
         self.stop()
         if self._session.view_settings.pupil_path is None:
             raise UserError("pupil path", "there is none", expected="a path to play", remedy="record one, or open one")
-        self.state, self._since = "playing", self._clock()
+        self.state, self._since, self._played = "playing", self._clock(), Gesture()
 
     def stop(self) -> None:
         """Ends the present activity; a path that was recorded becomes that of the view settings."""
@@ -257,6 +258,7 @@ class PupilMotion:
         state, (low, high) = path.at(time_s), focus_range_m(session.system)
         system, view = system_at(session.system, state), session.view_settings
         plane_m = min(max(plane_at(system, state, view.plane_m), low), high)
-        session.edit("Play the path", system=system, view_settings=view.with_(plane_m=plane_m), merge_key="pupil path")
+        view = view.with_(plane_m=plane_m)
+        session.edit("Play the path", system=system, view_settings=view, merge_key=self._played)
         if time_s >= path.duration_s:
             self.stop()

@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.document.document import MAX_STEPS, MERGE_WITHIN_S, Document, History, HistoryStep, fit_drive
+from holoview.document.document import (
+    MAX_STEPS,
+    MERGE_WITHIN_S,
+    Document,
+    Gesture,
+    History,
+    HistoryStep,
+    fit_drive,
+)
 from holoview.document.editing_session import Change, EditingSession
 from holoview.document.target_builder import TargetSpec
 from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
@@ -54,6 +62,26 @@ def test_edits_with_one_key_are_steps_apart_when_time_lies_between(session: Edit
         now = when
         history.add("Wheel", session.document, merge_key="wheel")
     assert [step.when for step in history.steps] == [0.0, 1.5, 3.5]
+
+
+def test_edits_while_a_button_is_held_are_one_step_however_slow_the_frames_are(session: EditingSession) -> None:
+    now = 0.0
+    history = History(HistoryStep("Start", session.document, now), clock=lambda: now)
+    for when, is_held in ((1.0, False), (10.0, True), (20.0, True), (30.0, True), (40.0, False)):
+        now = when
+        history.hold(is_held)
+        history.add("Focal plane", session.document, merge_key="plane")
+    assert [step.when for step in history.steps] == [0.0, 1.0, 30.0, 40.0]
+
+
+def test_edits_of_one_gesture_are_one_step_at_any_time(session: EditingSession) -> None:
+    now = 0.0
+    history = History(HistoryStep("Start", session.document, now), clock=lambda: now)
+    first, second = Gesture(), Gesture()
+    for when, gesture in ((10.0, first), (20.0, first), (20.0, second), (30.0, second)):
+        now = when
+        history.add("Play", session.document, merge_key=gesture)
+    assert [step.when for step in history.steps] == [0.0, 20.0, 30.0]
 
 
 def test_the_history_is_bounded_and_keeps_the_present(session: EditingSession) -> None:

@@ -14,6 +14,7 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
+from holoview.document import document
 from holoview.model.bench_parts import Relay
 from holoview.model.stops import SquareStop
 from holoview.render.view_settings import NOW, ComparisonSide
@@ -34,6 +35,25 @@ def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Gui) -> No
     assert gui.session.system.gap_m == before
     gui.press_chord("Ctrl+Shift+Z")
     assert gui.session.system.gap_m > before
+
+
+def test_a_drag_a_held_key_and_a_sweep_are_one_step_each_on_a_machine_of_any_speed(
+    gui: Gui, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(document, "MERGE_WITHIN_S", -1.0)  # as if each frame took longer
+    steps = len(gui.session.history)
+    gui.drag(gui.item_position("plane", 0.2), gui.item_position("plane", 0.5), steps=8)
+    assert len(gui.session.history) == steps + 1
+    gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.3), steps=8)
+    assert len(gui.session.history) == steps + 2
+    gui.hold_keys(("ArrowRight",))
+    gui.draw_frames(40)
+    gui.release_keys(("ArrowRight",))
+    assert len(gui.session.history) == steps + 3
+    gui.press_chord("Space")
+    gui.draw_frames(10)
+    gui.press_chord("Space")
+    assert len(gui.session.history) == steps + 4
 
 
 def test_a_right_click_resets_a_slider(gui: Gui) -> None:

@@ -72,6 +72,21 @@ def test_a_drag_moves_the_order_and_the_image_follows_in_one_step_of_undo(gui: G
     assert session.drive is before and order_of(gui) is found
 
 
+def test_a_drag_is_one_step_of_undo_where_fields_are_slower_than_the_hand(gui: Gui) -> None:
+    steps, (y, x) = gui.session.history_position, order_of(gui).carrier
+    gui.move(place_of(gui, (y, x)))
+    gui.draw_frames(2)
+    gui.press_button()
+    for shift in (0.02, 0.04):
+        gui.move(place_of(gui, (y + shift, x)))
+        gui.draw_until_idle()
+    gui.move(place_of(gui, (y + 0.06, x)))
+    gui.release_button()  # while the last field is computed, or after it
+    gui.draw_until_idle()
+    assert order_of(gui).carrier[0] > y + 0.05
+    assert gui.session.history_position == steps + 1
+
+
 def test_the_edge_of_the_circle_changes_its_radius(gui: Gui) -> None:
     found = order_of(gui)
     edge = (found.carrier[0], found.carrier[1] + found.radius)

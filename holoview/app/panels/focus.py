@@ -11,6 +11,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.viewport import PlaneStrip
 from holoview.app.widgets import command_button, tooltip
+from holoview.document.document import Gesture
 from holoview.document.focus_edits import (
     dioptres_text,
     focus_at,
@@ -35,7 +36,7 @@ class FocusPanel(Panel):
 
     def __init__(self) -> None:
         self.is_playing = False
-        self._since = 0.0
+        self._since, self._played = 0.0, Gesture()
         self._thumbnails: PlaneStrip | None = None
 
     def set_up(self, context: AppContext) -> None:
@@ -53,7 +54,7 @@ class FocusPanel(Panel):
     def toggle_play(self, context: AppContext) -> None:
         """Starts or stops a sweep through the planes and back."""
         self.is_playing = not self.is_playing
-        self._since = time.perf_counter()
+        self._since, self._played = time.perf_counter(), Gesture()
         context.window.wake()
 
     def draw(self, context: AppContext) -> None:
@@ -94,7 +95,7 @@ class FocusPanel(Panel):
             low, high = focus_range_m(context.session.system)
         phase = ((time.perf_counter() - self._since) / _SWEEP_S) % 2.0
         plane_m = low + (high - low) * (phase if phase <= 1 else 2 - phase)
-        context.attempt(focus_at, context.session, plane_m)
+        context.attempt(focus_at, context.session, plane_m, self._played)
         context.window.wake()
 
 

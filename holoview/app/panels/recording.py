@@ -89,6 +89,7 @@ class RecordingPanel(Panel):
         if button(context, "Other order", tip, width=width, name="other order"):
             orders = tuple(order.conjugate() for order in chosen.orders)
             context.order_editor.choose(replace(chosen, orders=orders))
+            context.order_editor.end_drag()
 
     def _to_screen(self, carrier: tuple[float, float]) -> imgui.ImVec2:
         """The place of a frequency (y, x), cycles a pixel, on the screen."""
@@ -120,4 +121,4 @@ class RecordingPanel(Panel):
             if order != chosen.orders[self._wavelength]:
                 context.order_editor.choose(chosen.with_order(self._wavelength, order))
         if imgui.is_item_deactivated():
-            context.session.end_gesture()
+            context.order_editor.end_drag()
