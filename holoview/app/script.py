@@ -186,14 +186,23 @@ class InputDriver:
         self._buttons: tuple[int, ...] = ()
 
     def draw_frames(self, count: int = 1) -> NDArray[np.uint8]:
-        """Draws frames and returns the last one in 8-bit sRGB (y, x, 3). Raises an exception that ended a frame."""
+        """Draws frames and returns the last one in 8-bit sRGB (y, x, 3). Raises an exception that ended a frame.
+
+        Where frames are slow, more of them are drawn, until all input has been processed.
+        """
         image: Any = None
         for _ in range(count):
             self.canvas._process_events()  # drawing alone leaves submitted events waiting
-            image = self.canvas.draw()
-            if self.app.window.error is not None:
-                raise self.app.window.error
+            image = self._draw_frame()
+            while self.app.window.has_pending_input and not self.app.window.closed:
+                image = self._draw_frame()
         return np.asarray(image)[..., :3].copy()
+
+    def _draw_frame(self) -> Any:
+        image = self.canvas.draw()
+        if self.app.window.error is not None:
+            raise self.app.window.error
+        return image
 
     def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
         """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does.

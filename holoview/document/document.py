@@ -225,7 +225,9 @@ class History:
     def add(self, label: str, document: Document, merge_key: Hashable = None) -> None:
         """Adds a step, or merges it into the present one; undone steps are dropped."""
         now, last = self._clock(), self.steps[self.position]
-        is_in_time = now - last.when <= MERGE_WITHIN_S or last.when >= self._held_since or isinstance(merge_key, Gesture)
+        is_in_time = (
+            now - last.when <= MERGE_WITHIN_S or last.when >= self._held_since or isinstance(merge_key, Gesture)
+        )
         merges = merge_key is not None and merge_key == last.merge_key and is_in_time
         del self.steps[self.position + 1 :]
         if merges and self.position > 0:

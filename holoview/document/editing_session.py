@@ -163,7 +163,7 @@ class EditingSession:
         self.edit(label, view_settings=self.view_settings.with_(**fields), merge_key=merge_key, undoable=undoable)
 
     def hold(self, is_held: bool) -> None:
-        """States whether a button or a key is held: the edits of one hold merge by their keys, however slow they are."""
+        """States whether a button or a key is held: the edits of one hold merge by their keys at any time."""
         self._history.hold(is_held)
 
     def end_gesture(self) -> None:

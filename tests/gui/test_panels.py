@@ -11,6 +11,7 @@ import pytest
 from imgui_bundle import imgui
 
 from holoview import load
+from holoview.app import window
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
@@ -54,6 +55,15 @@ def test_a_drag_a_held_key_and_a_sweep_are_one_step_each_on_a_machine_of_any_spe
     gui.draw_frames(10)
     gui.press_chord("Space")
     assert len(gui.session.history) == steps + 4
+
+
+def test_a_script_does_the_same_where_no_frame_is_in_time(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(window, "_UNSEEN_S", -1.0)  # each drawing processes one step of the input
+    before = gui.session.system.gap_m
+    gui.click(gui.item_position("gap", 0.5))
+    assert gui.session.system.gap_m != before and not gui.app.window.has_pending_input
+    gui.press_chord("Ctrl+Z")
+    assert gui.session.system.gap_m == before
 
 
 def test_a_right_click_resets_a_slider(gui: Gui) -> None:
