@@ -166,13 +166,14 @@ def find_order(picture: Floats) -> Order:
     where, rise = _rising_most(
         scipy.ndimage.gaussian_filter(power, [max(1.0, n / 64) for n in power.shape], mode="wrap")
     )
+    no_order = UserError(
+        "recording",
+        "no order in its spectrum outside the middle",
+        expected="an off-axis hologram with fringes",
+        remedy="say in-line, or give the order's carrier",
+    )
     if rise < _RISING or blurred[where] < 20 * noise or noise == 0 == blurred[where]:
-        raise UserError(
-            "recording",
-            "no order in its spectrum outside the middle",
-            expected="an off-axis hologram with fringes",
-            remedy="say in-line, or give the order's carrier",
-        )
+        raise no_order
     centre = float(fy[where[0]]), float(fx[where[1]])
     excess = np.maximum(power - 2 * noise, 0)
     reach = math.hypot(*centre) / 2
@@ -186,6 +187,8 @@ def find_order(picture: Floats) -> Order:
     is_sharp = bool(near > order_power.sum() / _SHARP)
     if is_sharp:
         centre = _refined_peak(picture, (float(fy[peak[0]]), float(fx[peak[1]])))
+    if math.hypot(*centre) <= _CENTRAL:  # the light belongs to the middle, as that of a usual picture does
+        raise no_order
     return Order(centre, _radius(power, noise, fy, fx, centre), is_sharp)
 
 

@@ -111,6 +111,11 @@ def test_a_picture_without_fringes_has_no_order() -> None:
         find_order(np.random.default_rng(7).normal(100, 3, SHAPE))
     with pytest.raises(UserError, match="no order"):
         find_order(np.full(SHAPE, 7.0))
+    y, x = np.mgrid[:256, :256]
+    disc = np.hypot(y - 90, x - 90) < 30
+    frame = (np.maximum(abs(y - 150) / 30, abs(x - 170) / 30) < 1) & (np.maximum(abs(y - 150), abs(x - 170)) >= 24)
+    with pytest.raises(UserError, match="no order"):  # though its spectrum isn't falling everywhere
+        find_order(255.0 * disc + 200.0 * frame)
 
 
 def test_an_order_beyond_the_samples_is_refused() -> None:
