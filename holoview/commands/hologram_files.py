@@ -118,7 +118,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     stated = ReadRequest(
         pitch_m=None if pitch is None else (pitch[0], pitch[-1]),
         wavelengths_m=tuple(units.parse(text, "--wavelength") for text in args.wavelength or ()),
-        distance_m=None if distance is None else units.parse(distance, "--distance"),
+        distance_m=None if distance is None else units.parse(distance, "--distance" if args.distance else "--plane"),
         quantity=args.quantity,
         variable=args.variable,
         parts=parts,

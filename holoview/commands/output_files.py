@@ -77,7 +77,7 @@ def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] 
     arguments: tuple[FileArgument, ...] = getattr(args, _FILES, ())
     given = [(argument, path) for argument in arguments for path in _paths(getattr(args, argument.dest))]
     inputs = [
-        (argument.flag if file == path else f"a file of {argument.flag}", file)
+        (_name_of_input(argument, path, file), file)
         for argument, path in given
         if argument.kind == "input" and os.path.exists(path)  # noqa: PTH110 (it takes any name)
         for file in (path, *_named_by_preset(path))
@@ -114,6 +114,12 @@ def hold_outputs(args: argparse.Namespace, paths: Iterable[Path]) -> None:
     if locks is not None and is_first:
         for path in paths:
             locks.hold(path)
+
+
+def _name_of_input(argument: FileArgument, path: Path, file: Path) -> str:
+    """The input as the user wrote it: by its flag, or by its name where it has none."""
+    name = argument.flag if argument.flag.startswith("-") else str(path)
+    return name if file == path else f"a file of {name}"
 
 
 def _paths(value: Any) -> Iterator[Path]:

@@ -114,14 +114,18 @@ def _diffraction(system: System) -> list[InfoRow]:
     )
     return [
         *([] if system.is_field else [phase_range]),
-        InfoRow("diffraction", "largest angle (half)", f"{angles[0]:.3g}° to {angles[1]:.3g}°"),
+        InfoRow("diffraction", "largest angle (half)", _span(*(f"{angle:.3g}°" for angle in angles))),
         InfoRow(
             "diffraction",
             "étendue",
-            f"{pixels * shortest**2 * 1e6:.3g} to {pixels * longest**2 * 1e6:.3g} mm² sr (pixels × λ²)",
+            _span(*(f"{pixels * λ**2 * 1e6:.3g}" for λ in (shortest, longest))) + " mm² sr (pixels × λ²)",
         ),
         InfoRow("diffraction", "defocus over the stack", f"±{blur:.3g} modulator pixels"),
     ]
+
+
+def _span(low: str, high: str) -> str:
+    return low if low == high else f"{low} to {high}"
 
 
 def _cut_offs(plan: Plan) -> list[InfoRow]:

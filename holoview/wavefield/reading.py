@@ -108,6 +108,9 @@ def read_wavefield(
     files = [Path(paths)] if isinstance(paths, str | os.PathLike) else [Path(path) for path in paths]
     if not files:
         raise UserError("", "no file", expected="a hologram's file, or several that are its parts")
+    for path in files:
+        if path.is_dir():
+            raise UserError(str(path), "is a folder", expected="a hologram's file")
     given = request or ReadRequest()
     merged = over(given, read_notes(files[0]))
     findings = Findings()

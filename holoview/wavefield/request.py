@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from holoview.numerics.sampling import Region
+from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 
 Quantity = Literal["complex", "amplitude", "phase", "intensity", "bilevel"]
@@ -100,13 +101,14 @@ class ReadRequest:
     propagation: Propagation = "auto"
 
     def __post_init__(self) -> None:
-        for key, lengths, low, high in (
-            ("pitch", self.pitch_m or (), 1e-9, 1e-2),
-            ("wavelength", self.wavelengths_m, 1e-11, 1e-2),
+        for key, lengths, unit, low, high in (
+            ("pitch", self.pitch_m or (), "um", 1e-9, 1e-2),
+            ("wavelength", self.wavelengths_m, "nm", 1e-11, 1e-2),
         ):
             for length in lengths:
                 if not low <= length <= high:
-                    raise UserError(key, f"{length:g} m", expected=f"a length from {low:g} to {high:g} m")
+                    found, *limits = (units.format_rounded(x, unit) for x in (length, low, high))
+                    raise UserError(key, found, expected=f"a length from {limits[0]} to {limits[1]}")
         for key, number in (("distance", self.distance_m), ("radius of the reference", self.reference_radius_m)):
             if number is not None and not abs(number) <= 1e6:
                 raise UserError(key, f"{number:g} m", expected="a length of at most 1000 km")

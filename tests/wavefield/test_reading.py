@@ -98,6 +98,13 @@ def test_numbers_that_are_not_finite_are_refused_with_their_place(tmp_path: Path
         read_wavefield(tmp_path / "u.npy", GUESSED)
 
 
+def test_a_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in (tmp_path, "."):  # the second has no name that notes could stand beside
+        with pytest.raises(UserError, match="is a folder"):
+            read_wavefield(name)
+
+
 def test_pickled_objects_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "u.npy", np.array([{"a": 1}, None]), allow_pickle=True)
     with pytest.raises(UserError, match="pickled"):

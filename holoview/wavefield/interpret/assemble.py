@@ -191,5 +191,5 @@ def check_finite(where: str, values: NDArray[Any], region: Region) -> None:
         place = np.unravel_index(int(np.argmin(finite)), finite.shape)
         y, x = int(place[2]) + region[1], int(place[3]) + region[0]
         count = finite.size - int(np.count_nonzero(finite))
-        found = f"{values[place]} at row {y}, column {x}, and {count - 1} more values that aren't finite nearby"
+        found = f"{values[place]} at row {y}, column {x}, one of {count} numbers that aren't finite in the part read"
         raise UserError(where, found, expected="finite numbers")
