@@ -5,14 +5,18 @@ from __future__ import annotations
 import http.client
 import io
 import json
+import re
 import stat
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
+import holoview as hv
 from holoview.util.errors import UserError
 from holoview.wavefield.exchange import HOST, FieldListener, Listener, announced_listener, announcement_path, push
 from holoview.wavefield.wavefield import Wavefield
@@ -61,6 +65,36 @@ def test_a_field_arrives_as_it_was_sent(listening, received, field) -> None:
     assert np.array_equal(seen.values, FIELD[None, None])
     assert (seen.name, seen.pitch_m, seen.distance_m) == ("iteration/5", (8e-6, 8e-6), -0.2)
     assert seen.wavelengths_m.tolist() == [532e-9]
+
+
+RECIPES = dict(
+    re.findall(
+        r"^\| ([\w -]+) \| `(hv\.push\(.*?\))`",
+        (Path(__file__).parents[2] / "docs" / "push.md").read_text("utf-8"),
+        re.MULTILINE,
+    )
+)
+
+
+@pytest.mark.parametrize("library", ["torch", "odak", "HoloTorch", "slmsuite", "neural-3d-holography"])
+def test_the_recipes_of_the_manual_send_the_field_behind_the_modulator(listening, received, library: str) -> None:
+    """slmsuite itself, where it is installed; stand-ins with the arrays of the others: odak 0.2.7 gives complex (y, x),
+    HoloTorch (batch, time, pupil, colour, y, x), neural-3d-holography a phase (1, 1, y, x) with gradients."""
+    phase = torch.from_numpy(np.random.default_rng(4).uniform(0, 6, (12, 16)))
+    field = torch.exp(1j * phase)
+    names = {"hv": hv, "np": np, "torch": torch, "phase": phase, "slm_phase": phase[None, None].requires_grad_()}
+    wave = SimpleNamespace(generate_complex_field=lambda amplitude, phase: amplitude * torch.exp(1j * phase))
+    names["odak"] = SimpleNamespace(learn=SimpleNamespace(wave=wave))
+    names["field"] = SimpleNamespace(data=field[None, None, None, None])
+    expected = field.numpy()
+    if library == "slmsuite":
+        algorithms = pytest.importorskip("slmsuite.holography.algorithms")
+        names["hologram"] = algorithms.Hologram(np.eye(16))
+        expected = np.exp(1j * names["hologram"].get_phase())
+    eval(RECIPES[library], names)
+    seen = received[-1].values
+    assert seen.shape[:2] == (1, 1)
+    assert np.abs(seen[0, 0] - expected).max() < 1e-5
 
 
 def test_a_wavefield_arrives_with_all_it_says(listening, received) -> None:
