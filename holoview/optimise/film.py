@@ -21,6 +21,7 @@ from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback
 
+_STEP_FACTOR = 0.4  # of the first picture's step: the full one would undo much of what the hologram before holds
 _LEAST_AMPLITUDE = 1e-6  # of the brightest laser: a laser that the last picture didn't need may be needed now
 
 
@@ -43,6 +44,12 @@ class FilmJob:
     def __post_init__(self) -> None:
         if self.next_iterations < 1:
             raise UserError("--next-iterations", str(self.next_iterations), expected="at least 1")
+
+    @property
+    def next_settings(self) -> Settings:
+        """Of each hologram after the first one: fewer iterations and smaller steps."""
+        step_rad = _STEP_FACTOR * self.settings.step_rad
+        return replace(self.settings, iterations=self.next_iterations, step_rad=step_rad)
 
     def file(self, number: int) -> Path:
         """The hologram of a picture, counted from 0."""
@@ -74,7 +81,7 @@ def optimise_film(
         result = optimise_hologram(
             job.system if last is None else _with_amplitudes_of(job.system, last),
             stack,
-            job.settings if last is None else replace(job.settings, iterations=job.next_iterations),
+            job.settings if last is None else job.next_settings,
             replace(job.options, initial_hologram=last),
             interruption=interruption,
             tell=tell,

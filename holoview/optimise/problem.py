@@ -50,7 +50,8 @@ class EvaluationRequest:
 
     amplitude_gradient, wavelength_gradient: only together with path_gradient. level_step_m: replace the path gradient
     by secants to the neighbouring levels, at this optical path from those shown (see `level_gradients`).
-    curvature_weight: the weight s of the secant's second term.
+    curvature_weight: the weight s of the secant's second term. planes: those that count, all when None; loss and
+    gradient are then scaled by their share, so that the mean over all draws is that of all planes.
     """
 
     path_gradient: bool = False
@@ -60,6 +61,13 @@ class EvaluationRequest:
     wavelength_gradient: bool = False
     level_step_m: Tensor | None = None
     curvature_weight: float = 0.0
+    planes: tuple[int, ...] | None = None
+
+    @property
+    def takes_all_planes(self) -> bool:
+        """Whether something is wanted that a part of the planes doesn't tell."""
+        wants_sums = self.optimal_amplitudes or self.eyebox_variation or self.wavelength_gradient
+        return wants_sums or self.level_step_m is not None or not self.path_gradient
 
     @property
     def needs_image_products(self) -> bool:
@@ -184,28 +192,36 @@ class Problem:
         weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(objective.target)
         image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
         evaluate_rows = self._row_evaluation(weights, least_squares, request)
-        planes = range(len(objective.target))
+        planes = request.planes or tuple(range(len(objective.target)))
+        share = len(planes) / len(objective.target)
         evaluate_lines = None
         if isinstance(evaluate_rows, RowEvaluation) and evaluate_rows.is_plain:
             evaluate_lines = evaluate_rows.evaluate_lines
         results = self.model.process_planes(planes, evaluate_rows, evaluate_lines, carry_back=request.path_gradient)
-        plane_losses = [objective.plane_loss(plane, [row.sums for row in results[plane]]) for plane in planes]
-        for rows, plane_weight in zip(results, objective.plane_weights.tolist(), strict=True):
+        plane_losses = [
+            objective.plane_loss(plane, [row.sums for row in rows]) for plane, rows in zip(planes, results, strict=True)
+        ]
+        for rows, plane_weight in zip(results, objective.plane_weights[list(planes)].tolist(), strict=True):
             for row in rows:
                 if least_squares is not None and row.normal_equations is not None:
                     least_squares.add(row.normal_equations, plane_weight)
                 if row.image_products is not None:
                     image_products[:, self._own_lasers] += row.image_products
         evaluation = LossEvaluation(
-            loss=sum(plane.loss for plane in plane_losses),
+            loss=sum(plane.loss for plane in plane_losses) / share,
             psnr_db=float(np.mean([plane.psnr_db for plane in plane_losses])),
             picture=lambda: objective.picture(self._middle_image),
             optimal_amplitudes=None if least_squares is None else self._solve_amplitudes(least_squares),
         )
-        evaluation = self._with_eyebox(evaluation, amplitudes, request)
+        evaluation = self._with_eyebox(evaluation, amplitudes, request, share)
         if not request.path_gradient:
             return evaluation
-        return self._with_gradients(evaluation, image_products, laser_amplitudes, opd_m, request)
+        evaluation = self._with_gradients(evaluation, image_products, laser_amplitudes, opd_m, request)
+        if evaluation.path_gradient is not None and share < 1:
+            evaluation.path_gradient.div_(share)
+        if evaluation.amplitude_gradient is not None:
+            evaluation.amplitude_gradient[:] /= share
+        return evaluation
 
     @property
     def _needs_whole_planes(self) -> bool:
@@ -243,9 +259,12 @@ class Problem:
         )
 
     def _with_eyebox(
-        self, evaluation: LossEvaluation, amplitudes: Floats, request: EvaluationRequest
+        self, evaluation: LossEvaluation, amplitudes: Floats, request: EvaluationRequest, share: float
     ) -> LossEvaluation:
-        """The evaluation with the eyebox's variation and penalty, where one of them is needed."""
+        """The evaluation with the eyebox's variation and penalty, where one of them is needed.
+
+        share: of the planes that count, by which gradients are divided later.
+        """
         if not request.eyebox_variation and self.settings.eyebox == 0:
             return evaluation
         block_means = self.eyebox.block_means(amplitudes)
@@ -255,7 +274,7 @@ class Problem:
             raise _no_light_error()
         loss = evaluation.loss
         if self.settings.eyebox > 0:
-            loss += self.eyebox.add_penalty(block_means, amplitudes, self.settings.eyebox)
+            loss += self.eyebox.add_penalty(block_means, amplitudes, self.settings.eyebox * share) / share
         return replace(evaluation, loss=loss, eyebox_variation=variation)
 
     def _with_gradients(

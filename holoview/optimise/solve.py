@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
+_DRAWN_SHARE = 0.7  # of the iterations in which planes are drawn: the last ones settle on all
 
 
 def iterate(
@@ -58,9 +60,9 @@ def iterate(
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
-    `best`, the `Hologram` of the smallest loss so far; the latest one where pupils are drawn, since losses of different
-    draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the drive or the
-    checkpoint doesn't fit, and when memory runs out.
+    `best`, the `Hologram` of the smallest loss so far; the latest one where pupils or planes are drawn, since losses of
+    different draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the drive or
+    the checkpoint doesn't fit, and when memory runs out.
 
     >>> import numpy as np
     >>> import holoview as hv
@@ -110,14 +112,17 @@ class _Optimiser:
             if self._drawn is not None and iteration > 0:
                 self.problem.see_from(*self._drawn(iteration))
             shown = self.variables.patterns.displayed_drive()
-            evaluation = self._evaluate(shown, iteration)
+            request = self._request(iteration)
+            evaluation = self._evaluate(shown, iteration, request)
             if not math.isfinite(evaluation.loss):
                 raise UserError(
                     "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
                 )
             best = (self.progress.best_loss, self.progress.best_psnr_db)
-            if evaluation.loss < best[0] or self.best is None or self._drawn is not None:
-                best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
+            is_partial = request.planes is not None
+            if evaluation.loss < best[0] or self.best is None or self._drawn is not None or is_partial:
+                loss = math.inf if is_partial else evaluation.loss  # of other planes than the next one
+                best, self.best = (loss, evaluation.psnr_db), self._hologram(shown)
             if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                 self.problem.set_wavelengths(self.variables.wavelengths_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
@@ -135,10 +140,9 @@ class _Optimiser:
                 checkpoint=self._checkpoint,
             )
 
-    def _evaluate(self, shown: torch.Tensor, iteration: int) -> LossEvaluation:
+    def _evaluate(self, shown: torch.Tensor, iteration: int, request: EvaluationRequest) -> LossEvaluation:
         """The evaluation of an iteration; in the last one, amplitudes are solved for first and the loss is theirs."""
         variables, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
-        request = variables.evaluation_request(iteration)
         if iteration < self.settings.iterations:
             return self.problem.evaluate(path_m, variables.amplitudes, request)
         if request.optimal_amplitudes:
@@ -146,6 +150,16 @@ class _Optimiser:
             assert solved.optimal_amplitudes is not None
             variables.amplitudes = solved.optimal_amplitudes
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
+
+    def _request(self, iteration: int) -> EvaluationRequest:
+        """What to evaluate in an iteration, and in which planes."""
+        request, few = self.variables.evaluation_request(iteration), self.settings.drawn_planes
+        count = len(self.problem.objective.target)
+        is_early = iteration < _DRAWN_SHARE * self.settings.iterations
+        if not 0 < few < count or not is_early or request.takes_all_planes:
+            return request
+        drawn = np.random.default_rng((self.settings.seed, iteration)).choice(count, few, replace=False)
+        return replace(request, planes=tuple(sorted(drawn.tolist())))
 
     def _hologram(self, shown: torch.Tensor) -> Hologram:
         changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}

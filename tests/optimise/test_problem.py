@@ -300,3 +300,19 @@ def test_free_wavelengths_have_room_for_the_walk_off_of_the_longest(bench: Bench
     longest = make_plan(system.edit({"wavelengths": ["455.4 nm", "531.7 nm", "830 nm"]})).grid
     assert wide == longest
     assert wide.padded > narrow.padded
+
+
+def test_the_mean_over_the_planes_is_what_all_of_them_give(bench: Bench, noise: Noise) -> None:
+    """Loss, gradients and the eyebox's penalty of one plane at a time, with weights that differ."""
+    system = _system(bench)
+    settings = Settings(loss="srgb", eyebox=0.1, plane_weights=tuple(1.0 + k for k in range(len(system.planes_m))))
+    problem = Problem(system, _stack(system), settings, double=True)
+    request = EvaluationRequest(path_gradient=True, amplitude_gradient=True)
+    arguments = (_opd(system, noise), np.array(system.amplitudes))
+    whole = problem.evaluate(*arguments, request)
+    parts = [problem.evaluate(*arguments, replace(request, planes=(k,))) for k in range(len(system.planes_m))]
+    assert np.mean([part.loss for part in parts]) == pytest.approx(whole.loss, rel=1e-12)
+    for name in ("path_gradient", "amplitude_gradient"):
+        mean = np.mean([np.asarray(getattr(part, name)) for part in parts], axis=0)
+        expected = np.asarray(getattr(whole, name))
+        assert np.linalg.norm(mean - expected) <= 1e-12 * np.linalg.norm(expected)  # 1e3 terms: 1e3·2⁻⁵³

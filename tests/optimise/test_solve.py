@@ -83,6 +83,17 @@ def test_what_is_free_moves_and_helps_and_the_rest_stays(free: tuple[str, ...], 
     assert min(state.loss for state in states) < states[0].loss
 
 
+def test_with_drawn_planes_the_best_hologram_is_one_of_all_planes(bench: Bench, run: Run) -> None:
+    """The latest while planes are drawn; then the best of those whose loss is that of all planes."""
+    system = bench()
+    states = run(system, iterations=20, drawn_planes=1, amplitudes_every=7)
+    drawn, whole = [states[k] for k in range(14) if k % 7], [*(states[k] for k in (0, 7)), *states[14:]]
+    assert all(state.best_psnr_db == state.psnr_db for state in drawn)
+    assert states[-1].best_psnr_db == max(whole[2:], key=lambda state: -state.loss).psnr_db
+    again = run(system, iterations=20, drawn_planes=1, amplitudes_every=7)
+    assert [state.loss for state in again] == [state.loss for state in states]
+
+
 def test_wavelengths_end_in_their_range_and_apart(bench: Bench, run: Run) -> None:
     settings = {"wavelength_range_m": (455e-9, 600e-9), "wavelength_spacing_m": 30e-9}
     best = run(bench(), free=EVERYTHING, amplitudes_every=1, **settings)[-1].best.system
