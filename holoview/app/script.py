@@ -61,7 +61,7 @@ def _run(driver: InputDriver, line: str) -> None:
         "set": _set,
         "look": _look,
         "command": lambda driver, name: driver.context.commands.run(name),
-        "show": lambda driver, title: driver.context.show_panel(title),
+        "show": _show,
         "key": lambda driver, chord: driver.press_chord(chord),
         "type": lambda driver, text: driver.type_text(text),
         "click": _click,
@@ -147,6 +147,13 @@ def _split_numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[s
 
 def _is_number(word: str) -> bool:
     return word.lstrip("-").replace(".", "", 1).isdigit()
+
+
+def _show(driver: InputDriver, title: str) -> None:
+    titles = [guarded.panel.title for guarded in driver.app.panels]
+    if title not in titles:
+        raise UserError(f"show {title}", "there is no such panel", remedy=suggest_matches(title, titles))
+    driver.context.show_panel(title)
 
 
 def _click(driver: InputDriver, text: str) -> None:

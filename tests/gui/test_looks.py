@@ -151,6 +151,7 @@ def test_a_script_draws_off_screen_and_writes_what_is_seen(tmp_path: Path, capsy
         ("click nothing 1", "no item is called"),
         ('click "nothing', "quotation mark"),
         ("command Nothing", "known|did you mean"),
+        ("show Light of a point", "there is no such panel"),
         ("drag image 1 2", "ITEM X0 Y0 X1 Y1"),
         ("open nowhere.png", "nowhere.png"),
     ],
