@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,12 @@ def test_numbers_that_are_not_finite_are_refused_with_their_place(tmp_path: Path
     np.save(tmp_path / "u.npy", u)
     with pytest.raises(UserError, match=r"nan.* at row 7, column 11"):
         read_wavefield(tmp_path / "u.npy", GUESSED)
+
+
+def test_complex_numbers_are_of_no_other_quantity(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", _field(20, 30))
+    with pytest.raises(UserError, match="the numbers are complex, not of the quantity phase"):
+        read_wavefield(tmp_path / "u.npy", replace(GUESSED, quantity="phase"))
 
 
 def test_a_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -204,6 +204,9 @@ def _recognise(
     if request.recording not in (None, "none"):
         findings.add("recording", str(request.recording), "given", "as given or remembered")
         return True, "intensity"
+    if roles == ["complex"] and request.quantity not in (None, "complex"):
+        found = f"the numbers are complex, not of the quantity {request.quantity}"
+        raise UserError(str(files[0][0]), found, expected="the quantity complex, or none stated")
     if roles == ["complex"] or len(parts) > 1:
         findings.add("quantity", " and ".join(roles), "file", parts[0].component.reason or "its numbers are complex")
         return False, ""
