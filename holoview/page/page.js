@@ -464,7 +464,7 @@ function connectLasers(viewer, change) {
         const active = viewer.lasersShown()
         for (const [index, show] of panels) show(index === active)
         $("laser-note").textContent = PAGE.holograms[active].bench.fixed.wavelengths
-            ? "Wavelengths are fixed: effects or aberrations of this bench were computed for them." : ""
+            ? "Wavelengths are fixed: a field, effects or aberrations were computed for them." : ""
         drawSpectrum(viewer)
     }
 }

@@ -100,8 +100,11 @@ def read_rasters(path: Path) -> Generator[Raster]:
 def _supported_format(path: Path) -> str:
     kind = file_format(path)
     if kind not in _READERS:
-        found = "is a numpy array" if kind == "NPY" else "is not a picture that can be read"
-        raise UserError(str(path), found, expected=READABLE_FORMATS, remedy="save it in one of these formats")
+        if kind == "NPY":
+            remedy = f"of a complex field, note first what it is: `holoview info {path} --pitch 8um --remember`"
+            raise UserError(str(path), "is a numpy array", expected=READABLE_FORMATS, remedy=remedy)
+        remedy = "save it in one of these formats"
+        raise UserError(str(path), "is not a picture that can be read", expected=READABLE_FORMATS, remedy=remedy)
     return kind
 
 

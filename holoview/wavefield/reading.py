@@ -241,6 +241,7 @@ def _require_answers(known: Known, findings: Findings) -> None:
     examples = " ".join(f"{q.option} {q.guess.replace(' ', '').replace(',', ' ')}" for q in asked)
     reasons = "; ".join(f"{q.guess}: {q.reason}" for q in asked)
     found = f"doesn't say its {' and '.join(q.key for q in asked)}"
-    raise UserError(
-        known.name, found, expected=" and ".join(q.option for q in asked), remedy=f"e.g. {examples} ({reasons})"
+    remedy = (
+        f"e.g. {examples} ({reasons}); `holoview info` with these options and --remember notes them for all commands"
     )
+    raise UserError(known.name, found, expected=" and ".join(q.option for q in asked), remedy=remedy)
