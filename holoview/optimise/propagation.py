@@ -240,7 +240,7 @@ class PlanePropagation:
         ∂L/∂image. picture (channel, row, x): where to write the image. Returns the norms of
         `Kernels.replace_by_residual`.
         """
-        raise NotImplementedError
+        raise AssertionError("`evaluates_lines` is False")
 
     def process_rows(self, lines: Tensor, process: Callable[[Tensor], Result], *, carry_back: bool) -> Result:
         """Calls a function with the fields of lines (laser, source, row, k_x); carry_back: back to lines again."""
