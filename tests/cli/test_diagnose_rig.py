@@ -39,10 +39,10 @@ def test_options_that_contradict_each_other(
 
 def test_a_budget_ends_it_with_a_diagnosis_and_the_captures(holoview: Run, tmp_path: Path) -> None:
     write_rig(tmp_path, {})
-    arguments = ("--rig", "rig.toml", "--captures", 2, "-o", "c.h5", "--json", "d.json", "--workers", 1)
-    outcome = holoview("diagnose", *arguments)
+    arguments = ("--rig", "rig.toml", "-o", "c.h5", "--json", "d.json", "--workers", 1)
+    outcome = holoview("diagnose", *arguments, "--captures", 2, "--certainty", 0.9999999)
     assert outcome.code == 0, outcome.err
-    assert "capture 1: 450 nm at 1 mm, " in outcome.err and "2 captures are taken, as many as allowed" in outcome.out
+    assert "capture 1: 450 nm at 9 mm, " in outcome.err and "2 captures are taken, as many as allowed" in outcome.out
     assert "rig.toml: consistent" in outcome.out and "written: c.h5" in outcome.out
     told = json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))
     assert told["captures"] == 2 and told["loop"]["certain"] is False

@@ -68,7 +68,7 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
         raise UserError(str(file), "isn't a Python file", expected="a name that ends in .py")
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
         effects = list(_effects_of(module))
     except Exception as error:
         raise UserError(str(file), f"failed: {type(error).__name__}: {error}", remedy="mend the file") from error

@@ -161,7 +161,7 @@ def _run(file: Path, where: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     print(f"running {file} for its devices", file=sys.stderr)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
     except Exception as error:
         raise UserError(where, f"{file} failed: {type(error).__name__}: {error}", remedy="mend the file") from error
     return module
