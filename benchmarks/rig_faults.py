@@ -7,7 +7,8 @@ or wrong pictures, a lost connection, a power cut), Ctrl-C, SIGTERM, `kill -9`, 
 
 - every capture that was on the disk before is still there, bit for bit;
 - at most the capture in flight is missing: those that the program reported as taken are there;
-- no file is half written, and none is left over;
+- no file is half written, and none is left over, but for the one that `kill -9` ended the writing of, under a name
+  of its own, which goes with the folder of captures;
 - the bench's own log says that the lasers are off: because the program said so; after `kill -9` and where the program
   can't reach them any more, by the bench's interlock; or without power.
 
@@ -186,8 +187,8 @@ def parts(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder / "out.h5.captures").glob("0*.h5")}
 
 
-def faults_of(folder: Path, before: dict[str, bytes]) -> list[str]:
-    """What is wrong in a folder after an interruption."""
+def faults_of(folder: Path, before: dict[str, bytes], way: str) -> list[str]:
+    """What is wrong in a folder after an interruption. way: the interruption."""
     wrong, now = [], parts(folder)
     if (folder / "out.h5").exists():  # interrupted while it cleared up
         return wrong
@@ -202,6 +203,8 @@ def faults_of(folder: Path, before: dict[str, bytes]) -> list[str]:
         wrong.append(f"{reported} captures were taken, {len(now) - len(before)} are there")
     known = {*now, "session.json", "bench.h5"}
     stray = [path.name for path in (folder / "out.h5.captures").glob("*") if path.name not in known]
+    if way == "kill -9":  # the file that it was writing beside; the folder goes when the session is complete
+        stray = [name for name in stray if not (name.startswith(".holoview-") and name.endswith(".part"))]
     return wrong + [f"{name} is left over" for name in stray]
 
 
@@ -258,7 +261,7 @@ def _judge(where: str, way: str, folder: Path, before: dict[str, bytes], code: i
     out.off[f"{way}: {state}"] += 1
     if not state.startswith("off") or (state == "off: interlock" and way not in ("device", "kill -9")):
         out.wrong.append(f"{where}: the lasers are {state}")
-    out.wrong += [f"{where}: {wrong}" for wrong in faults_of(folder, before)]
+    out.wrong += [f"{where}: {wrong}" for wrong in faults_of(folder, before, way)]
 
 
 def _finish(number: int, folder: Path, plan: dict[str, Any], whole: Captures, out: Outcome) -> None:

@@ -1,7 +1,8 @@
 """Starts the process of a virtual bench, and devices that talk to it.
 
-Messages go over a local socket: a line of JSON, and an array if the line announces one (`send`, `receive`). Nothing in
-a message is run or unpickled. A side that sends anything else is disconnected.
+Messages go over a local socket: a line of JSON, and an array if the line announces one (`send`, `receive`). An answer
+has the number of its request. Nothing in a message is run or unpickled. A side that sends anything else is
+disconnected.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Connection:
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
         self._stream = connected.makefile("rb")
+        self._asked = 0
 
     def send(self, message: Message) -> None:
         """Sends a message. Raises Disconnected."""
@@ -72,6 +74,19 @@ class Connection:
             return Message(table, self._array(table) if "shape" in table else None)
         except (OSError, UserError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise Disconnected(str(error) or type(error).__name__) from error
+
+    def ask(self, message: Message) -> Message:
+        """Sends a message and waits for the answer to it, which has the same number. Raises Disconnected.
+
+        An answer that nobody waited for, because Ctrl-C ended an earlier call, isn't taken for this one's: lasers would
+        pass as switched off when it is their switching on that was confirmed.
+        """
+        self._asked += 1
+        number = self._asked
+        self.send(Message({**message.table, "number": number}, message.array))
+        while (answer := self.receive()).table.get("number") != number:
+            pass
+        return answer
 
     def close(self) -> None:
         """Closes the socket; twice is once."""
@@ -160,8 +175,7 @@ def connect(address: tuple[str, int], token: str) -> Connection:
 def ask(connection: Connection, table: dict[str, Any], array: Levels | None = None) -> Message:
     """Sends a message and returns the answer. Raises DeviceGone where the bench is gone, DeviceError if it refuses."""
     try:
-        connection.send(Message(table, array))
-        answer = connection.receive()
+        answer = connection.ask(Message(table, array))
     except Disconnected as error:
         raise DeviceGone("virtual bench", f"is gone ({error})", remedy=_REMEDY) from error
     if "error" in answer.table:

@@ -48,7 +48,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -443,11 +443,13 @@ class BenchServer:
     def serve(self, connection: Connection, token: str) -> None:
         """Answers messages until the other side is gone; without the right token the connection is closed."""
         try:
-            if not hmac.compare_digest(str(connection.receive().table.get("token", "")).encode(), token.encode()):
+            request = connection.receive()
+            if not hmac.compare_digest(str(request.table.get("token", "")).encode(), token.encode()):
                 return
-            connection.send(Message({}))
+            connection.send(_numbered(Message({}), request))
             while True:
-                connection.send(self._faults.answer(connection.receive(), self.answer))
+                request = connection.receive()
+                connection.send(_numbered(self._faults.answer(request, self.answer), request))
         except Disconnected:
             pass
         finally:
@@ -470,6 +472,11 @@ class BenchServer:
     def _wait(self, message: Message) -> Message:
         self._bench.wait(float(message.table["seconds"]))
         return Message({})
+
+
+def _numbered(answer: Message, request: Message) -> Message:
+    """The answer with the number of its request, if that has one."""
+    return replace(answer, table={**answer.table, **{k: v for k, v in request.table.items() if k == "number"}})
 
 
 class FaultInjector:

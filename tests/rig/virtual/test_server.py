@@ -116,6 +116,21 @@ def test_garbage_from_one_with_the_token_ends_its_connection_only(bench: Virtual
     assert bench.ask({"do": "time"}).table["time"] >= 0
 
 
+def test_an_answer_that_ctrl_c_left_behind_isnt_taken_for_the_next(
+    bench: VirtualBenchProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lasers would pass as switched off when it is their switching on that was confirmed."""
+
+    def interrupted(_: Connection) -> Message:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Connection, "receive", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            bench.ask({"do": "laser", "wavelength": LASERS_M[0], "power": 1.0})
+    assert "time" in bench.ask({"do": "time"}).table
+
+
 def test_devices_of_a_virtual_rig_take_a_picture_and_close_with_lasers_off(rig: RigDescription) -> None:
     with open_rig(rig) as devices:
         assert isinstance(devices, Devices) and len(devices.modulators) == 2
