@@ -86,15 +86,16 @@ def native_adapters() -> list[Any]:
     """The wgpu adapters of this machine, best first; an empty list if no driver is installed."""
     load_backend()
     try:
-        with _ENVIRONMENT, _runtime_folder():
+        with ENUMERATION, _runtime_folder():
             adapters = wgpu.gpu.enumerate_adapters_sync()
     except RuntimeError:
         return []
     return sorted(adapters, key=lambda native: AdapterInfo.of(native).rank)
 
 
-_ENVIRONMENT = threading.Lock()
-"""Held while the environment of the process is changed: jobs open devices at the same time."""
+ENUMERATION = threading.RLock()
+"""Held while adapters are enumerated, which changes the environment, and until those that aren't chosen are released:
+jobs open devices at the same time, and a driver of OpenGL ends the process where two threads are at its adapters."""
 
 
 @contextmanager

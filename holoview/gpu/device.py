@@ -15,7 +15,7 @@ import numpy as np
 import wgpu
 from numpy.typing import DTypeLike, NDArray
 
-from holoview.gpu.adapter import MIB, AdapterInfo, check_limits, choose_adapter, native_adapters
+from holoview.gpu.adapter import ENUMERATION, MIB, AdapterInfo, check_limits, choose_adapter, native_adapters
 from holoview.gpu.shader import ShaderSource, compile_error
 from holoview.util.errors import UserError
 
@@ -227,7 +227,8 @@ def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP,
     features: requested if the adapter has them and omitted otherwise; `Device.features` holds the result.
     Raises UserError if there is no adapter, none of that name, if its limits are too small, or if it can't be opened.
     """
-    native = choose_adapter(native_adapters(), adapter)
+    with ENUMERATION:
+        native = choose_adapter(native_adapters(), adapter)
     info = AdapterInfo.of(native)
     check_limits(info, native.limits)
     limits = {name: native.limits[name] for name in _REQUESTED_LIMITS}

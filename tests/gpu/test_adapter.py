@@ -45,6 +45,23 @@ assert wgpu.gpu.wgsl_language_features is not None
 """
 
 
+OPEN_AT_ONCE = """
+from threading import Thread
+from holoview.gpu.device import open_device
+threads = [Thread(target=lambda: [open_device() for _ in range(12)]) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+"""
+
+
+def test_several_threads_may_open_devices_at_once() -> None:
+    """A driver of OpenGL that two threads used at once, one releasing an adapter, ended the process most times."""
+    done = subprocess.run([sys.executable, "-c", OPEN_AT_ONCE], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+
+
 def _run(program: str, cache: Path) -> subprocess.CompletedProcess[str]:
     """Runs a program in a process of its own, since a process loads wgpu's backend once."""
     environment = {"XDG_CACHE_HOME": str(cache), "LOCALAPPDATA": str(cache), "HOME": str(cache)}
