@@ -1,4 +1,4 @@
-"""`holoview measure RIG.toml -o FILE.h5`: takes a session of captures with real or virtual devices."""
+"""`holoview measure RIG.toml -o FILE.h5`: takes captures with real or virtual devices."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_output(parser, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
     parser.add_argument("--dry-run", action="store_true", help="print all that would happen; nothing is opened")
-    parser.add_argument("--finish", action="store_true", help="write the session of the captures that are there")
+    parser.add_argument("--finish", action="store_true", help="write the file of the captures that are there")
 
 
 def run(args: argparse.Namespace) -> int:
