@@ -13,6 +13,7 @@ over a second to import and is needed for colour differences only.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -303,3 +304,17 @@ def white_amplitudes(weights: ArrayLike, sequence: ArrayLike) -> FloatArray:
     amplitudes = np.zeros_like(on)
     amplitudes[:, used] = on[:, used] * shares * (len(on) / frames_on[used])
     return amplitudes
+
+
+_BRIGHT_PERCENT, _MOST_ABOVE_WHITE = 99, 16.0
+
+
+def fitting_stops(xyz: NDArray[np.floating]) -> float:
+    """The exposure in stops at which only the brightest hundredth of an image XYZ (…, 3) is beyond white; 0 if black.
+
+    Brightness is the largest channel of linear sRGB. Speckle has a long tail, which a maximum would fit; where almost
+    all is dark, the brightest sample is at most `_MOST_ABOVE_WHITE` times white.
+    """
+    brightness = (xyz @ XYZ_TO_SRGB.T).max(axis=-1)
+    white = max(float(np.percentile(brightness, _BRIGHT_PERCENT)), float(brightness.max()) / _MOST_ABOVE_WHITE)
+    return -math.log2(white) if white > 0 else 0.0

@@ -7,7 +7,6 @@ field of another program, whose parts may be in several files.
 from __future__ import annotations
 
 import argparse
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -30,10 +29,10 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.wavefield.reading import ReadRequest, over, remember, request_of_notes
-from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, RecordingKind
+from holoview.wavefield.interpret.remembered import over, parse_order, parse_steps, remember, request_of_notes
+from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, ReadRequest, RecordingKind
 
-_NEGATIVE = re.compile(r"-\d*\.?\d+ ?[a-zµ]*$")
+_NEGATIVE = re.compile(r"-\d*\.?\d+(,-?\d*\.?\d+)* ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
 _OPTIONS = (
     "wavelength",
@@ -49,6 +48,7 @@ _OPTIONS = (
     "aperture",
     "decimate",
     "steps",
+    "order",
 )
 
 
@@ -75,6 +75,12 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         "--steps",
         metavar="DEGREES",
         help="of a phase-shifting set: 0,90,180,270 of the pictures' reference, equal (if absent), or unknown: found",
+    )
+    group.add_argument(
+        "--order",
+        metavar="FX,FY[,RADIUS]",
+        **several,
+        help="of an off-axis recording, in cycles a pixel, one for each wavelength or for all; found if absent",
     )
     group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
     group.add_argument(
@@ -123,7 +129,8 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         variable=args.variable,
         parts=parts,
         recording=args.recording,
-        steps=_steps(args.steps, args.recording),
+        steps=None if args.steps is None else parse_steps(_numbers(args.steps)),
+        orders=tuple(parse_order(_numbers(text)) for text in args.order or ()),
         refractive_index=args.index,
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,
@@ -135,18 +142,12 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
 
 
-def _steps(text: str | None, recording: str | None) -> Any:
-    """The steps that --steps states, for a request. Raises UserError for other texts, and without phase-shifting."""
-    if text is None or text == "equal":
-        return "equal"
-    if recording != "phase-shifting":
-        raise UserError("--steps", f"with {recording or 'no'} recording", expected="--recording phase-shifting")
-    if text == "unknown":
-        return text
+def _numbers(text: str) -> Any:
+    """The numbers of a text with commas, also with the unit deg; the text itself where it holds anything else."""
     try:
-        return tuple(math.radians(float(part.removesuffix("deg"))) for part in text.replace(" ", "").split(","))
+        return [float(part.removesuffix("deg")) for part in text.replace(" ", "").split(",")]
     except ValueError:
-        raise UserError("--steps", f'"{text}"', expected="degrees, one a picture: 0,90,180,270; or unknown") from None
+        return text
 
 
 def _aperture(text: str | None) -> dict[str, Any]:

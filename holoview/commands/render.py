@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import COLOUR_SPACES, ColourSpace
+from holoview.colour import COLOUR_SPACES, ColourSpace, fitting_stops
 from holoview.commands.arguments import (
     add_backend,
     add_changes,
@@ -57,7 +57,7 @@ from holoview.model import preset
 from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.model.system import System
 from holoview.render.planes import SeenView, describe_view, exposed_pictures, write_pictures
-from holoview.render.tone_mapping import FieldPicture, field_picture, fitting_stops, linear_picture
+from holoview.render.tone_mapping import FieldPicture, field_picture, linear_picture
 from holoview.render.view_settings import QUANTITIES
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -15,7 +15,7 @@ import json
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from holoview.document.document import Document, HistoryStep, as_readonly_drive
 from holoview.document.editing_session import OptimisationChoices
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.document.target_builder import TargetSpec, example_target
+from holoview.io.load_field import RecordedOrders
 from holoview.model import preset
 from holoview.model.focus import PupilPath
 from holoview.model.system import System
@@ -38,6 +39,7 @@ from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import ArraySchema, parse_json_table, record_from_table, typed_value
+from holoview.wavefield.reading import Recording
 
 
 def view_settings_table(view: ViewSettings) -> dict[str, Any]:
@@ -105,9 +107,11 @@ class SessionArchive:
         systems: dict[str, str] = {}
         targets: dict[str, Any] = {}
         paths: dict[str, Any] = {}
+        recordings: dict[str, Any] = {}
 
         def table_of(document: Document) -> dict[str, Any]:
             table = self._document_table(document, systems, targets)
+            table["recorded"] = self._recorded_table(document.recorded, recordings)
             return table | {"look": _view_table(document.view_settings, paths)}
 
         steps = [{"label": step.label, "when": step.when, **table_of(step.document)} for step in data.steps]
@@ -125,6 +129,7 @@ class SessionArchive:
             "systems": systems,
             "targets": targets,
             "pupil_paths": paths,
+            "recordings": recordings,
         }
         content = json.dumps(table)
         write_file(self.folder / SESSION_FILE, content)
@@ -139,7 +144,7 @@ class SessionArchive:
     def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
         """The JSON of a document but its view; system and target are added to the tables that all documents share."""
         if document.system not in self._systems:
-            self._systems[document.system] = preset.dumps(document.system)
+            self._systems[document.system] = preset.dumps(document.system, self.folder)
         toml = self._systems[document.system]
         system_key = hashlib.sha256(toml.encode()).hexdigest()[:16]
         systems[system_key] = toml
@@ -154,6 +159,20 @@ class SessionArchive:
             "origin": document.origin,
             "path": None if document.path is None else str(document.path),
         }
+
+    def _recorded_table(self, recorded: RecordedOrders | None, recordings: dict[str, Any]) -> dict[str, Any] | None:
+        """The JSON of chosen orders; their recording is added to the table that all documents share."""
+        if recorded is None:
+            return None
+        recording = recorded.recording
+        key = str(id(recording))
+        if key not in recordings:
+            table = {entry.name: getattr(recording, entry.name) for entry in fields(recording)}
+            pictures, lasers = self._store_array(recording.pictures), recording.wavelengths_m.tolist()
+            orders = [asdict(order) for order in recording.orders]
+            recordings[key] = table | {"pictures": pictures, "wavelengths_m": lasers, "orders": orders}
+        orders = [asdict(order) for order in recorded.orders]
+        return {"recording": key, "orders": orders, "is_moved": recorded.is_moved}
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
         table = {key: getattr(target_spec, key) for key in _TARGET_KEYS}
@@ -263,6 +282,7 @@ class _Reader:
         self._systems: dict[str, System] = {}
         self._targets: dict[str, TargetSpec] = {}
         self._paths: dict[str, PupilPath] = {}
+        self._recordings: dict[str, Recording] = {}
         self.unreadable: list[str] = []
 
     def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
@@ -276,6 +296,7 @@ class _Reader:
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
                 typed_value(entry["origin"], str, "origin"),
                 None if entry["path"] is None else Path(typed_value(entry["path"], str, "path")),
+                self._recorded(entry.get("recorded")),
             )
         except _DAMAGE as error:
             self.unreadable.append(f"{what}: {_reason(error)}")
@@ -302,7 +323,7 @@ class _Reader:
 
     def _system(self, key: str) -> System:
         if key not in self._systems:
-            self._systems[key] = preset.loads(self._table["systems"][key], "saved system")
+            self._systems[key] = preset.loads(self._table["systems"][key], "saved system", self._folder)
         return self._systems[key]
 
     def _array(self, name: str) -> NDArray[np.float32]:
@@ -332,6 +353,17 @@ class _Reader:
                 TargetSpec, table, "target: ", skips_unknown=True, source=source, placement=placement
             )
         return self._targets[key]
+
+    def _recorded(self, table: Mapping[str, Any] | None) -> RecordedOrders | None:
+        if table is None:
+            return None
+        key = typed_value(table["recording"], str, "recording")
+        if key not in self._recordings:
+            entry = self._table["recordings"][key]
+            own: dict[str, Any] = {"pictures": self._array(entry["pictures"]), "steps": "equal"}
+            own["wavelengths_m"] = np.array(typed_value(entry["wavelengths_m"], tuple[float, ...], "wavelengths"))
+            self._recordings[key] = record_from_table(Recording, entry, "recording: ", skips_unknown=True, **own)
+        return record_from_table(RecordedOrders, table, skips_unknown=True, recording=self._recordings[key])
 
     def _view(self, table: Mapping[str, Any]) -> ViewSettings:
         key = table.get("pupil_path")

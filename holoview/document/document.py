@@ -27,8 +27,8 @@ class Document:
 
     drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
     (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
-    they were read from or written to. recorded: the recording that the field is cut out of, which isn't saved with a
-    session; any other drive takes it away. View settings that refer to lasers, frames, modulators or samples that don't
+    they were read from or written to. recorded: the recording that the field is cut out of; any other drive takes it
+    away. View settings that refer to lasers, frames, modulators or samples that don't
     exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
     the system needs.
     """

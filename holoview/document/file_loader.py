@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from holoview.colour import srgb_decode
+from holoview.colour import fitting_stops, srgb_decode
 from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
@@ -36,7 +36,6 @@ from holoview.optimise.checkpoint import load_checkpoint
 from holoview.page.link import shown_by_link, split_link
 from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
-from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -143,7 +144,7 @@ class Hologram:
         return FieldTarget(self.field(), self.system.amplitudes, units.parse(at, "at"))
 
     def save(self, path: str | os.PathLike[str], *, as_uint8: bool = False) -> None:
-        """Writes the hologram to a file, atomically.
+        """Writes the hologram to a file, atomically. Paths of effects' files beside it become relative to its folder.
 
         path: of the file (safetensors), which is replaced if it exists.
         as_uint8: stores the drive in 8 bits, a quarter of the size, rounded to the nearest 255th of the stroke; a
@@ -155,17 +156,18 @@ class Hologram:
         >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
         >>> hv.Hologram(hv.random_drive(system), system).save("speckle.safetensors")
         """
+        texts = {"system": preset.dumps(self.system, Path(path).parent)}
         if self.system.is_field:
             if as_uint8:
                 raise UserError("as_uint8", "with a field", expected="patterns of modulators")
-            save_field(path, self.field(), {"system": preset.dumps(self.system)})
+            save_field(path, self.field(), texts)
             return
         tensors: dict[str, NDArray[Any]] = {
             "drive": np.rint(self.drive * _MAX_CODE).astype(np.uint8) if as_uint8 else self.drive.astype(np.float32),
             "amplitudes": self.system.amplitudes,
             "wavelengths": self.system.wavelengths_m,
         }
-        _FILE.write(path, tensors, {"system": preset.dumps(self.system)})
+        _FILE.write(path, tensors, texts)
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
@@ -185,7 +187,7 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     if format_of(path) == FIELD_FORMAT:
         return _load_field_hologram(path)
     with _FILE.open(path) as file:
-        system = preset.loads(file.texts["system"], f"{path}: system")
+        system = preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
         tensors = file.tensors(drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
@@ -204,7 +206,7 @@ def _load_field_hologram(path: str | os.PathLike[str]) -> Hologram:
     try:
         if "system" not in texts:
             return Hologram.of_field(field)
-        system = preset.loads(texts["system"], f"{path}: system")
+        system = preset.loads(texts["system"], f"{path}: system", Path(path).parent)
         if not np.array_equal(system.wavelengths_m, field.wavelengths_m) or not system.is_field:
             raise UserError("wavelengths", "contradict the file's own system", remedy="write the field again")
         return Hologram(lit_field(field), system)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,8 @@ from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest, Recording, read_wavefield
+from holoview.wavefield.request import Order
 from holoview.wavefield.wavefield import Provenance, Wavefield
-
-if TYPE_CHECKING:
-    from holoview.wavefield.demodulation import Order
 
 Length = float | str
 _AXES = "(y, x), (wavelength, y, x) or (frame, wavelength, y, x)"

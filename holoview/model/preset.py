@@ -54,10 +54,14 @@ def load(preset: str | os.PathLike[str]) -> System:
         raise error if error.where.startswith(str(path)) else error.inside(f"{path}: ") from error
 
 
-def loads(text: str, where: str = "preset") -> System:
-    """The system of a TOML text, such as the metadata of a hologram file. `where` names the text in errors."""
+def loads(text: str, where: str = "preset", folder: Path | None = None) -> System:
+    """The system of a TOML text, such as the metadata of a hologram file.
+
+    where: names the text in errors. folder: from where paths of effects' files count, the present folder if None.
+    """
     try:
-        return from_table(_parse(text, where))
+        table = _parse(text, where)
+        return from_table(table if folder is None else _map_file_paths(table, folder.resolve(), _absolute_path))
     except UserError as error:
         raise error if error.where.startswith(where) else error.inside(f"{where}: ") from error
 
@@ -68,15 +72,21 @@ def from_table(table: Mapping[str, Any]) -> System:
     return system
 
 
-def dumps(system: System) -> str:
-    """The system as TOML text with units; `loads` gives an equal system back."""
-    return tomli_w.dumps(_to_table(system), multiline_strings=False)
+def dumps(system: System, folder: Path | None = None) -> str:
+    """The system as TOML text with units; `loads` gives an equal system back.
+
+    folder: to which paths of effects' files are made relative where they lie in it, and absolute elsewhere; as they
+    are if None.
+    """
+    table = _to_table(system)
+    if folder is not None:
+        table = _map_file_paths(table, folder.resolve(), _relative_path)
+    return tomli_w.dumps(table, multiline_strings=False)
 
 
 def save(system: System, path: str | os.PathLike[str]) -> None:
     """Writes the system as a preset file, atomically. Paths of effects' files become relative to its folder."""
-    table = _map_file_paths(_to_table(system), Path(path).resolve().parent, _relative_path)
-    write_file(path, tomli_w.dumps(table, multiline_strings=False))
+    write_file(path, dumps(system, Path(path).resolve().parent))
 
 
 def _to_table(system: System) -> dict[str, Any]:
@@ -136,9 +146,11 @@ def _absolute_path(file: Any, folder: Path) -> Any:
 
 
 def _relative_path(file: Any, folder: Path) -> Any:
-    """Relative to the folder if the file lies in it."""
-    path = Path(file)
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else file
+    """Relative to the folder if the file lies in it, else absolute; a value that isn't text stays."""
+    if not isinstance(file, str):
+        return file
+    path = Path(file).resolve()
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

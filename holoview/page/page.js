@@ -11,7 +11,7 @@ function firstState(bench) {
     return {
         plane_m: PAGE.plane_m ?? bench.planes_m[Math.floor(bench.planes_m.length / 2)],
         gap_m: bench.gap_m,
-        exposure: 0,
+        exposure: PAGE.exposure,
         ...firstLasers(bench),
         eye: bench.eye && { ...bench.eye },
         view: "hologram 1",
@@ -89,7 +89,7 @@ const viewName = view => VIEW_NAMES[view] ?? PAGE.holograms[Number(view.split(" 
 function toHash(state, bench) {
     const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
     if (state.gap_m !== bench.gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
-    if (state.exposure) parts.push(`exposure=${state.exposure}`)
+    if (state.exposure !== PAGE.exposure) parts.push(`exposure=${state.exposure}`)
     const add = (prefix, { lasers, powers, wavelengths_m }, bench) => {
         lasers.forEach((on, i) => on || parts.push(`laser${prefix}${i + 1}=off`))
         powers.forEach((power, i) => power !== 1 && parts.push(`power${prefix}${i + 1}=${power}`))
@@ -404,7 +404,7 @@ function connect(viewer) {
         $(id).addEventListener("input", () => change(changes(Number($(id).value))))
     }
     slider("plane", PAGE.plane_range_m, value => ({ plane_m: value }))
-    slider("exposure", [-4, 4], value => ({ exposure: value }))
+    slider("exposure", [PAGE.exposure - 4, PAGE.exposure + 4], value => ({ exposure: value }))
     slider("split", [0, 1], value => ({ split: value }))
     $("gap-row").hidden = bench.gap_m === null
     if (bench.gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))

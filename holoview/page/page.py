@@ -26,7 +26,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, to_srgb8
+from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, fitting_stops, to_srgb8
 from holoview.io.hologram import Hologram
 from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
@@ -77,6 +77,8 @@ def export_html(
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
     backend: renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
 
+    A page of a field begins with the exposure at which only the brightest hundredth of its pictures is beyond white.
+
     Raises UserError for holograms with images of different shapes, a target of another shape, a plane that the bench
     doesn't reach, a region outside the image, a bench beyond WebGPU's default limits, and when the file can't be
     written.
@@ -100,14 +102,16 @@ def export_html(
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
     farthest_m = max((low, high), key=abs)
     documents = [page_document(hologram, name, plane_m, farthest_m) for name, hologram in holograms.items()]
+    stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0  # as `holoview render` does
     page = _colours() | {
+        "exposure": stops,
         "shape": list(views[0].xyz.shape[1:3]),
         "plane_m": plane_m,
         "plane_range_m": [low, high],
         "gap_range_m": gap_range(first.system),
         "region": None if region is None else _box(region),
         "target": None if target is None else _target(target),
-        "stored": _stored(views[0]),
+        "stored": _stored(views[0].exposed(stops)),
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }

@@ -24,7 +24,6 @@ from holoview.colour import LMS_TO_XYZ, XYZ_TO_SRGB, srgb_decode, srgb_encode
 from holoview.render.view_settings import QUANTITIES, ViewSettings
 from holoview.util.errors import UserError
 
-_BRIGHT_PERCENT, _MOST_ABOVE_WHITE = 99, 16.0
 _LMS = np.linalg.inv(LMS_TO_XYZ)
 _ROWS = {
     "luminance": np.array([0.0, 1.0, 0.0]),
@@ -37,17 +36,6 @@ _ROWS = {
 def channel_matrix(channel: str) -> NDArray[np.float64]:
     """The matrix from XYZ to linear sRGB (3, 3), or to a channel (1, 3); L, M, S of equal-energy white are 1."""
     return XYZ_TO_SRGB if channel == "colour" else _ROWS[channel][None]
-
-
-def fitting_stops(xyz: NDArray[np.floating]) -> float:
-    """The exposure in stops at which only the brightest hundredth of an image XYZ (…, 3) is beyond white; 0 if black.
-
-    Brightness is the largest channel of linear sRGB. Speckle has a long tail, which a maximum would fit; where almost
-    all is dark, the brightest sample is at most `_MOST_ABOVE_WHITE` times white.
-    """
-    brightness = (xyz @ XYZ_TO_SRGB.T).max(axis=-1)
-    white = max(float(np.percentile(brightness, _BRIGHT_PERCENT)), float(brightness.max()) / _MOST_ABOVE_WHITE)
-    return -math.log2(white) if white > 0 else 0.0
 
 
 def tone_map(xyz: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:

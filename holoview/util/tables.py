@@ -236,6 +236,8 @@ def typed_value(value: Any, hint: Any, where: str) -> Any:
         if len(kinds) == len(value):
             pairs = zip(value, kinds, strict=True)
             return tuple(typed_value(entry, kind, f"{where}[{i}]") for i, (entry, kind) in enumerate(pairs))
+    elif origin is typing.Literal and value in arguments:
+        return value
     elif hint is float and type(value) in (int, float):
         return float(value)
     elif hint in (bool, int, str) and type(value) is hint:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -23,6 +23,7 @@ from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 from holoview.wavefield.focus import is_sharper_on_other_side
 from holoview.wavefield.reading import Recording
+from holoview.wavefield.request import Order, Steps
 from holoview.wavefield.wavefield import Wavefield
 
 Floats = NDArray[np.floating[Any]]
@@ -34,30 +35,13 @@ _SHARP = 4.0  # times the mean of its order: a peak above is the unscattered wav
 _BEYOND_NOISE = 0.98  # of an order's light lies within its radius
 _PEAK_BINS = 3  # around a peak, which the fading of the picture's edges widens
 _SOFT = 0.1  # of the radius, over which the filter falls
+_FAINT = 0.1  # of a picture's variance: an order with less may be no order; public recordings have 0.06 to 0.46
 
 
-@dataclass(frozen=True)
-class Order:
-    """A first order in the spectrum of an off-axis recording.
-
-    carrier: its centre (y, x), cycles a sample. radius: of the light that is kept around it, cycles a sample.
-    is_sharp: whether the centre is a peak, that of light which the object didn't scatter, whose tilt is then removed
-    exactly; otherwise it is the order's centre of gravity.
-    """
-
-    carrier: tuple[float, float]
-    radius: float
-    is_sharp: bool = True
-
-    def conjugate(self) -> Order:
-        """The order on the other side, which holds the conjugate field."""
-        return replace(self, carrier=(-self.carrier[0], -self.carrier[1]))
-
-    def describe(self) -> str:
-        """The order in words."""
-        found = "tilt from its peak" if self.is_sharp else "centred on its middle"
-        y, x = self.carrier
-        return f"order at {x:.4f}, {y:.4f} cycles a pixel (x, y), radius {self.radius:.4f}, {found}"
+_DOUBT = (
+    "the order holds only {:.0%} of the picture's variance: if this is no off-axis recording, say --recording in-line, "
+    "or --recording none and --quantity"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +87,7 @@ def field_of_recording(recording: Recording) -> Demodulated:
     found = _field_of_kind(recording)
     if recording.conjugated:
         return found.conjugate("conjugated, as asked for")
-    if recording.conjugated is None and is_sharper_on_other_side(found.field):
+    if recording.conjugated is None and not recording.orders and is_sharper_on_other_side(found.field):
         distance = units.format_rounded(recording.distance_m, "mm")
         return found.conjugate(f"conjugated, as the image at {distance} is sharper then")
     return found
@@ -115,7 +99,7 @@ def _field_of_kind(recording: Recording) -> Demodulated:
     if recording.kind == "in-line":
         return _in_line_with_background(recording)
     if recording.kind == "off-axis":
-        return off_axis_field(recording)
+        return off_axis_field(recording, recording.orders)
     try:
         found, guess = off_axis_field(recording), "taken for off-axis, as an order stands out of its spectrum"
     except UserError:
@@ -189,18 +173,19 @@ def find_order(picture: Floats) -> Order:
         centre = _refined_peak(picture, (float(fy[peak[0]]), float(fx[peak[1]])))
     if math.hypot(*centre) <= _CENTRAL:  # the light belongs to the middle, as that of a usual picture does
         raise no_order
-    return Order(centre, _radius(power, noise, fy, fx, centre), is_sharp)
+    return Order(centre, _radius(power, noise, fy, fx, centre), "peak" if is_sharp else "gravity")
 
 
 def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodulated:
     """The field of an off-axis recording: the order is filtered, brought to the middle, its tilt removed.
 
     orders: one for each wavelength, or one for all, to take in place of those that are found in the first picture;
-    `Order.conjugate` of one that was found gives the field with the other sign of phase and of distance.
+    `Order.conjugate` of one that was found gives the field with the other sign of phase and of distance. An order that
+    was found and holds little of the picture's variance is doubted in the report.
 
     Raises UserError where no order is found, and for a carrier beyond the samples.
     """
-    pictures = recording.pictures
+    pictures, is_found = recording.pictures, not orders
     if not orders:
         orders = [find_order(picture.astype(np.float64)) for picture in pictures[0]]
     chosen = tuple(orders) * (pictures.shape[1] if len(orders) == 1 else 1)
@@ -212,7 +197,9 @@ def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodu
     values = np.empty(pictures.shape, np.complex64)
     for frame, index in np.ndindex(*pictures.shape[:2]):
         values[frame, index] = demodulate_picture(pictures[frame, index], chosen[index])
-    return Demodulated(_wavefield(recording, values), orders=chosen, report=tuple(order.describe() for order in chosen))
+    share = float(np.square(np.abs(values)).mean()) / max(float(pictures.var(axis=(-2, -1)).mean()), 1e-300)
+    doubts = (_DOUBT.format(share),) if is_found and share < _FAINT else ()
+    return Demodulated(_wavefield(recording, values), chosen, report=(*doubts, *(order.describe() for order in chosen)))
 
 
 def demodulate_picture(picture: Floats, order: Order) -> Complexes:
@@ -319,9 +306,7 @@ def in_line_field(recording: Recording, background: Floats | None = None) -> Dem
 # --- phase shifting ---------------------------------------------------------------------------------------------------
 
 
-def phase_shifting_field(
-    recording: Recording, steps_rad: Sequence[float] | Literal["equal", "unknown"] = "equal"
-) -> Demodulated:
+def phase_shifting_field(recording: Recording, steps_rad: Steps = "equal") -> Demodulated:
     """The field of a set of pictures whose reference's phase was shifted, without zero order and twin.
 
     steps_rad: phase of the reference in each picture; "equal" for 2π/N apart, in the order of the pictures; "unknown"

@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,7 +36,7 @@ from holoview.wavefield.interpret.remembered import over, read_notes, remember, 
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.readers.tile_set import open_tiles
-from holoview.wavefield.request import BinaryLayout, ReadRequest, RecordingKind
+from holoview.wavefield.request import BinaryLayout, Order, ReadRequest, RecordingKind, Steps
 from holoview.wavefield.wavefield import Provenance, Wavefield, samples_of_degrees, without_checkerboard
 
 __all__ = [
@@ -59,7 +59,7 @@ class Recording:
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
     background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels.
     kind, conjugated: as given, None if unknown; conjugated: whether the conjugate of its field is wanted.
-    steps: as of `ReadRequest`.
+    steps, orders: as of `ReadRequest`.
     """
 
     pictures: NDArray[np.float32]
@@ -69,7 +69,8 @@ class Recording:
     kind: RecordingKind | None
     name: str
     conjugated: bool | None = None
-    steps: tuple[float, ...] | Literal["equal", "unknown"] = "equal"
+    steps: Steps = "equal"
+    orders: tuple[Order, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ def read_wavefield(
         if path.is_dir():
             raise UserError(str(path), "is a folder", expected="a hologram's file")
     given = request or ReadRequest()
-    merged = over(given, read_notes(files[0]))
+    merged = _with_kind(over(given, read_notes(files[0])))
     findings = Findings()
     with ExitStack() as stack:
         table = find_known_file(files[0].name)
@@ -125,6 +126,16 @@ def read_wavefield(
         arrangement = arrange_files(contents, known, findings)
         _describe_request(known, arrangement, findings)
         return _read(known, arrangement, findings)
+
+
+def _with_kind(request: ReadRequest) -> ReadRequest:
+    """The request with the kind of recording that has orders. Raises UserError for steps or orders of another kind."""
+    kind = request.recording
+    if request.steps is not None and kind != "phase-shifting":
+        raise UserError("--steps", f"with {kind or 'no'} recording", expected="--recording phase-shifting")
+    if request.orders and kind not in (None, "off-axis"):
+        raise UserError("--order", f"with the recording {kind}", expected="--recording off-axis")
+    return replace(request, recording="off-axis") if request.orders else request
 
 
 def _known(
@@ -162,9 +173,8 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
         final = _finished(values, request, arrangement)
         field = Wavefield(final, coarse, in_medium, distance, radius, name)
     else:
-        recording = Recording(
-            values, coarse, in_medium, distance, request.recording, name, request.conjugated, request.steps
-        )
+        chosen = request.steps or "equal", request.orders
+        recording = Recording(values, coarse, in_medium, distance, request.recording, name, request.conjugated, *chosen)
     return Reading(
         field,
         recording,

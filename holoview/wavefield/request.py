@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from holoview.numerics.sampling import Region
@@ -24,9 +24,36 @@ AxisPlace = Literal["first", "last"]
 Propagation = Literal["auto", "asm", "fresnel", "fourier"]
 """How the field's light goes to its distance: see `holoview.wavefield.propagation`."""
 
+Steps = tuple[float, ...] | Literal["equal", "unknown"]
+"""Phases of the reference in the pictures of a phase-shifting set, rad; "equal" for 2π/N apart, "unknown": found."""
+
 
 MOST_UNASKED = 1 << 24
 """Samples a colour: of a field with more, commands and the viewer read the middle unless a part is asked for."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A first order in the spectrum of an off-axis recording.
+
+    carrier: its centre (y, x), cycles a sample. radius: of the light that is kept around it, cycles a sample.
+    origin: of the centre: the order's peak, that of light which the object didn't scatter, whose tilt is then removed
+    exactly; its centre of gravity; or the user's choice.
+    """
+
+    carrier: tuple[float, float]
+    radius: float
+    origin: Literal["peak", "gravity", "given"] = "given"
+
+    def conjugate(self) -> Order:
+        """The order on the other side, which holds the conjugate field."""
+        return replace(self, carrier=(-self.carrier[0], -self.carrier[1]))
+
+    def describe(self) -> str:
+        """The order in words."""
+        origin = {"peak": "tilt from its peak", "gravity": "centred on its light", "given": "as given"}[self.origin]
+        y, x = self.carrier
+        return f"order at {x:.4f}, {y:.4f} cycles a pixel (x, y), radius {self.radius:.4f}, {origin}"
 
 
 @dataclass(frozen=True)
@@ -58,8 +85,8 @@ class ReadRequest:
     quantity: what the numbers are. variable: name of the array, where a file holds several.
     parts: what each of several files, or of several variables named in `variable` with commas, is of one field.
     recording: how a camera recorded the picture, or "none" for a real picture that isn't a recording.
-    steps: phases of the reference in the pictures of a phase-shifting set, rad; "equal" for 2π/N apart, "unknown" to
-    find them from the pictures.
+    steps: of a phase-shifting set; equal ones if None. orders: of an off-axis recording, one for each wavelength or one
+    for all; found in its spectrum if there is none.
     refractive_index: of the medium behind the field; wavelengths are divided by it.
     conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
     checkerboard: whether the phase alternates by π from sample to sample, which is taken away: as of a transform whose
@@ -85,7 +112,8 @@ class ReadRequest:
     variable: str | None = None
     parts: tuple[Part, ...] = ()
     recording: RecordingKind | None = None
-    steps: tuple[float, ...] | Literal["equal", "unknown"] = "equal"
+    steps: Steps | None = None
+    orders: tuple[Order, ...] = ()
     refractive_index: float | None = None
     conjugated: bool | None = None
     checkerboard: bool | None = None
@@ -103,7 +131,7 @@ class ReadRequest:
     def __post_init__(self) -> None:
         for key, lengths, unit, low, high in (
             ("pitch", self.pitch_m or (), "um", 1e-9, 1e-2),
-            ("wavelength", self.wavelengths_m, "nm", 1e-11, 1e-2),
+            ("wavelength", self.wavelengths_m, "nm", 1e-11, 1e-4),
         ):
             for length in lengths:
                 if not low <= length <= high:
@@ -115,6 +143,11 @@ class ReadRequest:
         for key, number in (("phase levels", self.phase_levels), ("refractive index", self.refractive_index)):
             if number is not None and not (math.isfinite(number) and number > 0):
                 raise UserError(key, f"{number:g}", expected="a number above 0")
+        for order in self.orders:
+            if not (max(map(abs, order.carrier)) <= 0.5 and 0 < order.radius <= 0.5):
+                y, x = order.carrier
+                found = f"at {x:g}, {y:g} with the radius {order.radius:g}"
+                raise UserError("order", found, expected="cycles a pixel: from -0.5 to 0.5, a radius above 0 to 0.5")
         if self.decimate < 1:
             raise UserError("decimate", f"{self.decimate}", expected="a whole number from 1")
         if self.region is not None and (min(self.region) < 0 or 0 in self.region[2:]):

@@ -82,6 +82,29 @@ def test_of_an_off_axis_recording_the_order_is_taken_whose_image_is_sharp_at_the
             assert np.abs(np.subtract(_brightest("seen.png"), POINT)).max() <= 4, name
 
 
+def test_an_order_that_is_given_is_taken_and_remembered(holoview: Run) -> None:
+    y, x = np.indices((64, 64))
+    np.save("fringes.npy", np.abs(_lens() + 2 * np.exp(2j * np.pi * (0.1 * y - 0.25 * x))) ** 2)
+    chosen = (
+        "--order=0.25,-0.1,0.2",
+        "--plane",
+        "1cm",
+        *TORCH,
+        "-o",
+        "seen.png",
+    )  # of O·R*, where R's tilt is opposite
+    done = holoview("render", "fringes.npy", *KNOWN, *chosen, "--remember")
+    assert done.code == 0 and "0.2500, -0.1000 cycles a pixel (x, y), radius 0.2000, as given" in done.err
+    # the disc keeps 0.2 of the 0.48 cycles a pixel that the lens has at its edge: the point is 2.4 times as wide
+    assert np.abs(np.subtract(_brightest("seen.png"), POINT)).max() <= 1
+    again = holoview("render", "fringes.npy", "--plane", "1cm", *TORCH, "-o", "again.png")
+    assert again.code == 0 and "as given" in again.err
+    refused = holoview("render", "fringes.npy", "--order", "0.7,0.1", *TORCH, "-o", "again.png")
+    assert refused.code == 2 and "order: at 0.7, 0.1" in refused.err
+    refused = holoview("render", "fringes.npy", "--order", "left", *TORCH, "-o", "again.png")
+    assert refused.code == 2 and "f_x,f_y" in refused.err
+
+
 def test_notes_say_what_a_dump_of_bare_numbers_is(holoview: Run) -> None:
     _lens().astype("<c8").tofile("lens.bin")
     layout = ("--file-note", "binary.dtype=complex64", "binary.shape=[64, 64]")

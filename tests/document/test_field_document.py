@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from holoview.document.focus_edits import focus_at, focus_range_m, look_on_other
 from holoview.document.optimisation_job import start_optimisation
 from holoview.render.page_images import phase_turns
 from holoview.util.errors import UserError
-from holoview.wavefield.reading import ReadRequest
+from holoview.wavefield.request import Order, ReadRequest
 from tests.document.conftest import small_system
 
 REQUEST = ReadRequest(pitch_m=(8e-6, 8e-6), wavelengths_m=(638e-9, 532e-9), distance_m=2e-3)
@@ -115,3 +116,28 @@ def test_the_samples_of_a_field_are_not_made_up(shown: EditingSession, changes: 
 def test_a_field_has_nothing_to_optimise(shown: EditingSession) -> None:
     with pytest.raises(UserError, match="no patterns"):
         start_optimisation(shown)
+
+
+def test_a_recording_is_saved_with_its_session_and_its_order_can_be_moved_again(tmp_path: Path) -> None:
+    y, x = np.mgrid[:48, :64]
+    fringes = np.abs(1 + np.exp(2j * np.pi * (0.12 * y + 0.2 * x)) * np.exp(1j * np.hypot(y - 24, x - 32) / 9)) ** 2
+    np.save(tmp_path / "fringes.npy", fringes)
+    session = EditingSession(small_system())
+    request = replace(REQUEST, wavelengths_m=(532e-9,), recording="off-axis")
+    loader = FileLoader(session, quick=True)
+    loader.apply(read_content(tmp_path / "fringes.npy", session.system, request))
+    first = session.document.recorded
+    assert first is not None
+    moved = first.with_order(0, Order((0.1, 0.2), 0.08))
+    session.edit("Order", drive=moved.hologram().drive, recorded=moved)
+    folder = tmp_path / "saved"
+    SessionArchive(folder).write(SessionData(session.history, session.history_position, {}), {"title": "", "when": 0.0})
+    data, unreadable = read_session(folder)
+    assert not unreadable
+    one, other = (step.document.recorded for step in data.steps[-2:])
+    assert one is not None and other is not None and one.recording is other.recording
+    assert (one.orders, other.orders) == (first.orders, moved.orders)
+    assert other.recording.kind == "off-axis" and other.recording.name == "fringes.npy"
+    np.testing.assert_array_equal(other.hologram().drive, data.present.drive)
+    loader.close()
+    session.close()

@@ -12,8 +12,8 @@ from PIL import Image
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.recording import RecordingPanel
-from holoview.wavefield.demodulation import Order, off_axis_field
-from holoview.wavefield.reading import ReadRequest
+from holoview.wavefield.demodulation import off_axis_field
+from holoview.wavefield.request import Order, ReadRequest
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -232,3 +232,16 @@ def test_a_file_that_contradicts_itself_is_refused(tensors: dict[str, Any], frag
     path = tmp_path / "h.safetensors"
     save_file(_tensors(**tensors), path, metadata=_metadata())
     assert fragment in _refusal(path)
+
+
+def test_paths_of_effects_count_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bench names the field that lights it relative to the present folder; the hologram's file lies beside it."""
+    for name in ("made", "read"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    system = _system().edit({"effects.source_field.file": "made/beam.safetensors"})
+    Hologram(hv.random_drive(system), system).save("made/lit.safetensors")
+    (tmp_path / "made").rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path / "read")
+    lit = load_hologram("../moved/lit.safetensors").system.effect_values["source_field"]
+    assert Path(str(lit["file"])) == tmp_path / "moved" / "beam.safetensors"

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import COLOUR_SPACES, srgb_decode
+from holoview.colour import COLOUR_SPACES, fitting_stops, srgb_decode
 from holoview.gpu.device import Device
 from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
@@ -447,3 +447,15 @@ def test_stored_pictures_are_those_of_the_planes(written: Written, tmp_path: Pat
     file.write_bytes(base64.b64decode(page["stored"]["pictures"][0].split(",")[1]))
     with Image.open(file) as image:
         assert image.size == (128, 96)
+
+
+def test_a_page_of_a_field_begins_with_the_exposure_that_render_chooses(tmp_path: Path) -> None:
+    """A spot on a dark ground, whose mean luminance is fixed, so that the spot alone is far beyond white."""
+    values = np.full((32, 40), 0.02, np.complex64)
+    values[14:18, 18:22] = 1
+    field = hv.load_field(values, pitch="8 um", wavelengths="532 nm", distance="0.1 mm")
+    path = export_html(tmp_path / "spot.html", field, backend="torch")
+    stops = fitting_stops(hv.simulate(field, backend="torch").xyz)
+    data = re.search(r'id="holoview-page">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)
+    assert data is not None
+    assert stops < -2 and json.loads(data[1])["exposure"] == round(stops, 1)

@@ -9,7 +9,6 @@ import pytest
 
 from holoview.util.errors import UserError
 from holoview.wavefield.demodulation import (
-    Order,
     field_of_recording,
     find_order,
     in_line_field,
@@ -18,6 +17,7 @@ from holoview.wavefield.demodulation import (
     unwrapped_phase,
 )
 from holoview.wavefield.reading import Recording
+from holoview.wavefield.request import Order
 
 SHAPE = (240, 320)
 PITCH_M, WAVELENGTH = 3.45e-6, 633e-9
@@ -74,7 +74,7 @@ def test_an_off_axis_recording_gives_the_object_wave_down_to_the_cameras_noise(c
     recording = _recording([_record(wave + REFERENCE * _wave(carrier), 2, noise)], "off-axis")
     found = off_axis_field(recording).orders[0]
     side = 1 if carrier[1] > 0 else -1  # the order with f_x > 0 holds O*·R of a reference with f_x > 0
-    assert found.is_sharp
+    assert found.origin == "peak"
     assert np.abs(np.multiply(SHAPE, np.subtract(found.carrier, np.multiply(side, carrier)))).max() < 5 * 0.014
     assert 0.05 <= found.radius <= math.hypot(*carrier) / 2
     exact = Order((side * carrier[0], side * carrier[1]), found.radius)
@@ -93,7 +93,7 @@ def test_the_conjugate_order_is_the_conjugate_field() -> None:
 def test_an_order_without_a_peak_is_centred_on_its_light() -> None:
     wave = _object(5, unscattered=0.0)
     order = find_order(_record(wave * 2 + REFERENCE * _wave((-0.15, -0.22)), 6))
-    assert not order.is_sharp
+    assert order.origin == "gravity"
     # the centre of gravity of about π·(0.05)²·76 800 = 600 speckles of random power in a disc of r.m.s. radius 0.035
     assert np.hypot(order.carrier[0] - 0.15, order.carrier[1] - 0.22) < 5 * 0.035 / math.sqrt(600)
 
@@ -116,6 +116,19 @@ def test_a_picture_without_fringes_has_no_order() -> None:
     frame = (np.maximum(abs(y - 150) / 30, abs(x - 170) / 30) < 1) & (np.maximum(abs(y - 150), abs(x - 170)) >= 24)
     with pytest.raises(UserError, match="no order"):  # though its spectrum isn't falling everywhere
         find_order(255.0 * disc + 200.0 * frame)
+
+
+def test_an_order_that_holds_little_of_the_picture_is_doubted_unless_it_is_given() -> None:
+    wave = 0.1 * _object(1, unscattered=3.0)  # of mean power 0.1, so that the order holds 0.1·|R|² of the variance
+    picture = np.abs(wave + REFERENCE * _wave((0.16, 0.2))) ** 2
+    x = np.arange(SHAPE[1]) / SHAPE[1]
+    shaded = picture + 40 * np.cos(2 * math.pi * 3 * x)  # a variance of 800
+    plain, doubted = (off_axis_field(_recording([p], "off-axis")) for p in (picture, shaded))
+    assert "variance" not in " ".join(plain.report)
+    assert "1% of the picture's variance" in doubted.report[0] and "in-line" in doubted.report[0]
+    assert doubted.conjugate("").report[0] == doubted.report[0]
+    given = off_axis_field(_recording([shaded], "off-axis"), doubted.orders)
+    assert "variance" not in " ".join(given.report)
 
 
 def test_an_order_beyond_the_samples_is_refused() -> None:

@@ -11,6 +11,7 @@ import pytest
 from holoview.util.errors import UserError
 from holoview.wavefield.interpret.candidates import name_role
 from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
+from holoview.wavefield.request import Order
 
 WAVES = (640e-9, 532e-9, 473e-9)
 KNOWN = ReadRequest(pitch_m=(8e-6, 9e-6), wavelengths_m=WAVES)
@@ -126,3 +127,34 @@ def test_the_word_image_in_a_name_says_nothing_of_an_imaginary_part() -> None:
         "imaginary",
         "imaginary",
     ]
+
+
+def test_steps_and_orders_are_remembered_with_their_recording(tmp_path: Path) -> None:
+    known = {"pitch_m": (8e-6, 8e-6), "wavelengths_m": (532e-9,), "recording": "phase-shifting"}
+    pictures = np.random.default_rng(0).random((3, 24, 32)) + 1
+    np.save(tmp_path / "set.npy", pictures)
+    steps, order = (0.0, 1.0, 2.5), Order((0.1, -0.2), 0.05)
+    remember(tmp_path / "set.npy", ReadRequest(**known, steps=steps))
+    found = read_wavefield(tmp_path / "set.npy").recording
+    assert found is not None and found.steps == pytest.approx(steps)
+    unlike = read_wavefield(tmp_path / "set.npy", ReadRequest(recording="in-line")).recording
+    assert unlike is not None and unlike.steps == "equal"
+    remember(tmp_path / "set.npy", ReadRequest(recording="off-axis", orders=(order,)))
+    found = read_wavefield(tmp_path / "set.npy").recording
+    assert found is not None and found.orders == (order,) and found.kind == "off-axis"
+
+
+def test_an_order_says_that_the_recording_is_off_axis(tmp_path: Path) -> None:
+    np.save(tmp_path / "fringes.npy", np.random.default_rng(0).random((24, 32)))
+    request = ReadRequest((8e-6, 8e-6), (532e-9,), orders=(Order((0.1, 0.2), 0.05),))
+    found = read_wavefield(tmp_path / "fringes.npy", request).recording
+    assert found is not None and found.kind == "off-axis"
+    with pytest.raises(UserError, match="--order: with the recording in-line"):
+        read_wavefield(tmp_path / "fringes.npy", replace(request, recording="in-line"))
+    with pytest.raises(UserError, match="--steps: with no recording"):
+        read_wavefield(tmp_path / "fringes.npy", replace(request, orders=(), steps="unknown"))
+
+
+def test_a_wavelength_in_the_unit_of_a_pitch_is_refused_as_a_wavelength() -> None:
+    with pytest.raises(UserError, match=r"wavelength: 5.32e\+05 nm"):
+        ReadRequest(wavelengths_m=(532e-6,))

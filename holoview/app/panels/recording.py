@@ -117,7 +117,7 @@ class RecordingPanel(Panel):
                 order = replace(order, radius=min(max(way, _RADII[0]), _RADII[1]))
             else:
                 centre = [min(max(f + grip, -0.5), 0.5) for f, grip in zip(at, self._grip, strict=True)]
-                order = replace(order, carrier=(centre[0], centre[1]), is_sharp=False)
+                order = replace(order, carrier=(centre[0], centre[1]), origin="given")
             if order != chosen.orders[self._wavelength]:
                 context.order_editor.choose(chosen.with_order(self._wavelength, order))
         if imgui.is_item_deactivated():

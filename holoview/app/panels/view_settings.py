@@ -10,8 +10,8 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.widgets import button, command_button, tooltip
+from holoview.colour import fitting_stops
 from holoview.model import preset
-from holoview.render.tone_mapping import fitting_stops
 from holoview.render.view_settings import (
     ACHROMATIC,
     CHANNELS,

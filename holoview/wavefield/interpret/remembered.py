@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text
 from holoview.util.tables import check_keys, parse_toml
-from holoview.wavefield.request import BinaryLayout, ReadRequest
+from holoview.wavefield.request import BinaryLayout, Order, ReadRequest, Steps
 
 _SUFFIX = ".holoview.toml"
 _EXPECTED = "notes on a hologram's file"
@@ -29,6 +31,8 @@ _PLAIN: dict[str, type | tuple[type, ...]] = {
     "variable": str,
     "parts": list,
     "recording": str,
+    "steps": (list, str),
+    "orders": list,
     "refractive_index": (int, float),
     "conjugated": bool,
     "checkerboard": bool,
@@ -81,7 +85,7 @@ def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
     for key in _PLAIN:
         value = getattr(merged, key)
         if value is not None and value != ():
-            table[key] = list(value) if isinstance(value, tuple) else value
+            table[key] = _TO_NOTES.get(key, _plain)(value)
     if merged.binary is not None:
         entries = dataclasses.asdict(merged.binary).items()
         table["binary"] = {k: list(v) if isinstance(v, tuple) else v for k, v in entries if v is not None}
@@ -91,7 +95,9 @@ def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
 
 
 def over(given: ReadRequest, remembered: ReadRequest) -> ReadRequest:
-    """The given request, with what is remembered where it says nothing."""
+    """The given request, with what is remembered where it says nothing; steps and orders belong to their recording."""
+    if given.recording not in (None, remembered.recording):
+        remembered = dataclasses.replace(remembered, steps=None, orders=())
     found = {key: getattr(remembered, key) for key in (*_LENGTHS, *_PLAIN, "binary")}
     return dataclasses.replace(
         given, **{key: value for key, value in found.items() if getattr(given, key) in (None, ())}
@@ -110,7 +116,57 @@ def _parse(key: str, value: Any) -> Any:
         return lengths if key == "wavelengths_m" else lengths[0]
     if key == "binary":
         return _parse_binary(value)
+    if key == "steps":
+        return parse_steps(value)
+    if key == "orders":
+        return tuple(parse_order(order) for order in _each(key, value))
     return _typed(key, value, _PLAIN[key])
+
+
+def _each(key: str, value: Any) -> list[Any]:
+    if not isinstance(value, list) or not 1 <= len(value) <= 64:
+        raise UserError(key, f"{value!r}", expected="a list")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _steps_in_degrees(steps: Steps) -> Any:
+    return steps if isinstance(steps, str) else [round(math.degrees(step), 9) for step in steps]
+
+
+def _orders_as_numbers(orders: tuple[Order, ...]) -> list[list[float]]:
+    return [[order.carrier[1], order.carrier[0], order.radius] for order in orders]
+
+
+_TO_NOTES: dict[str, Callable[[Any], Any]] = {"steps": _steps_in_degrees, "orders": _orders_as_numbers}
+
+
+def parse_steps(value: Any) -> Steps:
+    """The steps that "equal", "unknown" or a list of degrees states. Raises UserError for anything else."""
+    if value in ("equal", "unknown"):
+        return value
+    if isinstance(value, str) or not _are_numbers(value, 3, 64):
+        raise UserError("steps", f"{value!r}", expected="degrees, one a picture, such as 0,90,180,270; or unknown")
+    return tuple(math.radians(step) for step in value)
+
+
+def parse_order(value: Any) -> Order:
+    """The order that a list of f_x, f_y and a radius states, half its distance from the middle if there is no radius.
+
+    Raises UserError for anything else.
+    """
+    if not _are_numbers(value, 2, 3):
+        raise UserError("order", f"{value!r}", expected="f_x,f_y or f_x,f_y,radius in cycles a pixel: 0.25,0.2")
+    x, y, *radius = value
+    return Order((float(y), float(x)), float(radius[0]) if radius else math.hypot(x, y) / 2)
+
+
+def _are_numbers(value: Any, least: int, most: int) -> bool:
+    is_list = isinstance(value, list) and least <= len(value) <= most
+    return is_list and all(isinstance(n, int | float) and not isinstance(n, bool) and math.isfinite(n) for n in value)
 
 
 def _typed(key: str, value: Any, kind: type | tuple[type, ...]) -> Any:
