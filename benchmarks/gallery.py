@@ -32,11 +32,10 @@ _COLOURS = 256
 
 HEAD = """# Gallery
 
-Every study at its quick scale (128 × 96 samples, 40 iterations, one seed and three focal planes, if not said
-otherwise), made by `python -m benchmarks.gallery`. Gains scatter at this size: [studies](studies.md#results) has the
-figures to quote, and the report of each study its claims beside the paper's. How to read the contrasts: [speckle
-contrast](speckle-contrast.md). The manual (`make docs`) shows here three live holograms: HoloChrome against
-simultaneous colour, one against two modulators, and the colour error of an eye.
+Every study at its quick scale (128 × 96 samples, 40 iterations, one seed and three focal planes unless stated), made by
+`python -m benchmarks.gallery`. Gains scatter at this size: [studies](studies.md#results) has the figures to quote,
+[speckle contrast](speckle-contrast.md) says how to read the contrasts. The site (`make docs`) begins with three live
+holograms: HoloChrome against simultaneous colour, one against two modulators, and the colour error of an eye.
 
 {versions}"""
 
@@ -87,7 +86,7 @@ def _figure(study: Study, plot: StudyFigure, images: Path) -> str:
     buffer = io.BytesIO()
     small.save(buffer, format="PNG", optimize=True)
     write_file(images / name, buffer.getbuffer())
-    return f"![{study.title}](images/gallery/{name})\n\n{_wrapped(f'*{plot.caption}.*')}"
+    return f"![](images/gallery/{name})\n\n{_wrapped(f'*{plot.caption}.*')}"
 
 
 def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
@@ -99,7 +98,7 @@ def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
     buffer = io.BytesIO()
     large.save(buffer, format="JPEG", quality=_QUALITY)
     write_file(images / name, buffer.getbuffer())
-    return f"![{picture.caption}](images/gallery/{name})"
+    return f"![](images/gallery/{name})"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -44,10 +44,9 @@ class _Accommodation(Study):
     name = "accommodation"
     title = "Does the display drive focus?"
     summary = (
-        "A flat picture in one plane, holograms with smooth and with random phase of 3, 8 and 16 wavelengths, seen by "
-        "an eye with a pupil of 3 mm and chromatic aberration: luminance contrast between 3 and 12 cycles a degree, of "
-        "all that is seen and of the part that is like the picture. To drive accommodation as a scene does, it has to "
-        "fall with defocus as fast as that of an incoherent scene."
+        "A flat picture in one plane, of smooth and of random phase, seen by an eye with a pupil of 3 mm: to drive "
+        "accommodation, its luminance contrast between 3 and 12 cycles a degree has to fall with defocus as fast as "
+        "that of an incoherent scene."
     )
     quick_note = "Quick: 128 x 96 samples and 40 iterations; the picture is 0.7° wide."
 
@@ -139,8 +138,8 @@ class _Defocus(Study):
     name = "defocus"
     title = "Through focus"
     summary = (
-        "A hologram of a scene with depth at planes that it was optimised for and between them, against the natural "
-        "defocus of incoherent light: whether it blurs as the eye expects, and where speckle comes back."
+        "A hologram of a scene with depth, at the planes that were optimised and between them, against the natural "
+        "defocus of incoherent light."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
     revision = 3

@@ -64,10 +64,8 @@ class _Eye(Study):
     name = "eye"
     title = "Through a human eye"
     summary = (
-        "Holograms of 3, 8 and 16 wavelengths behind a 40 mm eyepiece, seen by an eye whose focus differs by 1.1 "
-        "dioptres between 460 and 650 nm, for pupils of 2 to 6 mm at three accommodations: how much of the gain of "
-        "many wavelengths is left, and whether optimising for the eye brings it back. The target is the scene as the "
-        "same eye sees it."
+        "Holograms behind a 40 mm eyepiece, seen by an eye whose focus differs by 1.1 dioptres between 460 and 650 "
+        "nm: how much of the gain of many wavelengths is left, and how much optimising for the eye brings back."
     )
     quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
@@ -191,10 +189,9 @@ class _EyeSpacing(Study):
     name = "eye-spacing"
     title = "The best spacing of wavelengths for an eye"
     summary = (
-        "Wavelengths that are closer share more of their speckle; wavelengths that are farther apart are seen by an "
-        "eye in planes that are farther apart. Eight of them in a row about 550 nm with a camera that sees all alike, "
-        "as in the study bandwidth, and three about each of three primaries, seen through a pupil of 3 mm behind a 40 "
-        "mm eyepiece."
+        "Closer wavelengths share more of their speckle, and an eye sees wavelengths that are farther apart in "
+        "planes that are farther apart: eight wavelengths in a row about 550 nm (monochrome), and three about each "
+        "of three primaries, through a pupil of 3 mm."
     )
     quick_note = f"{QUICK_SIZE}."
 

@@ -56,9 +56,8 @@ class _ModelVsCapture(Study):
     name = "model-vs-capture"
     title = "Prediction against captures, before and after diagnosis"
     summary = (
-        "Virtual benches, with one or two known errors each, are filmed by a camera with noise; the diagnosis sees the "
-        "captures alone. How well captures that it didn't fit are predicted by the bench as designed and as diagnosed: "
-        "PSNR, and χ²/n, which is 1 where nothing but noise is left."
+        "Virtual benches with one or two known errors and a noisy camera: how well the bench as designed and the "
+        "bench as diagnosed predict captures that no fit has used, as PSNR and χ²/n (1: nothing but noise)."
     )
     quick_note = "Quick: 64 x 48 pixels; real benches have more errors at a time than these."
 

@@ -63,8 +63,8 @@ class _Modulators(HologramStudy):
     name = "modulators"
     title = "One phase modulator or two"
     summary = (
-        "The paper's gain of a second modulator, optimised freely and at matched eyebox uniformity: without the latter "
-        "a PSNR compares a display that can be looked into with one that can't."
+        "The paper's gain of a second modulator, optimised freely and at matched uniformity of the eyebox, without "
+        "which a PSNR compares a display that can be looked into with a display that can't."
     )
     quick_note = f"{QUICK_SIZE}; the eyebox penalty has less time to act."
 
@@ -135,9 +135,8 @@ class _SecondModulator(HologramStudy):
     name = "second-modulator"
     title = "What the gain of a second modulator depends on"
     summary = (
-        "The paper's second modulator gains 5.3 dB. Here one setting at a time is changed (stop, planes, stack, gap, "
-        "steps from a random start, margin, target, weight of the eyebox) and the gain found again, with the eyebox of "
-        "both displays beside it: gains count as matched where both eyeboxes vary by at most 0.1."
+        "The paper's second modulator gains 5.3 dB. Here one setting at a time is changed and the gain found again; "
+        "gains count as matched where the eyeboxes of both displays vary by at most 0.1."
     )
     quick_note = f"{QUICK_SIZE}, and one value of each setting."
 
@@ -252,8 +251,8 @@ class _Quantisation(HologramStudy):
     name = "quantisation"
     title = "Levels of the modulators"
     summary = (
-        "PSNR of what is really shown against the number of levels: equal ones, the unequal ones measured on a phase "
-        "light modulator, and binary modulators that show twelve frames of three lasers instead."
+        "PSNR of the shown picture against the number of levels: equal levels, the levels measured on a phase light "
+        "modulator, and binary modulators with twelve frames of three lasers."
     )
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
@@ -301,8 +300,8 @@ class _Multiplexing(Study):
     name = "multiplexing"
     title = "Two frames of two lasers, in turn or together"
     summary = (
-        "The paper's argument for colour multiplexing, in its smallest case: a picture tinted along the line between "
-        "two lasers in xyY, shown in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
+        "The smallest case of colour multiplexing: a picture tinted along the line between two lasers in xyY, shown "
+        "in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
     )
     quick_note = f"{QUICK_SIZE}."
     revision = 3

@@ -77,11 +77,9 @@ class _Pupil(Study):
     name = "pupil"
     title = "A pupil beside the axis, small and large"
     summary = (
-        "A hologram of 8 wavelengths seen through a pupil of 2 mm that moves through the eyebox, and through pupils of "
-        "1 to 6 mm on the axis, by an eye with chromatic aberration that moves as a whole: PSNR against the scene as "
-        "it is seen from there, brightness and speckle, for holograms that were optimised for focal planes, with an "
-        "even eyebox, for one place of the pupil, and for nine. Places between those that were optimised, and "
-        "diameters other than 2 mm, show whether it holds there too."
+        "A hologram of 8 wavelengths seen by an eye that moves as a whole, through a pupil of 2 mm in the eyebox and "
+        "through pupils of 1 to 6 mm on the axis, for holograms optimised for focal planes, with an even eyebox, for "
+        "one place of the pupil, and for nine."
     )
     quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
@@ -235,8 +233,8 @@ class _Eyebox(HologramStudy):
     name = "eyebox"
     title = "The eyebox against the number of wavelengths and frames"
     summary = (
-        "Uniformity of the light over the modulator's first order for optimised holograms, by the number of "
-        "wavelengths and of frames: how far the pupil may move."
+        "Uniformity of the light over the modulator's first order, by the number of wavelengths and of frames: how "
+        "far the pupil may move."
     )
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:

@@ -51,8 +51,8 @@ class _Schemes(SchemeStudy):
     name = "schemes"
     title = "Colour schemes of a dual-modulator display"
     summary = (
-        "The paper's main comparison: a focal stack shown by simultaneous, time-sequential and multiplexed colour, and "
-        "by HoloChrome in one and three frames; PSNR, CIEDE2000 and speckle contrast, with the eyebox beside each."
+        "The paper's main comparison: a focal stack in simultaneous, time-sequential and multiplexed colour, and by "
+        "HoloChrome in one and three frames."
     )
     quick_note = f"{QUICK_SIZE}; gains scatter by about 0.3 dB."
     schemes = ("simultaneous", "time-sequential", "multiplexed", "holochrome-8", "holochrome-8x3")
@@ -69,8 +69,8 @@ class _WavelengthCount(SchemeStudy):
     name = "wavelength-count"
     title = "The number of wavelengths in one frame"
     summary = (
-        "The paper's ablation over the number of wavelengths at equal frames: more lasers average more speckle, and "
-        "each adds a degree of freedom in colour."
+        "The paper's ablation over the number of wavelengths: more lasers average more speckle, and each adds a "
+        "degree of freedom in colour."
     )
     schemes = ("simultaneous", "holochrome-8", "holochrome-16")
     labels = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
@@ -95,7 +95,7 @@ class _Multisource(SchemeStudy):
     title = "Source directions against wavelengths"
     summary = (
         "Nine mutually incoherent source directions in three colours, nine wavelengths from one direction, and both "
-        "together, three frames each. How fast speckle decorrelates with either is the study memory-effect."
+        "together, three frames each."
     )
     schemes = (_SOURCES, _COLOURS, _BOTH)
     labels = ("3 x 3 sources", "9 wavelengths", "both")
@@ -126,8 +126,8 @@ class _Wavelengths(HologramStudy):
     name = "wavelengths"
     title = "Optimised against evenly spread wavelengths"
     summary = (
-        "What tunable lasers would gain: wavelengths sought along their gradient in the first half of the iterations, "
-        "at equal iterations in all. The paper finds at most 1 to 2 dB."
+        "The gain of tunable lasers: wavelengths sought along their gradient in the first half of the iterations. "
+        "The paper finds at most 1 to 2 dB."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes; 20 of 40 iterations are left for the patterns alone."
 
@@ -170,8 +170,8 @@ class _Bandwidth(HologramStudy):
     name = "bandwidth"
     title = "Number and spacing of wavelengths"
     summary = (
-        "The paper's heat map: PSNR of a monochrome camera's picture against the number of wavelengths and their "
-        "spacing about 550 nm. Closer lasers share more of their speckle; farther ones ask more of one pattern."
+        "The paper's heat map: PSNR of a monochrome camera's picture against number and spacing of wavelengths about "
+        "550 nm. Closer lasers share more of their speckle; farther lasers ask more of one pattern."
     )
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
@@ -211,8 +211,8 @@ class _Gamut(HologramStudy):
     name = "gamut"
     title = "Saturation of the picture, 3 lasers against 16"
     summary = (
-        "The paper's gamut study: the target's chroma scaled in CIE LCHuv, shown by 3 and by 16 lasers in one frame; "
-        "luminance PSNR and CIEDE2000. The less colour is asked for, the more freedom 16 lasers have left for speckle."
+        "The paper's gamut study: the target's chroma scaled in CIE LCHuv, shown by 3 and by 16 lasers in one frame. "
+        "The less colour is asked for, the more freedom 16 lasers have left for speckle."
     )
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:

@@ -57,8 +57,8 @@ class _Contrast(Study):
     name = "contrast"
     title = "Speckle contrast against the number of wavelengths and frames"
     summary = (
-        "Random patterns make fully developed speckle of contrast 1, and N independent ones average to 1/√N. Frames "
-        "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
+        "N independent patterns of fully developed speckle have contrast 1/√N. Frames are independent; wavelengths "
+        "through the same pattern only where they are far apart (memory-effect)."
     )
     revision = 2
     quick_note = "Contrast is taken of intensity (all lasers alike) over the whole field."
@@ -161,9 +161,8 @@ class _RetinalSpeckle(Study):
     name = "retinal-speckle"
     title = "Speckle on the retina against the pupil"
     summary = (
-        "Random patterns through two modulators, seen by an eye behind a 40 mm eyepiece: speckle contrast of the "
-        "retinal intensity at every sample, and of its means over foveal cones, which see only grains that are larger "
-        "than they are. Grains are about λ/pupil wide, so that a small pupil makes coarse speckle and a large one fine."
+        "Random patterns seen by an eye behind a 40 mm eyepiece: speckle contrast at every sample and over foveal "
+        "cones, which average only grains smaller than they are. Grains are about λ/pupil wide."
     )
     options = ("pupils",)
     quick_note = "Nothing is optimised; all lasers have the same power."
@@ -280,9 +279,9 @@ class _MemoryEffect(Study):
     name = "memory-effect"
     title = "The memory effect of one and two modulators"
     summary = (
-        "Correlation of the speckle of a random pattern with that at another wavelength (same plane, or refocused at "
-        "equal z·λ) or direction (shifted back): a second modulator behind a gap shortens the range over which "
-        "patterns stay alike, and so makes more wavelengths and directions count."
+        "Correlation of speckle with that at another wavelength (same plane, or refocused at equal z·λ) or direction "
+        "(shifted back): a second modulator behind a gap shortens the range over which patterns stay alike, so that "
+        "more wavelengths and directions count."
     )
     quick_note = "Quick: 256 x 192 samples; correlations scatter by about 0.02."
     revision = 2
