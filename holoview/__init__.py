@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from holoview.targets.target import Placement, target_for
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
-    from holoview.view import View, as_field, field_at, random_drive, simulate
+    from holoview.view import View, as_field, field_at, point_light, random_drive, sections, simulate
     from holoview.wavefield.exchange import push
 
 _MODULES = {
@@ -90,8 +90,10 @@ _MODULES = {
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
     "natural_pupil_diameter": "holoview.model.eye",
+    "point_light": "holoview.view",
     "push": "holoview.wavefield.exchange",
     "random_drive": "holoview.view",
+    "sections": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
     "target_for": "holoview.targets.target",
@@ -123,8 +125,10 @@ __all__ = [
     "load_hologram",
     "make_plan",
     "natural_pupil_diameter",
+    "point_light",
     "push",
     "random_drive",
+    "sections",
     "show",
     "simulate",
     "target_for",

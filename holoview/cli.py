@@ -35,6 +35,7 @@ COMMANDS = {
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",
     "focus": "find the distance at which a hologram is sharpest",
+    "point": "show the light at a point, along the axis, and where it is from",
     "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }

@@ -27,6 +27,7 @@ from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 if TYPE_CHECKING:
+    from holoview.engine.point_light import PointLight, Sections
     from holoview.engine.torch_executor import StageField
 
 _DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32
@@ -190,6 +191,95 @@ def field_at(
 
     plane_m = float(planes_m[len(planes_m) // 2])
     return stage_field(system, drive, stage, plane_m, laser=laser, frame=frame, source=source)
+
+
+def sections(
+    system: System | Hologram,
+    drive: Any = None,
+    *,
+    planes: Sequence[float | str] | None = None,
+    at: tuple[int, int] | None = None,
+    lasers: Sequence[int] | None = None,
+    progress: StepCallback | None = None,
+) -> Sections:
+    """The light in the planes x–z and y–z through a sample of the image.
+
+    system, drive: as of `simulate`.
+    planes: their distances, rising, metres or text; those of the system when None.
+    at: row and column of the sample; the middle of the image when None.
+    lasers: indices of those that are on; all when None. progress: called after each plane.
+
+    Returns `Sections` with `xz` (plane, x, 3) and `yz` (plane, y, 3), XYZ of the intensity. Raises UserError for a
+    sample outside the image, planes that don't rise, and as `simulate` does.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> hv.sections(system, hv.random_drive(system), planes=["9 mm", "10 mm", "11 mm"], at=(8, 20)).xz.shape
+    (3, 32, 3)
+    """
+    system, drive = _with_drive(system, drive)
+    planes_m = np.sort(system.planes_m) if planes is None else parse_planes(system, planes)
+    if not np.all(np.diff(planes_m) > 0):
+        raise UserError("planes", f"{len(planes_m)} that don't rise", expected="distances, the smallest first")
+    from holoview.engine.point_light import section_steps  # slow start: importing torch takes a second
+
+    on = range(len(system.wavelengths_m)) if lasers is None else lasers
+    for found in section_steps(system, drive, planes_m, _sample(system, at), on):
+        if progress is not None:
+            progress(round(found.share * len(planes_m)), len(planes_m))
+    return found
+
+
+def point_light(
+    system: System | Hologram,
+    drive: Any = None,
+    *,
+    at: tuple[int, int] | None = None,
+    plane: float | str | None = None,
+    lasers: Sequence[int] | None = None,
+    window: int = 64,
+    progress: StepCallback | None = None,
+) -> PointLight:
+    """Which lasers, diffraction orders, directions and areas of the modulators light a sample of the image.
+
+    system, drive: as of `simulate`. at, lasers: as of `sections`.
+    plane: the focal plane, metres or text; the middle one of the system when None.
+    window: samples across the Hann window around the sample whose spectrum gives the directions.
+    progress: called after each beam: each laser of each frame and direction of the source.
+
+    Returns `PointLight` with `intensities` (laser,), `orders` {(y, x): share of the field}, `areas`, XYZ (y, x, 3) of
+    the contributions of each modulator's samples, and `directions`, XYZ (window, window, 3). Raises UserError as
+    `sections` does.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> found = hv.point_light(system, hv.random_drive(system), at=(8, 20))
+    >>> len(found.areas), round(sum(found.orders.values()), 6)
+    (2, 1.0)
+    """
+    system, drive = _with_drive(system, drive)
+    if not 2 <= window <= 4096 or window % 2:
+        raise UserError("window", f"{window} samples", expected="an even number from 2 to 4096")
+    planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
+    from holoview.engine.point_light import point_steps  # slow start: importing torch takes a second
+
+    on = range(len(system.wavelengths_m)) if lasers is None else lasers
+    plane_m = float(planes_m[len(planes_m) // 2])
+    for found in point_steps(system, drive, plane_m, _sample(system, at), on, window):
+        if progress is not None:
+            progress(round(found.share * 1000), 1000)
+    return found
+
+
+def _sample(system: System, at: tuple[int, int] | None) -> tuple[int, int]:
+    """Row and column of a sample of the image, the middle one if None. Raises UserError for one outside."""
+    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    row, column = (rows // 2, columns // 2) if at is None else at
+    if not (0 <= row < rows and 0 <= column < columns):
+        raise UserError(
+            "at", f"row {row}, column {column}", expected=f"a sample of the {rows} × {columns} of the image"
+        )
+    return int(row), int(column)
 
 
 def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:

@@ -108,6 +108,14 @@ def parse_lengths(text: str, flag: str) -> list[float]:
     return [units.parse(part if part[-1:].isalpha() else f"{part} {unit}", flag) for part in parts]
 
 
+def parse_range(text: str, flag: str) -> tuple[float, float]:
+    """Two distances (m), the smaller first, as `parse_lengths` takes them. Raises UserError for any others."""
+    lengths = parse_lengths(text, flag)
+    if len(lengths) != 2 or not lengths[0] < lengths[1]:
+        raise UserError(flag, f'"{text}"', expected="two distances, the smaller first, such as 5,40cm")
+    return lengths[0], lengths[1]
+
+
 def parse_duration(text: str) -> float:
     """Seconds from text such as "90", "90s", "10min" or "1.5h", as an argparse type."""
     match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*(s|min|h|)", text.strip())

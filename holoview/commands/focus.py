@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.commands.arguments import parse_lengths
+from holoview.commands.arguments import parse_range
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json
 from holoview.commands.output_files import add_input
@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Finds and prints the distance by two measures, the other side's, and the curve."""
-    limits = None if args.range is None else _parse_range(args.range)
+    limits = None if args.range is None else parse_range(args.range, "--range")
     args.propagation = "asm"  # the field stays in its plane, from which the search counts
     opened = open_files(args.names, args)
     if not opened.hologram.system.is_field:
@@ -50,14 +50,6 @@ def run(args: argparse.Namespace) -> int:
         f"note: view or render it with --plane {units.format_rounded(found.distance_m, 'mm').replace(' ', '')}"
     )
     return 0
-
-
-def _parse_range(text: str) -> tuple[float, float]:
-    """Two distances in metres. Raises UserError for any other number of them, or none between them."""
-    lengths = parse_lengths(text, "--range")
-    if len(lengths) != 2 or not lengths[0] < lengths[1]:
-        raise UserError("--range", f'"{text}"', expected="two distances, the smaller first, such as 5,40cm")
-    return lengths[0], lengths[1]
 
 
 def _as_json(found: FoundFocus) -> dict[str, Any]:

@@ -73,11 +73,10 @@ def export_html(
     holograms: one, or several by the names that the page gives them, all with images of the same shape.
     target: the light that they should show, as `target_for` makes it; the page then wipes to it and states the PSNR.
     title, note: text above the image; the names of the holograms when empty.
-    plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
+    plane_m: focal plane that the page opens with; the middle one of the first hologram when None. The exposure of a
+    field is that of `fitting_stops`.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
     backend: renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
-
-    A page of a field begins with the exposure at which only the brightest hundredth of its pictures is beyond white.
 
     Raises UserError for holograms with images of different shapes, a target of another shape, a plane that the bench
     doesn't reach, a region outside the image, a bench beyond WebGPU's default limits, and when the file can't be
@@ -102,7 +101,7 @@ def export_html(
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
     farthest_m = max((low, high), key=abs)
     documents = [page_document(hologram, name, plane_m, farthest_m) for name, hologram in holograms.items()]
-    stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0  # as `holoview render` does
+    stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0
     page = _colours() | {
         "exposure": stops,
         "shape": list(views[0].xyz.shape[1:3]),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.render.scene import DeviceImage, Scene, image_shape, uploaded_image
+from holoview.render.tone_mapping import by_decades, in_own_units
 from holoview.render.view_settings import ViewSettings
 from holoview.util.processes import LatestTask
 
@@ -27,8 +28,6 @@ SECTION_PLANES = 65
 """Planes of a section: every 2ⁿ-th of them first."""
 WINDOWS = (16, 32, 64, 128, 256)
 """Samples across the window of a local spectrum."""
-_BRIGHTEST = 99.5  # percentile of a picture in units of its own that is white
-_DECADES = 4.0  # of power that the picture of a local spectrum spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +109,8 @@ class PointProbe:
         self.sections = SeenSections(place, low_m, high_m, xz, yz, found.share)
 
     def _put_point(self, found: PointLight) -> None:
-        areas = tuple(uploaded_image(self._device, _scaled(area), "area") for area in found.areas)
-        directions = uploaded_image(self._device, _by_decades(found.directions), "directions")
+        areas = tuple(uploaded_image(self._device, in_own_units(area), "area") for area in found.areas)
+        directions = uploaded_image(self._device, by_decades(found.directions), "directions")
         self.point = SeenPoint(found, areas, directions)
 
 
@@ -138,19 +137,3 @@ def _point_steps(scene: Scene, place: tuple[int, int], lasers: Sequence[int], wi
     from holoview.engine.point_light import point_steps  # slow start: it imports torch
 
     return point_steps(scene.system, scene.drive, scene.plane_m, place, lasers, window)
-
-
-def _scaled(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A picture XYZ (y, x, 3) in units of its own, in which only its brightest parts are beyond white."""
-    white = float(np.percentile(xyz[..., 1], _BRIGHTEST))
-    return xyz / np.float32(white) if white > 0 else xyz
-
-
-def _by_decades(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A picture XYZ (y, x, 3) of the same colours whose brightness rises with the logarithm of the power."""
-    power = xyz[..., 1:2]
-    most = float(power.max())
-    if not most > 0:
-        return xyz
-    level = np.clip(1 + np.log10(np.maximum(power / most, 1e-30)) / _DECADES, 0, 1)
-    return np.asarray(xyz / np.maximum(power, np.float32(most * 1e-30)) * level**2, dtype=np.float32)

@@ -192,3 +192,26 @@ def _hue_level(values: NDArray[np.complexfloating]) -> NDArray[np.uint8]:
 
 def _level(share: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.rint(255 * share).astype(np.uint8)
+
+
+# --- light in units of its own ---
+
+
+_BRIGHTEST = 99.5  # percentile of a picture in units of its own that is white
+_DECADES = 4.0  # of power that the picture of a local spectrum spans
+
+
+def in_own_units(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture XYZ (y, x, 3) in units of its own, in which only its brightest parts are beyond white."""
+    white = float(np.percentile(xyz[..., 1], _BRIGHTEST))
+    return xyz / np.float32(white) if white > 0 else xyz
+
+
+def by_decades(xyz: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture XYZ (y, x, 3) of the same colours whose brightness rises with the logarithm of the power."""
+    power = xyz[..., 1:2]
+    most = float(power.max())
+    if not most > 0:
+        return xyz
+    level = np.clip(1 + np.log10(np.maximum(power / most, 1e-30)) / _DECADES, 0, 1)
+    return np.asarray(xyz / np.maximum(power, np.float32(most * 1e-30)) * level**2, dtype=np.float32)

@@ -49,6 +49,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
     ("holoview.render.page_images", "torch"): SLOW,
+    ("holoview.view", "holoview.engine.point_light"): SLOW,
     ("holoview.view", "holoview.engine.torch_executor"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.render.page_images", "holoview.wavefield.demodulation"): SLOW,
