@@ -36,7 +36,6 @@ SECTIONS: dict[str, Section] = {
             args.convergence_size,
             [name == "stops" for name in args.convergence],
             args.scenes,
-            args.drawn_planes,
         ),
         optimiser_convergence.report,
     ),
@@ -84,7 +83,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--convergence", nargs="+", choices=("open", "stops"), default=["open", "stops"], help="which benches"
     )
-    parser.add_argument("--drawn-planes", type=int, default=1, help="of the optimiser's settings (convergence)")
     scenes = optimiser_convergence.TARGETS
     parser.add_argument("--scenes", nargs="+", choices=scenes, default=list(scenes), help="targets (convergence)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")

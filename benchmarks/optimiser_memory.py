@@ -17,10 +17,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.baselines import Cached, Textbook, Work
+from benchmarks.baselines import Textbook
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_speed import CACHED, OWN, SOLVING, TEXTBOOK
 from benchmarks.optimiser_work import colour_work, ours
+from holoview.benchmark.autograd_loop import StoredLoop, Work
 
 VARIANTS = (OWN, SOLVING, TEXTBOOK, CACHED)
 _ITERATIONS = 3
@@ -47,7 +48,7 @@ def peak_mb(variant: str, work: Work) -> float:
         for _ in range(_ITERATIONS):
             next(states)
     else:
-        baseline = (Textbook if variant == TEXTBOOK else Cached)(work)
+        baseline = (Textbook if variant == TEXTBOOK else StoredLoop)(work)
         for _ in range(_ITERATIONS):
             baseline.step()
     return _peak() - base

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.baselines import Work
 from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed
 from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
+from holoview.benchmark.autograd_loop import Work
 from holoview.benchmark.frame_benchmark import torch_threads
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"

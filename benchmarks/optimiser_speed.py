@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.baselines import Autograd, Cached, Textbook, Work
+from benchmarks.baselines import Textbook
 from benchmarks.optimiser_work import (
     Floor,
     colour_work,
@@ -19,6 +19,7 @@ from benchmarks.optimiser_work import (
     summary,
     times_table,
 )
+from holoview.benchmark.autograd_loop import Autograd, StoredLoop, Work
 from holoview.benchmark.frame_benchmark import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
@@ -55,7 +56,7 @@ def check(work: Work) -> dict[str, Agreement]:
         raise RuntimeError("the first step doesn't lower the loss, so that there is nothing to compare after it")
     found: dict[str, Agreement] = {}
     reference: torch.Tensor | None = None
-    for name, kind in ((CACHED, Cached), (TEXTBOOK, Textbook)):
+    for name, kind in ((CACHED, StoredLoop), (TEXTBOOK, Textbook)):
         found[name], slope = _compare(kind(work), start.loss, after.loss, moved, reference)
         reference = slope if reference is None else reference
         off = found[name]
@@ -109,7 +110,7 @@ def _times(work: Work, repeats: int) -> dict[str, dict[str, float]]:
         OWN: lambda: next(plain),
         SOLVING: lambda: next(solving),
         TEXTBOOK: Textbook(work).step,
-        CACHED: Cached(work).step,
+        CACHED: StoredLoop(work).step,
         FLOOR: Floor(work.system).step,
     }
     return summary(interleaved(runs, repeats), OWN)

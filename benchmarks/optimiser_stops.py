@@ -1,8 +1,4 @@
-"""Times an iteration behind stops of the first order beside autograd with stored H, on all frequencies and on few.
-
-Masked  all frequencies, with transfer functions that are zero outside the stops
-Pruned  only the frequencies that pass, transformed along one axis at a time; the first spectrum is one of pixels
-"""
+"""Times an iteration behind stops of the first order beside autograd with stored H, on all frequencies and on few."""
 
 from __future__ import annotations
 
@@ -11,35 +7,26 @@ from typing import Any
 
 import torch
 
-from benchmarks.baselines import Autograd, Cached, Tensor, Work
-from benchmarks.optimiser_work import Run, colour_work, interleaved, ours, summary, times_table
+from benchmarks.optimiser_work import STOPS, Run, colour_work, interleaved, ours, summary, times_table
+from holoview.benchmark.autograd_loop import Autograd, StoredLoop, Tensor, Work
 from holoview.benchmark.frame_benchmark import torch_threads
 from holoview.model.plan import make_plan
 from holoview.numerics.fourier import PrunedAxis, PrunedTransform
-from holoview.optics.propagate import support_mask
 from holoview.optics.slm import pixel_spectrum
 
 OWN, MASKED, PRUNED = "holoview", "autograd, cached H", "autograd, cached H, pruned"
-STOPS = {"relay1.square": "first order", "relay2.square": "first order"}
 _TOLERANCE = 3e-4  # of the loss: a float32 sum of 1.2e7 squares is right to 1e-4
 
 
-class Masked(Cached):
-    """`Cached` with the stops in its transfer functions."""
-
-    def _transfer(self, λ: float, distance_m: float) -> Tensor:
-        plan = make_plan(self.system)
-        relay, wavelength = int(distance_m != self.system.gap_m), self.wavelengths_m.index(λ)
-        kx = torch.fft.fftfreq(self.shape[1], 1 / self.shape[1]).round().long()
-        return super()._transfer(λ, distance_m) * support_mask(plan.transfer(relay, wavelength, distance_m), kx)
-
-
 class Pruned(Autograd):
-    """Only frequencies that pass: every H, spectrum and transform in the stops' band."""
+    """Only frequencies that pass: every H, spectrum and transform in the stops' band.
+
+    They are transformed along one axis at a time, and the first spectrum is one of pixels.
+    """
 
     def __init__(self, work: Work) -> None:
         super().__init__(work)
-        masked, band = Masked(work), make_plan(work.system).band(1)
+        stored, band = StoredLoop(work), make_plan(work.system).band(1)
         bounds = list(zip(self.shape, band.lowest, band.highest, strict=True))
         y, x = (PrunedAxis.for_band(n, 0, n, low, high) for n, low, high in bounds)
         self._samples = PrunedTransform((y, x))
@@ -48,8 +35,8 @@ class Pruned(Autograd):
         ky, kx = (torch.from_numpy(axis.indices) for axis in (y, x))
         shape_y, shape_x = (pixel_spectrum(n, self.upsample, 0.0)[k] for n, k in zip(self.shape, (ky, kx), strict=True))
         shape = (shape_y[:, None] * shape_x).to(torch.complex64)
-        self._gaps = [h[ky][:, kx] * shape for h in masked._gaps]
-        self._relays = [[h[ky][:, kx] for h in relay] for relay in masked._relays]
+        self._gaps = [h[ky][:, kx] * shape for h in stored._gaps]
+        self._relays = [[h[ky][:, kx] for h in relay] for relay in stored._relays]
 
     def _intensities(self, wavelength: int, drive: Tensor) -> list[Tensor]:
         λ = self.wavelengths_m[wavelength]
@@ -67,7 +54,7 @@ def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> 
     result: dict[str, Any] = {"loss_differences": _loss_differences(work), "threads": {}}
     for count in thread_counts:
         with torch_threads(count):
-            runs: dict[str, Run] = {OWN: ours(work).__next__, MASKED: Masked(work).step, PRUNED: Pruned(work).step}
+            runs: dict[str, Run] = {OWN: ours(work).__next__, MASKED: StoredLoop(work).step, PRUNED: Pruned(work).step}
             result["threads"][str(count)] = summary(interleaved(runs, repeats), OWN)
     return result
 
@@ -75,7 +62,7 @@ def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> 
 def _loss_differences(work: Work) -> dict[str, float]:
     """Relative difference of each baseline's first loss from the optimiser's."""
     loss = next(ours(work)).loss
-    baselines: dict[str, Autograd] = {MASKED: Masked(work), PRUNED: Pruned(work)}
+    baselines: dict[str, Autograd] = {MASKED: StoredLoop(work), PRUNED: Pruned(work)}
     found = {name: abs(model.loss(model.drive).item() / loss - 1) for name, model in baselines.items()}
     if max(found.values()) > _TOLERANCE:
         raise RuntimeError(f"the baselines don't compute what the optimiser does: {found}")

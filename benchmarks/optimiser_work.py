@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 import holoview as hv
-from benchmarks.baselines import Work
 from benchmarks.common import markdown_table
+from holoview.benchmark.autograd_loop import Work
 from holoview.benchmark.frame_jobs import time_interleaved
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
@@ -20,6 +20,7 @@ from holoview.util.files import data_dir
 Seconds = dict[str, list[float]]
 Run = Callable[[], Any]
 
+STOPS = {"relay1.square": "first order", "relay2.square": "first order"}
 ENDLESS = 1_000_000
 """More iterations than any benchmark runs."""
 

@@ -53,6 +53,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
+from holoview.util.files import data_dir
 from holoview.view import random_drive
 
 TOLERANCES = {
@@ -416,8 +417,9 @@ def _row_length(renderer: IncrementalRenderer) -> int:
 FORMAT = 1
 """Version of the report's JSON."""
 PARITY, PROBE, TUNING, FRAME_PARITY, FRAMES = "stages", "device", "strategies", "frame errors", "frames"
-TORCH, OPTIMISER, VIEWER, POWER = "torch", "optimiser", "viewer", "power"
+TORCH, OPTIMISER, QUALITY, VIEWER, POWER = "torch", "optimiser", "time to quality", "viewer", "power"
 _POWER_S = 3.0
+_QUALITY_SIZE, _QUALITY_PICTURE, _QUALITY_LONG = (128, 96), "still-life.png", 300
 Size = tuple[int, int]
 
 
@@ -477,6 +479,7 @@ class ReportRun:
             *sizes,
             Measurement(TORCH, "frames beside torch, first image", self._beside_torch),
             Measurement(OPTIMISER, "an iteration", self._optimiser),
+            Measurement(QUALITY, "until a hologram is as good as it gets", self._quality),
             Measurement(POWER, "frames in a row", self._power),
         ]
 
@@ -585,6 +588,18 @@ class ReportRun:
         from holoview.benchmark.optimiser_iteration import time_iterations
 
         return time_iterations(self._middle_system(), self.options.rounds, self.options.limit_s)
+
+    def _quality(self) -> dict[str, Any]:
+        from holoview.benchmark.time_to_quality import QualityRun, quality_work, time_to_quality
+
+        columns, rows = (
+            min(n, most) // self.options.system.sampling.upsample
+            for n, most in zip(self.options.middle_size, _QUALITY_SIZE, strict=True)
+        )
+        work = quality_work(self.options.system.edit({"shape": [rows, columns]}), data_dir("assets") / _QUALITY_PICTURE)
+        found = time_to_quality(work, QualityRun(_QUALITY_LONG, self.options.rounds))
+        assert found is not None  # nothing interrupts it
+        return found
 
     def _power(self) -> dict[str, Any]:
         return measure_power(open_renderer(self._middle_system(), self.device), _POWER_S)

@@ -18,6 +18,7 @@ from holoview.benchmark.report_run import (
     PARITY,
     POWER,
     PROBE,
+    QUALITY,
     SCRUB,
     TORCH,
     TUNING,
@@ -130,6 +131,7 @@ def report_markdown(data: Values) -> str:
         ["## Strategies of the transforms", "", *_strategies(data)],
         ["## Beside torch on the processor", "", *_beside_torch(data)],
         ["## An iteration of the optimiser", "", *_optimiser(data)],
+        ["## Time to a good hologram", "", *_quality(data)],
         ["## Viewer", "", *_viewer(data)],
         ["## Power", "", *_power(data)],
         ["## Not measured", "", *_problems(data)],
@@ -328,6 +330,24 @@ def _optimiser(data: Values) -> Iterator[str]:
         yield from _table(["torch device", "ms", "times as fast as the processor", "loss after 3 iterations"], lines)
         yield from (f"\n{name}: {reason}" for name, reason in found["failures"].items())
     if not results(data, OPTIMISER):
+        yield "Not measured."
+
+
+def _quality(data: Values) -> Iterator[str]:
+    for found in results(data, QUALITY):
+        (columns, rows), reached = found["size"], "not reached"
+        yield f"{columns} × {rows}, {found['wavelengths']} λ, {found['planes']} planes, {found['threads']} threads."
+        yield f"The goal is {found['goal_db']:.2f} dB, in runs of {found['long']} iterations at most."
+        yield ""
+        lines = [
+            [name, f"{found[f'{key}long_db']:.2f}", str(found[f"{key}iterations"] or reached)]
+            + [_number(found[f"{key}{time}"]) for time in ("seconds", "cpu_seconds")]
+            for name, key in (("holoview", ""), (f"Adam, {found['adam_step_rad']:g} rad", "adam_"))
+        ]
+        yield from _table(["", "long run, dB", "iterations", "s", "processor, s"], lines)
+        yield ""
+        yield f"holoview ÷ Adam: {reached if found['ratio'] is None else _number(found['ratio'])}."
+    if not results(data, QUALITY):
         yield "Not measured."
 
 

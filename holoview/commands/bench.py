@@ -24,8 +24,8 @@ from holoview.benchmark.machine import versions
 from holoview.benchmark.report_run import ReportOptions
 from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
-from holoview.commands.console import print_json
-from holoview.commands.output_files import add_output_folder
+from holoview.commands.console import deferred_interrupt, print_json, progress_bar
+from holoview.commands.output_files import add_input, add_output_folder
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.gpu.tune import StrategyOption
@@ -33,8 +33,10 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
+from holoview.util.files import data_dir
 
 _DEFAULT, _SIZE = "holochrome-8", "1024x768"
+_OPTIMISER_SIZE, _PICTURE = "128x96", "still-life.png"
 _MOST_STARTS = 3  # of each command whose first image is timed
 
 
@@ -62,12 +64,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "the optimiser and the power, and write one file that can be attached to an issue",
     )
     parser.add_argument("--lasers", metavar="N[,N…]", help="with --report: numbers of lasers (1,3,8,16)")
+    parser.add_argument(
+        "--optimiser",
+        action="store_true",
+        help="measure instead the time until a hologram is as good as it gets, beside torch's Adam; "
+        f"about two minutes for {_OPTIMISER_SIZE}, the default of --size here",
+    )
+    add_input(parser, "--picture", metavar="FILE", help="with --optimiser: the target (a still life)")
+    parser.add_argument("--long", metavar="N", help="with --optimiser: iterations of the long runs (500)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the benchmark and print a table or JSON."""
     args.preset = args.preset or _DEFAULT
     rounds = _positive("--rounds", args.rounds)
+    if args.optimiser:
+        return _optimiser(args, rounds)
+    for flag, is_set in (("--picture", args.picture is not None), ("--long", args.long is not None)):
+        if is_set:
+            raise UserError(flag, "without --optimiser", remedy="add --optimiser, or leave it out")
     if args.report is not None:
         return _report(args, rounds)
     if args.lasers is not None:
@@ -92,16 +107,44 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _optimiser(args: argparse.Namespace, rounds: int) -> int:
+    """Measure the time to a good hologram, and print it as text or JSON."""
+    from holoview.benchmark.time_to_quality import QualityRun, quality_text, quality_work, time_to_quality
+
+    _refuse_options(args, "--optimiser", "leave it out: the optimiser needs no adapter")
+    system = _sized(system_from_args(args), args.size or _OPTIMISER_SIZE)
+    work = quality_work(system, args.picture or data_dir("assets") / _PICTURE)
+    long = QualityRun.long if args.long is None else _positive("--long", args.long)
+    with deferred_interrupt() as interruption, progress_bar("bench") as show:
+        found = time_to_quality(work, QualityRun(long, rounds, progress=show, interruption=interruption))
+    if found is None:
+        return interruption.exit_code
+    if args.json:
+        print_json(found)
+    else:
+        print(quality_text(found))
+    return 0
+
+
+def _refuse_options(args: argparse.Namespace, flag: str, remedy: str) -> None:
+    """Raise UserError for options that don't belong to --report or --optimiser."""
+    others = {
+        "--report": flag == "--optimiser" and args.report is not None,
+        "--lasers": flag == "--optimiser" and args.lasers is not None,
+        "--adapter": flag == "--optimiser" and args.adapter is not None,
+        "--json": flag == "--report" and args.json,
+        "--tune": args.tune,
+        "--half": args.half,
+        "--strategy": args.strategy != "auto",
+    }
+    for other, is_set in others.items():
+        if is_set:
+            raise UserError(other, f"with {flag}", remedy=remedy)
+
+
 def _report(args: argparse.Namespace, rounds: int) -> int:
     """Write the report that --report asks for."""
-    for flag, is_set in (
-        ("--tune", args.tune),
-        ("--json", args.json),
-        ("--half", args.half),
-        ("--strategy", args.strategy != "auto"),
-    ):
-        if is_set:
-            raise UserError(flag, "with --report", remedy="leave it out: a report has all strategies, and JSON in it")
+    _refuse_options(args, "--report", "leave it out: a report has all strategies, and JSON in it")
     system, options = system_from_args(args), {"rounds": rounds, "adapter": args.adapter}
     if args.size is not None:
         for size in args.size.split(","):

@@ -17,7 +17,7 @@ from holoview.benchmark import report_run
 from holoview.benchmark.frame_benchmark import Criterion
 from holoview.benchmark.frame_jobs import TuningReport
 from holoview.benchmark.machine import probe_device
-from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, VIEWER, Measurement, ReportRun
+from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, QUALITY, VIEWER, Measurement, ReportRun
 from holoview.benchmark.report_text import Values, report_markdown, results
 from holoview.cli import main
 from holoview.commands import bench_report
@@ -54,6 +54,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_run, "CHANGES", {"two modulators": {}})
     monkeypatch.setattr(report_run, "STRATEGIES", ("workgroup",))
     monkeypatch.setattr(report_run, "_POWER_S", 0.0)
+    monkeypatch.setattr(report_run, "_QUALITY_LONG", 10)
     monkeypatch.setattr(report_run, "first_image_criterion", lambda *_: Criterion("first image", 2.5, 5.0, 3.0, "s"))
     monkeypatch.setattr(report_run, "probe_device", partial(probe_device, copy_bytes=2**16))
     monkeypatch.setattr(bench_report, "_WINDOW", (320, 200))
@@ -87,9 +88,21 @@ def test_a_report_holds_every_kind_of_measurement(device: Device, report: Callab
         assert min(case["median_ms"].values()) > 0
         assert ("device_ms" in case) == (TIMESTAMPS in device.features)
     assert results(data, OPTIMISER)[0]["median_ms"]["cpu"] > 0
+    assert results(data, QUALITY)[0]["adam_seconds"] > 0
     assert results(data, VIEWER)[0]["scrub_images_per_s"] > 0
     assert len(results(data, POWER)) == 1
-    for heading in ("Goals", "Machine", "Stages", "Copies", "Frames", "Strategies", "Beside torch", "Viewer", "Power"):
+    for heading in (
+        "Goals",
+        "Machine",
+        "Stages",
+        "Copies",
+        "Frames",
+        "Strategies",
+        "Beside torch",
+        "Time to",
+        "Viewer",
+        "Power",
+    ):
         assert f"\n## {heading}" in text
 
 
