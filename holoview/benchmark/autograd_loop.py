@@ -65,7 +65,7 @@ class Autograd(ABC):
     def move(self, loss: Tensor) -> None:
         """Take Adam's step for a loss."""
         self.adam.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         self.adam.step()
         with torch.no_grad():
             self.drive.clamp_(0, 1)

@@ -11,6 +11,7 @@ Adam's iterations alone.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -58,7 +59,7 @@ class QualityRun:
     interruption: Interruption = field(default_factory=Interruption)
 
 
-def quality_work(system: System, picture: str | Picture, seed: int = 0) -> Work:
+def quality_work(system: System, picture: str | os.PathLike[str] | Picture, seed: int = 0) -> Work:
     """The case of a bench, without padding, and of a picture at its middle plane.
 
     Raises UserError for benches that the loop in torch doesn't compute.
@@ -77,27 +78,19 @@ def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, A
     time is that of its long run, and the ratio an upper limit.
     """
     _check_same_loss(work)
-    steps = list(scope.steps_rad)
-    total = (1 + len(steps)) * scope.long
-    long_runs: dict[float | str, Curve] = {}
-    for number, kind in enumerate((_OWN, *steps)):
-        states = planned(work, scope.long) if isinstance(kind, str) else adam_curve(work, kind, scope.long)
-        curve = []
-        for made, psnr_db in states:
-            curve.append((made, psnr_db))
-            label = "long run, holoview" if isinstance(kind, str) else f"long run, Adam, {kind:g} rad"
-            scope.progress(number * scope.long + made, total, f"{label}: {psnr_db:.2f} dB")
-            if scope.interruption():
-                return None
-        long_runs[kind] = curve
-    own = long_runs.pop(_OWN)
+    runs: dict[str, Iterator[tuple[int, float]]] = {_OWN: planned(work, scope.long)}
+    runs |= {f"{_ADAM}, {step:g} rad": adam_curve(work, step, scope.long) for step in scope.steps_rad}
+    curves = [_watched(run, name, number, len(runs), scope) for number, (name, run) in enumerate(runs.items())]
+    if scope.interruption():
+        return None
+    own, long_runs = curves[0], dict(zip(scope.steps_rad, curves[1:], strict=True))
     goal_db = max(own[-1][1], *(psnr_db for curve in long_runs.values() for _, psnr_db in curve)) - MARGIN_DB
     reached = {step: _first(curve, goal_db) for step, curve in long_runs.items()}
     step = min(reached, key=lambda step: (reached[step] or math.inf, -max(db for _, db in long_runs[step])))
     iterations = _shortest_plan(work, goal_db, scope) if own[-1][1] >= goal_db else None
     if scope.interruption():
         return None
-    timings = _timed(work, float(step), iterations or scope.long, scope.rounds)
+    timings = _timed(work, step, iterations or scope.long, scope.rounds)
     adam_iterations = reached[step]
     share = (adam_iterations or scope.long) / _EVERY
     return {
@@ -123,6 +116,17 @@ def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, A
         "curve": list(planned(work, iterations or scope.long)),
         "adam_curve": long_runs[step],
     }
+
+
+def _watched(run: Iterator[tuple[int, float]], name: str, number: int, count: int, scope: QualityRun) -> Curve:
+    """The curve of one of `count` long runs, until an interruption."""
+    curve: Curve = []
+    for made, psnr_db in run:
+        if scope.interruption():
+            break
+        curve.append((made, psnr_db))
+        scope.progress(number * scope.long + made, count * scope.long, f"long run, {name}: {psnr_db:.2f} dB")
+    return curve
 
 
 def planned(work: Work, iterations: int) -> Iterator[tuple[int, float]]:

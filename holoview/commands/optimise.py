@@ -257,8 +257,8 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         "--drawn-planes",
         metavar="N",
         type=whole(0),
-        default=0,
-        help="so many planes, drawn anew, count in an iteration of the first 70 %%, which takes less time; 0: all (0)",
+        help="so many planes, drawn anew, count in an iteration until the last 40 %%, which takes less time; 0: all "
+        "(2 of four planes or more)",
     )
     group.add_argument(
         "--chromatic",

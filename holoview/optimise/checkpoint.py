@@ -44,8 +44,9 @@ class IterationState:
     """The state of an optimisation after an iteration.
 
     iteration, iterations: number of this iteration, from 0, and of the last one. loss: with the eyebox's penalty.
-    psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised).
-    best_psnr_db, best: PSNR and hologram of the smallest loss so far; the latest where pupils are drawn.
+    psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised). Loss and PSNR
+    are those of the planes that this iteration took (`Settings.drawn_planes`).
+    best_psnr_db, best: PSNR and hologram of the smallest loss of all planes so far; the latest where pupils are drawn.
     eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
     seconds: time spent, including that before a checkpoint.
     picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to

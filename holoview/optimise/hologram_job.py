@@ -77,7 +77,7 @@ class RunOptions:
             "--free": settings.free != _DEFAULT_SETTINGS.free,
             "--eyebox": settings.eyebox,
             "--pupils": settings.pupil_places_m or settings.drawn_pupils,
-            "--drawn-planes": settings.drawn_planes,
+            "--drawn-planes": settings.drawn_planes is not None,
             "--step": settings.step_rad != _DEFAULT_SETTINGS.step_rad,
         }
         if self.method == "double-phase":

@@ -42,9 +42,10 @@ class Settings:
     given and counts; that of the system alone when empty. Not with free wavelengths.
     drawn_pupils: number of places of the pupil that are drawn anew in each iteration, from the seed, in place of
     `pupil_places_m`; 0 for none. Not with free wavelengths.
-    drawn_planes: number of planes that an iteration takes, drawn anew for each from the seed, in the first 0.7 of the
-    iterations; 0, or as many as there are, for all planes. Iterations that solve for amplitudes or move wavelengths,
-    and those of modulators with levels, take all.
+    drawn_planes: number of planes that an iteration takes before the last 30 or, if more, 40 % of them; they come in
+    turn, in an order drawn from the seed. 0, or as many as there are, for all planes; None for two planes where there
+    are four or more of equal weight, seen from one place. Each tenth iteration, those that solve for amplitudes or
+    move wavelengths, and those of modulators with levels take all.
     drawn_radius_m: of the disc about the pupil of the system's eye in which they are drawn, m.
 
     Raises UserError for values out of range.
@@ -72,7 +73,7 @@ class Settings:
     pupil_places_m: tuple[tuple[float, float], ...] = ()
     drawn_pupils: int = 0
     drawn_radius_m: float = 0.0
-    drawn_planes: int = 0
+    drawn_planes: int | None = None
 
     def __post_init__(self) -> None:
         for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
@@ -123,7 +124,7 @@ class Settings:
         object.__setattr__(self, "pupil_places_m", places)
         if not isinstance(self.drawn_pupils, int) or self.drawn_pupils < 0:
             raise UserError("drawn pupils", str(self.drawn_pupils), expected="0 or more")
-        if not isinstance(self.drawn_planes, int) or self.drawn_planes < 0:
+        if self.drawn_planes is not None and not (isinstance(self.drawn_planes, int) and self.drawn_planes >= 0):
             raise UserError("drawn planes", str(self.drawn_planes), expected="0 or more")
         if self.drawn_pupils and not 0 < self.drawn_radius_m < math.inf:
             raise UserError("drawn pupils", f"a radius of {self.drawn_radius_m:g} m", expected="a radius above 0")

@@ -29,7 +29,9 @@ from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
-_DRAWN_SHARE = 0.7  # of the iterations in which planes are drawn: the last ones settle on all
+_SETTLING_SHARE, _LEAST_SETTLING = 0.4, 30  # the last iterations, which take all planes: their share, and the fewest
+_WHOLE_EVERY = 10  # iterations of which one takes all planes
+_PLANES_AT_A_TIME, _FEWEST_PLANES = 2, 4  # by default: so many, where there are at least so many
 
 
 def iterate(
@@ -60,9 +62,9 @@ def iterate(
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
-    `best`, the `Hologram` of the smallest loss so far; the latest one where pupils or planes are drawn, since losses of
-    different draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the drive or
-    the checkpoint doesn't fit, and when memory runs out.
+    `best`, the `Hologram` of the smallest loss so far of all planes; the latest one where pupils are drawn, since
+    losses of different draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the
+    drive or the checkpoint doesn't fit, and when memory runs out.
 
     >>> import numpy as np
     >>> import holoview as hv
@@ -119,10 +121,10 @@ class _Optimiser:
                     "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
                 )
             best = (self.progress.best_loss, self.progress.best_psnr_db)
-            is_partial = request.planes is not None
-            if evaluation.loss < best[0] or self.best is None or self._drawn is not None or is_partial:
-                loss = math.inf if is_partial else evaluation.loss  # of other planes than the next one
-                best, self.best = (loss, evaluation.psnr_db), self._hologram(shown)
+            is_whole = request.planes is None
+            if is_whole and (evaluation.loss < best[0] or self._drawn is not None):
+                best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
+            assert self.best is not None  # the first iteration takes all planes
             if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                 self.problem.set_wavelengths(self.variables.wavelengths_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
@@ -152,14 +154,28 @@ class _Optimiser:
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _request(self, iteration: int) -> EvaluationRequest:
-        """What to evaluate in an iteration, and in which planes."""
-        request, few = self.variables.evaluation_request(iteration), self.settings.drawn_planes
-        count = len(self.problem.objective.target)
-        is_early = iteration < _DRAWN_SHARE * self.settings.iterations
-        if not 0 < few < count or not is_early or request.takes_all_planes:
+        """What to evaluate in an iteration, and in which planes.
+
+        Early iterations take some planes, which come in turn, in an order that is drawn anew for each turn: the sum of
+        a turn's gradients is nearly that of all planes, which is not so of planes that are drawn independently.
+        """
+        request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
+        count, few = len(self.problem.objective.target), self._planes_at_a_time
+        settles = iterations - iteration <= max(_LEAST_SETTLING, _SETTLING_SHARE * iterations)
+        if not 0 < few < count or settles or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
             return request
-        drawn = np.random.default_rng((self.settings.seed, iteration)).choice(count, few, replace=False)
-        return replace(request, planes=tuple(sorted(drawn.tolist())))
+        turn, place = divmod(iteration, count // few)
+        order = np.random.default_rng((self.settings.seed, turn)).permutation(count)
+        return replace(request, planes=tuple(sorted(order[place * few : (place + 1) * few].tolist())))
+
+    @property
+    def _planes_at_a_time(self) -> int:
+        """How many planes an early iteration takes; 0: all."""
+        settings, count = self.settings, len(self.problem.objective.target)
+        if settings.drawn_planes is not None:
+            return settings.drawn_planes
+        is_plain = count == len(self.system.planes_m) and settings.plane_weights is None
+        return _PLANES_AT_A_TIME if is_plain and count >= _FEWEST_PLANES else 0
 
     def _hologram(self, shown: torch.Tensor) -> Hologram:
         changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}

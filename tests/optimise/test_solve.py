@@ -17,6 +17,7 @@ from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import LOSS_SPACES, Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
@@ -84,14 +85,41 @@ def test_what_is_free_moves_and_helps_and_the_rest_stays(free: tuple[str, ...], 
 
 
 def test_with_drawn_planes_the_best_hologram_is_one_of_all_planes(bench: Bench, run: Run) -> None:
-    """The latest while planes are drawn; then the best of those whose loss is that of all planes."""
+    """Each tenth iteration takes all, as those do that solve for amplitudes, and the last thirty."""
     system = bench()
-    states = run(system, iterations=20, drawn_planes=1, amplitudes_every=7)
-    drawn, whole = [states[k] for k in range(14) if k % 7], [*(states[k] for k in (0, 7)), *states[14:]]
-    assert all(state.best_psnr_db == state.psnr_db for state in drawn)
-    assert states[-1].best_psnr_db == max(whole[2:], key=lambda state: -state.loss).psnr_db
-    again = run(system, iterations=20, drawn_planes=1, amplitudes_every=7)
+    states = run(system, iterations=45, drawn_planes=1, amplitudes_every=7)
+    taking_all = [
+        state for state in states if state.iteration % 10 == 0 or state.iteration % 7 == 0 or state.iteration >= 15
+    ]
+    assert len(taking_all) < len(states)
+    for state in states:
+        best = min((one for one in taking_all if one.iteration <= state.iteration), key=lambda one: one.loss)
+        assert state.best_psnr_db == best.psnr_db
+    again = run(system, iterations=45, drawn_planes=1, amplitudes_every=7)
     assert [state.loss for state in again] == [state.loss for state in states]
+
+
+def test_planes_that_are_drawn_come_in_turn(bench: Bench, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each once before the first one comes again, but where an iteration takes all."""
+    taken: list[tuple[int, ...] | None] = []
+    whole = Problem.evaluate
+
+    def evaluate(self: Problem, opd_m: Any, amplitudes: Any, request: EvaluationRequest) -> Any:
+        taken.append(request.planes)
+        return whole(self, opd_m, amplitudes, request)
+
+    monkeypatch.setattr(Problem, "evaluate", evaluate)
+    system = bench(planes=["8 mm", "9 mm", "10 mm", "11 mm", "12 mm"])
+    run(system, iterations=61)
+    assert [iteration for iteration, planes in enumerate(taken[:31]) if planes is None] == [0, 10, 20, 30]
+    for first in range(0, 30, 2):
+        turn = [planes for planes in taken[first : first + 2] if planes is not None]
+        assert len(set().union(*turn)) == 2 * len(turn)
+    assert all(planes is None for planes in taken[31:])
+    for changes in ({"iterations": 30}, {"drawn_planes": 0}, {"plane_weights": (1, 1, 1, 1, 2)}):
+        taken.clear()
+        run(system, **({"iterations": 40} | changes))
+        assert all(planes is None for planes in taken)
 
 
 def test_wavelengths_end_in_their_range_and_apart(bench: Bench, run: Run) -> None:
