@@ -2,9 +2,9 @@
 
 All candidates are ranked with the same frozen weights: with one variance for all, the log-likelihoods of two candidates
 differ by half the difference of their χ². Of the variances that the best candidates predict, the likeliest is taken; χ²
-alone would choose the largest (docs/diagnosis-evidence.md#one-noise-for-all-candidates). The explained share of the
-excess misleads: a blur often explains nine tenths of a large error. The true cause is recognised by how close it comes
-to the noise floor on held-out captures.
+alone would choose the largest (docs/diagnosis-evidence.md#one-noise-for-all-candidates). The true cause is recognised
+by how close it comes to the noise floor on held-out captures, not by the share of the excess that it explains, of which
+a blur often explains nine tenths.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EXPLAINED_MAX_SHARE = 0.2
 """[1] … and up to this share of the nominal excess. Evidence: the search study; of a large error a blur explains nine
 tenths."""
 RIVAL_FACTOR = 2.0
-"""[1] Causes that leave less than so many times the best excess can't be excluded. Evidence: the search study."""
+"""[1] Causes that leave less than so many times the best excess aren't excluded. Evidence: the search study."""
 RIVAL_EXCESS = 0.01
 """[χ²/n] … for which the best excess counts as at least this. Evidence: the search study; smaller differences may be
 the model's own accuracy."""
@@ -52,10 +52,10 @@ _TIE_NEAR_SHARE = 0.1
 """[1] … which counts at most as this share of the excess, so that near the floor small differences decide."""
 _NOISE_MODELS = 4  # [candidates] Whose noise is compared. Evidence: the cost, two predictions for each.
 _SAME_LIGHT_COST = 1.1
-"""[1] … of those whose tolerant cost is less than so many times the lowest. Evidence: a reason: a fit that predicts the
-light clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
+"""[1] … if its tolerant cost is less than so many times the lowest. Evidence: a reason: a fit that predicts the light
+clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
 NOISE_ACCURACY = 0.02
-"""[χ²/n] Deficit that is nobody's fault. Evidence: electrons per count, by which variances scale, are seldom measured
+"""[χ²/n] Deficit that isn't blamed. Evidence: electrons per count, by which variances scale, are seldom measured
 better; as much as `JITTER_EXCESS` on the other side."""
 NOISE_FALSE_ALARM = 1e-6  # [1] Chance that correct records of the noise are blamed. Evidence: a convention.
 _NOISE_BLOCK_PX = 8
@@ -67,7 +67,7 @@ _LEAST_NOISE = 1.0 / 3.0
 of standard deviation σ only if that is half a count or more (the error is below 2·exp(−2π²σ²) = 1.4 %); in the dark of
 a camera of few bits every pixel may read the same."""
 FLOOR_CHI2 = 1.05  # [χ²/n] Below it no further cause is searched. Evidence: the search study.
-JITTER_CHI2 = 1.0 + JITTER_EXCESS  # [χ²/n] That jitter of an ordinary laboratory leaves.
+JITTER_CHI2 = 1.0 + JITTER_EXCESS  # [χ²/n] Left by jitter of an ordinary laboratory.
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,9 @@ Correlations = Mapping[str, Mapping[str, float]]
 class Lookalikes:
     """Effects that change the captures much as the causes of a fit do.
 
-    correlations: {cause: {effect: canonical correlation}}, the largest first. shares: {cause: {effect: share}} of the
-    squared change that the cause makes at its values which the effect's derivatives explain, of effects that aren't the
-    same physics on every bench.
+    correlations: {cause: {effect: canonical correlation}}, the largest first. shares: {cause: {effect: share of the
+    square of the cause's change that the effect's derivatives explain}}, of effects that aren't the same physics on
+    every bench.
     """
 
     fit: CandidateFit
@@ -111,10 +111,10 @@ class Lookalikes:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found. nominal: the nominal bench. candidates: best first, all with the same frozen weights.
+    """The result of a search. nominal: the nominal bench. candidates: best first, all with the same frozen weights.
 
     lookalikes: of the best candidate's causes, where rivals were looked for. unseen_rivals: fits that predict the same
-    as the best candidate with an effect that needs other captures to be told from its cause.
+    as the best candidate, with an effect that only other captures can tell from its cause.
     """
 
     nominal: HeldOutScore
@@ -213,7 +213,7 @@ Equivalents = Mapping[str, frozenset[str]]
 
 
 class Verdict(StrEnum):
-    """What can be said."""
+    """The verdict on a diagnosis."""
 
     CONSISTENT = "consistent"
     EXPLAINED = "explained"
@@ -295,7 +295,7 @@ def _block_sums(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def limited_by_noise(decision: Decision, noise: NoiseCheck) -> tuple[Decision, list[str]]:
-    """The decision where the noise is overstated, which neither clears nor explains a bench; with a note."""
+    """The decision, with a note, where the noise is overstated: such captures neither clear nor explain a bench."""
     if not noise.is_overstated:
         return decision, []
     note = (
@@ -313,14 +313,14 @@ _LOWERED = {
 
 
 def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: float) -> Decision:
-    """The decision where some captures are bad: beyond a share of `max_share`, no bench is cleared or explained."""
+    """The decision where some captures are bad; beyond a share of `max_share` no bench is cleared or explained."""
     if bad_share <= max_share:
         return decision
     return replace(decision, verdict=_LOWERED.get(decision.verdict, decision.verdict))
 
 
 def with_further_cause(verdict: Verdict) -> Verdict:
-    """The verdict once a cause outside the search for effects is named as well."""
+    """The verdict once a cause is named that the search for effects doesn't look for."""
     return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)
 
 
@@ -330,18 +330,18 @@ def chance_excess(pixels: float) -> float:
 
 
 def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig) -> float:
-    """The excess χ²/n − 1 that causes may leave and count as an explanation."""
+    """The largest excess χ²/n − 1 that causes may leave to count as an explanation."""
     max_excess = min(config.explained_excess, EXPLAINED_MAX_SHARE * nominal_excess)
     return max(chance_excess(pixels), max_excess)
 
 
 def jitter_excess(pixels: float) -> float:
-    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance, which don't depend on each other, leave."""
+    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance leave, independent of each other."""
     return math.hypot(JITTER_EXCESS, chance_excess(pixels))
 
 
 def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:
-    """Share of the excess that is gone, 0 … 1."""
+    """Share of the excess that is explained, 0 … 1."""
     if nominal.excess <= 0:
         return 0.0
     return min(1.0, max(0.0, (nominal.chi2_per_pixel - best.chi2_per_pixel) / nominal.excess))
@@ -366,5 +366,5 @@ def _rivals_of(
 
 
 def _are_equivalent(a: Sequence[str], b: Sequence[str], equivalents: Equivalents) -> bool:
-    """Whether `b` has each cause of `a`, or a cause that is the same physics."""
+    """Whether `b` has, for each cause of `a`, the cause itself or the same physics."""
     return all(any(x == y or y in equivalents.get(x, ()) or x in equivalents.get(y, ()) for y in b) for x in a)

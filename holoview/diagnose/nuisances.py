@@ -3,13 +3,13 @@
 PRNU (pixels of unequal sensitivity) and movements of the camera are looked for where a model is good enough to show
 them: under the nominal model, and again under the best model. No cause may take the place of either.
 
-Lasers may drift: each capture chooses its own wavelength among a few near the nominal one. Derivatives wouldn't do: a
-small drift moves the edge of an iris over whole samples. Drift is no fault where it takes the residuals to the noise
-and its mean isn't significant.
+Lasers may drift: each capture chooses its own wavelength among a few near the nominal wavelength. Derivatives can't
+replace the trials, because a small drift moves the edge of an iris over whole samples. Drift is no fault where it takes
+the residuals to the noise and its mean isn't significant.
 
 Coarse samples of the model look like lost contrast, which a blur, bandwidth and an extended source partly explain. So
 the held-out captures are predicted once more with finer samples, larger grids, and camera pixels that integrate or
-don't. A cause that isn't needed with such samples isn't named.
+don't. A cause that such samples make superfluous isn't named.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ _CACHE_MB = 64
 """[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
 prediction."""
 _MAX_LEFT_SHARE = 0.5
-"""[1] Other samples count if they leave less than this share of the excess; a cause is needed with them if it removes
-this share of what is left."""
+"""[1] Other samples count if they leave less than this share of the excess; a cause is needed beside them if it removes
+this share of their excess."""
 _PRNU_MAX_CHI2 = 3.0  # [χ²/n] Up to here residuals tell PRNU from errors of the model.
 _MAX_PRNU = 0.1  # [1] Largest standard deviation of the pixels' relative sensitivity; the benchmark has 0.01.
 _MIN_PRNU_CHI2 = 0.005  # [χ²/n] PRNU that adds less than this is ignored.
@@ -68,7 +68,7 @@ DRIFT_STEPS = 10
 """[1] Steps tried either way, ± 0.2 nm with the default step. Evidence: the benchmark drifts by 0.05 nm r.m.s., of
 which this is 4 σ."""
 _DRIFT_P_VALUE = 1e-3
-"""[1] A mean drift less probable than this under jitter alone is systematic."""
+"""[1] A mean drift with less than this probability under jitter alone is systematic."""
 
 
 def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:
@@ -77,7 +77,7 @@ def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchCont
 
 
 def excuse_laser_drift(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
-    """Consistent after all where undirected drift of the lasers leaves no more than jitter does; with a note."""
+    """The decision, consistent where undirected drift of the lasers leaves no more than jitter does; with a note."""
     if decision.verdict is not Verdict.UNEXPLAINED or DRIFT_EFFECT not in context.effects:
         return decision, []
     drift = estimate_laser_drift(result.comparison, {})
@@ -127,7 +127,7 @@ class LaserDrift:
 
 
 def estimate_laser_drift(comparison: Comparison, values: FittedValues) -> LaserDrift:
-    """The wavelength that suits each capture best, and the excess that it leaves."""
+    """The wavelength that suits each capture best, and the excess that these wavelengths leave."""
     known = values.get(DRIFT_EFFECT, {})
     offsets_m = DRIFT_STEP_M * np.arange(-DRIFT_STEPS, DRIFT_STEPS + 1)
     squares = [

@@ -51,8 +51,8 @@ _CORRECTION_SHARE = 0.7
 """[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
 virtual rig (48 × 64 pixels, 24 captures)."""
 _LAST_BEGIN = 0.7
-"""[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: the longest step
-of a pair, its causes fitted without each other, took 20 of 80 s."""
+"""[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
+longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
@@ -73,33 +73,32 @@ def diagnose(
     sampling: SamplingConfig = PLAIN,
     config: SearchConfig | None = None,
 ) -> Diagnosis:
-    """Names the differences of the real bench from the nominal model of these captures. Wrong records are put right
-    first, and named too.
+    """Names the differences of the real bench from the nominal model of these captures, wrong records first.
 
     effects: the candidates; all of the registry when None.
-    known: effects that the nominal model has, {id: {parameter: value}}; what is found adds to them.
+    known: effects that the nominal model has, {id: {parameter: value}}; the values found add to them.
     uncertain: standard deviations of known effects that were measured, {id: {parameter: value}}; their errors are
     fitted first, within these. `Diagnosis.known` has the known effects as they were used.
     workers: processes; results don't depend on their number. With more than one, a script needs the usual
     `if __name__ == "__main__":` of Python's multiprocessing.
     progress: called with (done, total, what).
-    free_maps: look for the place of an error that no effect explains.
+    free_maps: look for the place of an error that no effect explains, if one remains.
     thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
-    about a minute for 128 × 96 modulator pixels.
-    time_s: the search ends after so long, with the best that it has found; records, intervals and notes take a little
+    about a minute for 128 × 96 modulator pixels on two cores.
+    time_s: the search ends after so long with its best result; records, intervals and notes take a little
     longer. None: it ends at its budget of fields alone, so that the result doesn't depend on the machine's speed.
     is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
-    so_far: called with a sentence when the search has found something better.
+    so_far: called with a sentence when the search has found a better result.
     sampling: how predictions sample light.
     config: settings of all stages.
 
-    Where corrected records leave the captures unexplained, and a gross error of the bench can look like these wrong
+    Where corrected records leave the captures unexplained, and a gross error of the bench can imitate these wrong
     records, the captures are searched as recorded as well, each within half of the budget; the better explanation
     counts.
 
-    Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
-    picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything, and for known
-    effects that such a bench can't have.
+    Every capture is judged: `Diagnosis.bad_captures` lists those that don't fit their records. Of a single picture,
+    blocks of pixels are held out. Raises UserError when no capture shows anything, and for known effects that such a
+    bench can't have.
     """
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
@@ -139,7 +138,7 @@ class _Request:
 
     @property
     def is_asked(self) -> bool:
-        """Whether somebody wants the search to end."""
+        """Whether the caller has asked for the end of the search."""
         return self.is_asked_to_end is not None and self.is_asked_to_end()
 
 
@@ -157,9 +156,9 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
 @dataclass(frozen=True)
 class _Preparation:
-    """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
-    of large pictures; None where it would save little. count: of all captures. useless: captures that are left out.
-    only: the other captures. notes: on effects that the captures can't show.
+    """The contexts of a diagnosis before its search. whole: of whole pictures. middle: of the middle of large pictures;
+    None where it would save little. count: number of all captures. useless: captures that are left out. only: the other
+    captures. notes: on effects that the captures can't show.
     """
 
     whole: SearchContext
@@ -171,7 +170,7 @@ class _Preparation:
 
 
 def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
-    """The contexts of a search within a share of the budget."""
+    """The contexts of a search that may spend a share of the budget."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures)
@@ -192,7 +191,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
 
 
 def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
-    """The context with the end of its search within a share of the budget, and with the receiver of its progress."""
+    """The context with a share of the budget of fields and of the time, and with the receiver of its best results."""
     budget, samples = request.config.budget, field_samples(context.data.captures)
     end = SearchEnd(share * request.time_s, request.is_asked_to_end, _LAST_BEGIN)
     fields, so_far = math.inf if request.thorough else share * budget.fields_for(samples), request.so_far
@@ -203,7 +202,7 @@ def _limited(context: SearchContext, request: _Request, share: float) -> SearchC
 
 
 def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
-    """The request with known effects corrected within their uncertainties, and notes on that."""
+    """The request with known effects corrected within their uncertainties, and notes on the corrections."""
     if not request.uncertain:
         return request, ()
     share, silent = _CORRECTION_SHARE, dataclasses.replace(request, so_far=None)
@@ -216,7 +215,7 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
-    """The diagnosis of captures whose records have been checked, within a share of the budget."""
+    """The diagnosis of captures with checked records, within a share of the budget."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
         outcome = _find_causes(prepared, request.progress)
@@ -230,7 +229,8 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
 
 
 def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOutcome:
-    """The causes and the bad captures: searched in the middle of large pictures, refined and judged in whole ones."""
+    """The causes and the bad captures: searched in the middle of large pictures, refined and judged in whole
+    pictures."""
     whole = prepared.whole
     judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
     if prepared.middle is None:
@@ -267,7 +267,7 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
 
 
 def _prepare_worker(effect_files: Sequence[str]) -> None:
-    """What another process needs before it can run jobs of a diagnosis."""
+    """Prepares another process for the jobs of a diagnosis."""
     torch.set_num_threads(1)
     for file in effect_files:
         load_user_effects(file)

@@ -3,10 +3,10 @@
 refine_fit          all causes of a candidate, with weights that tolerate errors of the model, then with the noise's
 free_fine_parameters, refine_leaders_along_axes
                     the best candidates polished, where they are near the floor
-fit_to_the_end      the best ones fitted until nothing is gained. A search stops once a candidate is near enough to the
-                    floor to be named. Its values may still be outside their intervals, though it predicts held-out
-                    captures to the noise: along the valley of two parameters that do nearly the same, least squares
-                    take many steps, and jumps of irises on a grid end them early
+fit_to_the_end      the best candidates fitted until nothing is gained. A search stops once a candidate is near enough
+                    to the floor to be named. Its values may still be outside their intervals, though it predicts
+                    held-out captures to the noise: along the valley of two parameters that do nearly the same, least
+                    squares take many steps, and jumps of irises on a grid end them early
 """
 
 from __future__ import annotations
@@ -46,17 +46,18 @@ from holoview.model.effects.effect import Effect
 
 FINAL_ITERATIONS = 5  # [1] Iterations of the last joint fit.
 _LAST_ITERATIONS = 20
-"""[1] Iterations of the last fit of a candidate near the floor. Evidence: measured: after the others, the two
-parameters of crosstalk were 11 and 21 % off with χ²/n 1.0196; with these 0.01 and 0.02 %, and 0.9935."""
+"""[1] Iterations of the last fit of a candidate near the floor. Evidence: measured: before it, the two parameters of
+crosstalk were 11 and 21 % off with χ²/n 1.0196; after it 0.01 and 0.02 %, and 0.9935."""
 _LAST_GAIN = 0.1
-"""[Δχ²] It ends after an iteration that gains less. Evidence: derivation: a standard deviation costs 1. Crosstalk that
-fitted held-out captures to the noise was 450 from the least in the rougher captures, and outside its interval."""
+"""[Δχ²] The last fit ends after an iteration that gains less. Evidence: derivation: a standard deviation costs 1.
+Crosstalk that fitted held-out captures to the noise was 450 from the least in the rougher captures, and outside its
+interval."""
 TOLERANT_MIN_ERROR = 0.02
-"""[error] Below it no tolerant fit precedes the one with the noise's weights; paired with `_NEAR_ERROR`."""
+"""[error] Below it no tolerant fit precedes the fit with weights of the noise; paired with `_NEAR_ERROR`."""
 FAR_ERROR = 0.15
-"""[error] A tolerant fit that leaves more isn't refined. Evidence: weights of the noise alone lead nowhere there."""
+"""[error] A tolerant fit that leaves more isn't refined. Evidence: weights of the noise lead nowhere there."""
 _TOLERANT_ROUNDS = 6
-"""[1] Tolerant fits after each other, while the last one leaves a large error. Evidence: measured: two aberrations of
+"""[1] Tolerant fits one after another, while the last leaves a large error. Evidence: measured: two aberrations of
 0.35 µm left 0.18 of the light after one, 0.019 after two; three of 0.4 µm, from a fifth of them, needed five."""
 _TOLERANT_GAIN = 0.95
 """[1] … and lowered it below this share. Evidence: measured: causes that were wrong left 0.99 or more."""
@@ -89,7 +90,7 @@ _MAX_FINE_EXCESS_SHARE = 0.9  # [1] Fine parameters stay free if they leave less
 def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
     """A joint fit of all causes on the fine captures; with tolerant weights alone where that leaves a large error.
 
-    It isn't worse on the coarse captures than the fit that it began with, unless both leave a small error there.
+    It isn't worse on the coarse captures than its starting values, unless both leave a small error there.
     """
     effects = [context.effects[name] for name in fit.causes]
     if (error := context.relative_model_error(fit.values)) > TOLERANT_MIN_ERROR:
@@ -117,8 +118,8 @@ def _fit_tolerantly(
 ) -> tuple[CandidateFit, float]:
     """A fit that tolerates a share of the present error, and the error that it leaves; repeated while that is large.
 
-    Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from. Rough
-    captures can lead astray where another cause is missing; a fit with a larger error than before isn't taken.
+    Each repetition tolerates less, so that a large fault is reached from further away than by one fit. Rough captures
+    can lead astray where another cause is missing: a fit with a larger error than before isn't taken.
     """
     for _ in range(_TOLERANT_ROUNDS):
         comparison = context.half_tolerant_comparison(context.split.fine, error)
@@ -157,9 +158,9 @@ class RefinementQueue:
 
 
 def free_fine_parameters(context: SearchContext, result: SearchResult, *, also_costly: bool = True) -> SearchResult:
-    """The best candidate with its secondary parameters freed, if it is near the floor but not at it and they lower the
-    excess. also_costly: free them as well in a candidate that is costly, or has large fields, and is somewhat further
-    from the floor.
+    """The result with the best candidate's secondary parameters freed, if it is near the floor but not at it, and if
+    they lower the excess. also_costly: free them as well in a candidate that is costly, or has large fields, and is
+    somewhat further from the floor.
     """
     best = result.best
     effects = [context.effects[name] for name in best.causes]
@@ -182,8 +183,8 @@ def refine_leaders_along_axes(
 ) -> SearchResult:
     """The best candidates searched along their axes, where they are near the floor but not at it.
 
-    A candidate that is far off lacks a cause: with it, other values of its present causes would be best. also_costly:
-    search costly candidates as well, and candidates of large fields, that are somewhat further from the floor.
+    A candidate that is far off lacks a cause, with which other values of its present causes would be best. also_costly:
+    search candidates as well that are costly, or have large fields, and are somewhat further from the floor.
     """
     for _ in range(_AXIS_ROUNDS):
         if result.best.chi2_per_pixel < FLOOR_CHI2:
@@ -238,7 +239,7 @@ def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult
     """The result with its best candidate fitted to the end, if it is near the floor.
 
     Unless it is at the floor, candidates that come about as close are fitted too, so that no rival loses for want of a
-    fit. The last fit counts even where an earlier one predicts the held-out captures better by chance.
+    fit. The last fit counts even where an earlier fit predicts the held-out captures better by chance.
     """
     excess, config = result.best.excess, context.config
     if not result.candidates or excess > config.verdict.explained_excess or context.budget_exhausted:

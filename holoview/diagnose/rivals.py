@@ -1,12 +1,12 @@
 """Other names for the causes that a search has found: names that the captures can't exclude, and the simplest name.
 
-prefer_fewer_numbers  the simplest name: of effects that no data can tell apart, the one with fewer numbers. A wrong gap
-                      is a defocus of relay 1, one of the aberrations that it may have: gap states it by one number,
-                      aberration1 by many. A search may come to either first, alone or together with other causes. A
-                      second line that has most of the light isn't an offset of the wavelength, but comes so near that a
-                      search may not look further
-with_rivals           effects that could stand for a cause in these captures alone. A search ends with the first
-                      explanation, whether or not it has come to the others
+prefer_fewer_numbers  of names that no data can tell apart, the name with fewer numbers. A wrong gap is a defocus of
+                      relay 1, one of the aberrations that it may have: gap states it by one number, aberration1 by
+                      many. A search may come to either first, alone or together with other causes. A second line that
+                      has most of the light isn't an offset of the wavelength, but comes so near that a search may not
+                      look further
+with_rivals           effects that could stand for a cause in these captures alone. A search ends with its first
+                      explanation, and may not have come to the others
 find_lookalikes       how much alike the effects change these captures
 """
 
@@ -36,7 +36,8 @@ from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 
 MIN_CORRELATION = 0.5
-"""[1] Canonical correlation from which an effect is told. Evidence: the screening study: most pairs are below 0.3."""
+"""[1] Canonical correlation from which a look-alike is told. Evidence: the screening study: most pairs are below
+0.3."""
 _TRIED_SHARE = 0.99
 """[1] An effect is tried in a cause's place if its derivatives explain this share of the cause's change … Evidence:
 pictures in single precision, and steps of finite length, leave derivatives of equal effects about 0.1 % apart."""
@@ -77,7 +78,7 @@ def find_lookalikes(context: SearchContext, fit: CandidateFit) -> Lookalikes:
 
 
 def _slopes_beside(effect: Effect, fit: CandidateFit, comparison: Comparison, at: LocalJacobian) -> NDArray[np.float32]:
-    """Derivatives of the residuals by an effect that is off, beside a fit."""
+    """Derivatives of the residuals, beside a fit, by an effect that the fit doesn't have."""
     return effect_jacobian(effect, {**fit.values, effect.id: identity_values(effect)}, comparison, at.residual)
 
 
@@ -85,9 +86,10 @@ def with_rivals(context: SearchContext, result: SearchResult) -> SearchResult:
     """The result with look-alikes, and with fits in which another effect in place of a cause predicts the same.
 
     Such a fit is a rival if the held-out captures don't exclude it, by the Δχ² that a cause must gain. Effects that the
+    Such a fit is a rival if the held-out captures don't exclude it, by the Δχ² that a cause must gain. Effects that the
     search has fitted in the cause's place aren't tried again. Effects that can't be seen in these captures are rivals
     of another kind: with one plane, a stage that leans is the same as a camera that is displaced. Nothing is tried
-    where too little is explained for rivals.
+    where the causes explain too little to have rivals.
     """
     decision = decide(result, context.equivalents, context.config.verdict)
     if decision.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
@@ -113,7 +115,7 @@ def with_rivals(context: SearchContext, result: SearchResult) -> SearchResult:
 
 
 def _possible_rivals(context: SearchContext, result: SearchResult, alike: Lookalikes, cause: str) -> list[str]:
-    """Effects that may predict what a cause of the best candidate does, the most alike first."""
+    """Effects that may imitate a cause of the best candidate, the most alike first."""
     best = result.best
     searched = {frozenset(c.causes) for c in result.candidates}
     others = frozenset(best.causes) - {cause}
@@ -130,12 +132,12 @@ def _possible_rivals(context: SearchContext, result: SearchResult, alike: Lookal
 
 
 def _excluding_delta(context: SearchContext, result: SearchResult) -> float:
-    """The Δχ² on held-out captures to the best explanation, beyond which another explanation is excluded."""
+    """The Δχ² on held-out captures from the best explanation, beyond which another explanation is excluded."""
     return context.config.verdict.min_delta_chi2 * max(1.0, result.best.chi2_per_pixel)
 
 
 def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The result with fits in which a cause of the best candidate is replaced by an equal, or a like, of fewer numbers.
+    """The result with fits in which an effect of fewer numbers, equal or alike, replaces a cause of the best candidate.
 
     Ranked with the others, such a fit comes first if it explains the held-out captures as well.
     """
@@ -152,7 +154,7 @@ def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> Search
 
 
 def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, ...]]:
-    """The named causes, with one of them replaced by an equal of more numbers, which contains it."""
+    """The named causes, each time with one replaced by the same physics in more numbers, which contain it."""
     causes = decision.best.causes if decision.best else ()
     return [
         tuple(wide if name == cause else name for name in causes)
@@ -163,7 +165,7 @@ def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, .
 
 
 def _simpler_names(context: SearchContext, cause: str) -> set[str]:
-    """Effects of fewer numbers that are the same physics as a cause, or that the cause imitates."""
+    """Effects of fewer numbers that are the same physics as a cause, or that the cause tends to imitate."""
     names = {*context.equivalents.get(cause, ()), *context.effects[cause].degenerate_limit} & context.effects.keys()
     return {name for name in names if number_count(context.effects[name]) < number_count(context.effects[cause])}
 

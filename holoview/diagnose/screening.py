@@ -1,14 +1,15 @@
 """First look at every effect, on the smoothest captures, on top of causes that are already known.
 
-The way of trying depends on the relative error of the model. Small: derivatives at the identity predict the gain of
-each effect, and only the most promising effects are fitted. Medium: every effect is fitted from its identity. Large:
-every effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true
-value. There is one queue, ordered by the estimated cost of each effect's search. It is worked off in batches, so that
-the caller can stop as soon as one effect explains everything. Rounds divide it: at the end of each, the caller looks at
-the fits found, and may search further causes before the queue goes on with effects that cost more.
+The method depends on the relative error of the model. Small: derivatives at the identity predict the gain of each
+effect, and only the most promising effects are fitted. Medium: every effect is fitted from its identity. Large: every
+effect is scanned over its range first, since decorrelated speckle has no derivative that points to the true value.
+
+One queue, ordered by the estimated cost of each effect's search, is worked off in batches, so that the caller can stop
+once an effect explains everything. At the end of a round the caller looks at the fits found, and may search further
+causes before the queue goes on with effects that cost more.
 
 The cost of a prediction is the number of fields that it adds incoherently: bandwidth, an extended source and flicker
-make one image of many fields, wavelengths × directions × moments.
+make one image of many fields (wavelengths × directions × moments).
 """
 
 from __future__ import annotations
@@ -56,13 +57,13 @@ ALL_KINDS = frozenset(StartKind)
 _SEEN_KINDS = ALL_KINDS - {StartKind.DISPLACEMENT}
 """Starting values that residuals show at once, of effects without a derivative at their identity."""
 _STUCK_COST = 6000.0
-"""[fields] Of the search for stuck pixels. Evidence: measured: where a gap and a shift had decorrelated the speckle, it
-took more than a minute with 128 × 96 modulator pixels, and minutes with a million samples."""
+"""[fields] Cost of the search for stuck pixels. Evidence: measured: where a gap and a shift had decorrelated the
+speckle, it took more than a minute with 128 × 96 modulator pixels, and minutes with a million samples."""
 _DEAR_SHARE = 0.3
 """[1] Of the budget of fields: effects whose search may take more begin a round of their own. Evidence: on a Fourier
 bench of 1024 × 768 pixels an extended source and stuck pixels do; up to 200 × 200 pixels nothing does."""
 _DECISIVE_TANGENT_GAIN = 0.5
-"""[1] Share of the cost that one effect's derivatives explain, from which those of effects of very many fields aren't
+"""[1] Once one effect's derivatives explain this share of the cost, derivatives by effects of very many fields aren't
 computed. Evidence: measured: on a Fourier bench of 1024 × 768 pixels an extended source took 28 s, all others 11 s, of
 which undiffracted light explained 0.68."""
 TANGENT_MAX_ERROR = 0.05
@@ -91,8 +92,8 @@ _LOCAL_ITERATIONS = 4
 """[1] Levenberg–Marquardt iterations of a local fit in a screening; the search study needed at most 6 for complete
 fits."""
 _POINTS_PER_PARAMETER = 3
-"""[points] A local fit counts as so many points of a scan for each parameter; only the order in which effects are
-tried depends on this and the next three."""
+"""[points] A local fit counts as so many points of a scan for each parameter. Only the order in which effects are tried
+depends on this constant and the next three."""
 _UPSTREAM_COST = 4.0  # [1] Relative cost of a field where the effect acts before the camera.
 _CAMERA_POSE_COST = 0.2  # [1] Relative cost of a prediction where the effect acts on the camera.
 _DOWNSTREAM_COST = 2.0  # [1] Relative cost of a prediction where the effect acts on anything else.
@@ -110,8 +111,8 @@ standard deviation is √(2n)."""
 
 
 def field_count(context: SearchContext, values: Values) -> int:
-    """Fields whose intensities a prediction of one capture adds with these effects; 1 for values that no bench can
-    have."""
+    """Number of fields whose intensities a prediction of one capture adds with these effects; 1 for values that no
+    bench can have."""
     system, moments = context.system, 1
     nominal_lines = len(system.wavelengths_m)
     for name, own in values.items():
@@ -136,9 +137,10 @@ def prediction_cost(context: SearchContext, values: Values) -> float:
 
 
 def search_cost(context: SearchContext, effect: Effect) -> float:
-    """Estimated cost of the search of an effect, by which the queue is ordered, in fields.
+    """Estimated cost of the search of an effect, in fields, which orders the queue.
 
-    Points of its scan × fields of a prediction × how early it acts on the light; of stuck pixels the search for starts.
+    Points of its scan × fields of a prediction × a factor for where it acts on the light; for stuck pixels the cost of
+    their starting values.
     """
     if is_stuck_effect(effect):
         return _STUCK_COST
@@ -150,13 +152,13 @@ def search_cost(context: SearchContext, effect: Effect) -> float:
 
 
 def is_dear(context: SearchContext, effect: Effect) -> bool:
-    """Whether the search of an effect may take a large part of the budget of fields that have so many samples."""
+    """Whether the search of an effect may take a large part of the budget of fields."""
     budget = context.config.budget.fields_for(field_samples(context.data.captures))
     return search_cost(context, effect) > _DEAR_SHARE * budget
 
 
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether predictions with these values add very many fields."""
+    """Whether a prediction with these values adds very many fields."""
     return field_count(context, fit.values) >= VERY_COSTLY_FIELDS
 
 
@@ -165,8 +167,8 @@ def without_costly_fits(
 ) -> list[CandidateFit]:
     """The fits in their order; of the costly fits only those that leave clearly less than all others.
 
-    Lost contrast imitates whatever is unknown, so many fields are worth computing only where nothing simpler does as
-    well.
+    Lost contrast imitates every unknown error, so many fields are worth computing only where nothing simpler explains
+    as much.
     """
     costly = {id(f): field_count(context, f.values) >= COSTLY_FIELDS for f in fits}
     if not any(costly.values()):
@@ -186,7 +188,7 @@ class SuggestedStarts:
         self._found: dict[StartKind, StartProvider] = {}
 
     def of(self, effects: Iterable[Effect], kinds: Collection[StartKind] = ALL_KINDS) -> StartProvider:
-        """Starting values of some kinds for some effects; their common quantities are computed here, not in each
+        """Starting values of some kinds for some effects. Quantities that effects share are computed here, not in each
         job."""
         for kind in {kind for effect in effects for kind in effect.start_kinds if kind in kinds} - self._found.keys():
             self._found[kind] = self._makers[kind]()
@@ -220,7 +222,7 @@ EffectFitter = Callable[[Effect], CandidateFit]
 @dataclass(frozen=True)
 class Batch:
     """Fits of some effects of the queue, the best first. ends_round: whether the queue goes on with effects that cost
-    much more, or with another way to fit them, so that the caller looks at the fits found first.
+    much more, or with another method, so that the caller looks at the fits found first.
     """
 
     fits: Sequence[CandidateFit]
@@ -235,9 +237,9 @@ def screen_effects(
 ) -> Iterator[Batch]:
     """The queue: batches of fits, each of one effect on top of `base`, with costs of one comparison.
 
-    Fits that gain nothing are left out. With a small error of the model, and with a medium one beside other causes: the
-    most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
-    error without other causes: local fits, then scans. With a large error: scans alone.
+    Fits that gain nothing are left out. With a small error of the model, and with a medium error beside other causes:
+    the most promising effects by their derivatives, then scans if more than a little is left. With a medium error
+    without other causes: local fits, then scans. With a large error: scans alone.
     """
     error = context.relative_model_error(base)
     screening = _Screening(context, base, error, progress, note)
@@ -278,7 +280,7 @@ class _EffectFitter:
     scan_comparison: Comparison
 
     def local_fit(self, effect: Effect, *, with_base: bool = False) -> CandidateFit:
-        """A local fit from the identity; for an effect that is costly, or has rival parameters, a fit from a scan.
+        """A local fit from the identity; from a scan for an effect that is costly or has rival parameters.
 
         with_base: fit the base too, where no scan is needed.
         """
@@ -296,8 +298,8 @@ class _EffectFitter:
 
     def nearby_fit(self, effect: Effect) -> CandidateFit:
         """A local fit from the identity, together with the base. Instead a fit over the effect's range, on top of the
-        base, where some parameters show together with others only, or where an effect that is found over its range
-        could stand for this effect.
+        base, where some parameters show only together with others, or where an effect with a scan could imitate this
+        effect.
         """
         is_imitated = any(effect.id in other.degenerate_limit for other in self.context.effects.values())
         if is_imitated or self._has_dormant_parameters(effect):
@@ -313,14 +315,15 @@ class _EffectFitter:
         return first is not None and bool(asleep.any()) and bool((asleep & self._moves_prediction(effect, first)).any())
 
     def _moves_prediction(self, effect: Effect, values: dict[str, float]) -> NDArray[np.bool_]:
-        """For each parameter of the effect that isn't fine, whether residuals depend on it at these values."""
+        """Whether residuals depend, at these values, on each parameter of the effect that isn't fine."""
         at = {**self.base, effect.id: values}
         residual = self.scan_comparison.residual(at)
         slopes = effect_jacobian(effect, at, self.scan_comparison, residual)
         return np.asarray(slopes.any(axis=1))
 
     def scan_and_fit(self, starts: StartProvider, effect: Effect) -> CandidateFit:
-        """A scan on a few captures, then local fits on all coarse ones. starts: points beyond those of the scan."""
+        """A scan on a few captures, then local fits on all coarse captures. starts: further points beside the
+        scan's."""
         if self._is_costly(effect):
             return self._fit_costly(effect, _COSTLY_MAX_COST)
         points = [*starts(effect), *effect.starting_points(self.context.system)]
@@ -334,7 +337,7 @@ class _EffectFitter:
         return largest_field_count(self.context, effect) >= COSTLY_FIELDS
 
     def tangent_space(self) -> NDArray[np.float32]:
-        """Orthonormal changes (number, pixel) of the residuals that the base's own parameters make."""
+        """Orthonormal changes (number, pixel) of the residuals by the base's own parameters."""
         residual, slopes = self.comparison.residual(self.base), [np.empty((0, 0), np.float32)]
         for effect in self._base_effects():
             slopes.append(effect_jacobian(effect, self.base, self.comparison, residual))
@@ -346,8 +349,9 @@ class _EffectFitter:
     def tangent_gain(self, residual: NDArray[np.float32], base: NDArray[np.float32], effect: Effect) -> float:
         """The fall of Σ residual² by the effect, and the base with it, if residuals depend on them linearly.
 
-        residual: with the base. base: its `tangent_space`. With both J and r projected onto its complement, gᵀ(JJᵀ)⁺g,
-        g = J·r: beside a cause that stands for a part of the effect, the effect alone could gain little.
+        residual: with the base. base: its `tangent_space`. With derivatives J and residual r both projected onto its
+        complement, the fall is gᵀ(JJᵀ)⁺g, g = J·r: beside a cause that stands for a part of the effect, the effect
+        alone could gain little.
         """
         start = {**self.base, effect.id: identity_values(effect)}
         factor = _COSTLY_STEP_FACTOR if self._is_costly(effect) else 1.0
@@ -359,7 +363,7 @@ class _EffectFitter:
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
     def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
-        """A few points and one fit, on a few captures.
+        """The best of a few points, fitted once, on a few captures.
 
         The fit is begun only where a point leaves no more than a share `max_cost` of the cost without the effect.
         """
@@ -390,7 +394,7 @@ class _Screening:
         self.starts = SuggestedStarts(context, base, comparison)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
-        """Fits from starting values that the residuals show without derivatives, then of the effects whose derivatives
+        """Fits from starting values that residuals show without derivatives, then of the effects whose derivatives
         promise most, then of stuck pixels."""
         quick = [effect for effect in effects if not is_stuck_effect(effect)]
         seen, others = self._fits_of_seen(quick, _SEEN_KINDS)
@@ -407,8 +411,8 @@ class _Screening:
         yield from self._fits_of_stuck(effects)
 
     def local_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
-        """Fits from starting values that the residuals show without derivatives, then of all other effects from their
-        identity. Then, in a round of their own, of stuck pixels: decorrelated speckle seems to be of them."""
+        """Fits from starting values that residuals show without derivatives, then of all other effects from their
+        identity; then, in a round of their own, of stuck pixels, which decorrelated speckle resembles."""
         seen, others = self._fits_of_seen([e for e in effects if not is_stuck_effect(e)], _SEEN_KINDS)
         yield Batch(seen)
         yield from self._in_batches(self.fitter.local_fit, others, "")
@@ -416,8 +420,8 @@ class _Screening:
         yield from self._fits_of_stuck(effects)
 
     def range_fits(self, effects: Sequence[Effect]) -> Iterator[Batch]:
-        """Fits from scans of the effects' ranges and from all starting values, planes that are off first: where there
-        are any, much less error is left. Then, in a round of their own, of stuck pixels."""
+        """Fits from scans of the effects' ranges and from all starting values, errors of planes first: where there
+        are any, correcting them leaves much less. Then, in a round of their own, of stuck pixels."""
         others = [e for e in effects if not is_stuck_effect(e)]
         starts = self.starts.of(others)
         planes = self.starts.of(others, {StartKind.PLANES})
@@ -427,7 +431,7 @@ class _Screening:
         yield from self._fits_of_stuck(effects)
 
     def _in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> Iterator[Batch]:
-        """Fits of all effects, batch after batch; a round ends before the first effect that is dear."""
+        """Fits of all effects, batch after batch; a round ends before the first costly search."""
         dear = [e for e in effects if is_dear(self._context, e)]
         size = self._context.config.budget.effects_per_batch
         for part in ([e for e in effects if e not in dear], dear):
@@ -460,8 +464,8 @@ class _Screening:
         )
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
-        """The effects whose derivatives explain most, the best first; effects of very many fields only where no other
-        effect explains much."""
+        """The effects whose derivatives explain most, the best first. Effects of very many fields are looked at only
+        where no other effect explains much."""
         context = self._context
         many = [e for e in effects if largest_field_count(context, e) >= VERY_COSTLY_FIELDS]
         gains: dict[Effect, float] = {}

@@ -1,9 +1,9 @@
 """Forward selection: the cause, or the causes together, that predict held-out captures best.
 
-Every effect is screened on the smoothest captures; the best few are refined on more of them, first with weights that
-tolerate errors of the model, then with those of the noise; all are ranked on captures that no fit has used, with frozen
-weights. While much stays unexplained, each of the best is taken as a base and every effect is tried on top of it; a
-cause that the others make superfluous is dropped again. Once the budget of fields is spent, nothing further is begun.
+Every effect is screened on the smoothest captures. The best few are refined on more captures, first with weights that
+tolerate errors of the model, then with weights of the noise, and ranked with frozen weights on captures that no fit has
+used. While much stays unexplained, each of the best is taken as a base, and every effect is tried on top of it; a cause
+that the others make superfluous is dropped. Once the budget of fields is spent, nothing further is begun.
 """
 
 from __future__ import annotations
@@ -64,23 +64,23 @@ _MAX_CAUSES = 3
 """[causes] At most so many are named. Evidence: the search study named pairs only; more: none recorded."""
 _PROMISING_SHARE = 0.5
 """[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the nominal
-excess, on held-out or on smooth captures; for a further cause no ranges are scanned, if one leaves less than this share
-of the cost. Evidence: beside a cause that was found near the nominal bench, the other cause is mostly near too; the
-scans take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage
-explained six tenths of the excess in smooth captures, and nothing in rough captures."""
+excess, on held-out or on smooth captures; no ranges are scanned for a further cause that leaves less than this share of
+the cost. Evidence: beside a cause that was found near the nominal bench, the other cause is mostly near too, and scans
+take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage explained six
+tenths of the excess in smooth captures, and nothing in rough captures."""
 _TOLD_SHARE = 0.3
 """[1] A cause that leaves less than this share of the cost is told before all effects are screened. Evidence: measured:
 beside a gap, a displaced modulator left 0.15, and a displaced camera, which takes a part of the same change, 0.49."""
 _SUPERFLUOUS_COST = 2.0
-"""[1] Without one of its causes, the best candidate is refined only if a fit to coarse captures costs less than so many
-times as much as with it. Evidence: derivation: fewer causes come first within a tenth of the excess."""
+"""[1] The best candidate without one of its causes is refined only if its fit to coarse captures costs less than so
+many times the candidate's. Evidence: derivation: fewer causes come first within a tenth of the excess."""
 _JOINT_NO_SCAN_CHI2 = 2.0
-"""[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; paired with
+"""[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; as
 `screening._NO_SCAN_CHI2`."""
 _WORTHWHILE_COST = 0.7
 """[1] A further cause that leaves less than this share of the base's excess is fitted jointly at once. Evidence: weak
-fringes beside a bandwidth left nothing of an excess of 0.23; with a share of the cost in place of the excess they were
-tried twenty thousand fields later."""
+fringes beside a bandwidth left nothing of an excess of 0.23; judged by the cost, they came twenty thousand fields
+later."""
 MAX_FURTHER_EXCESS_SHARE = 0.8  # [1] A further cause must leave less than this share of the excess.
 _RERANKED = 3  # [candidates] Refined again once nuisances are known.
 _RERANKED_EXCESS_FACTOR = 4.0  # [1] Of those whose excess is below so many times the best …
@@ -124,8 +124,8 @@ def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
     """The causes that the middle of large pictures suggests, fitted to whole pictures.
 
-    If these explain the middle but not whole pictures, effects are searched beside them that vary over the field, or
-    whose search takes few fields: light from beyond the middle counts as noise there, which hides weak faults.
+    If these explain the middle but not whole pictures, effects that vary over the field, or whose search takes few
+    fields, are searched beside them: in the middle, light from beyond it counts as noise, which hides weak faults.
     """
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
@@ -154,7 +154,7 @@ def _visible_effects(context: SearchContext) -> list[Effect]:
 
 
 def _is_consistent(context: SearchContext, result: SearchResult) -> bool:
-    """Whether the nominal bench, its lasers drifting perhaps, predicts the captures."""
+    """Whether the nominal bench predicts the captures, perhaps with drifting lasers."""
     decision, _ = excuse_laser_drift(context, result, decide(result, context.equivalents, context.config.verdict))
     return decision.verdict is Verdict.CONSISTENT
 
@@ -162,7 +162,7 @@ def _is_consistent(context: SearchContext, result: SearchResult) -> bool:
 def _with_further_causes(
     context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Causes added one by one, as long as these predict held-out captures better."""
+    """Causes added one by one, as long as they improve the prediction of held-out captures."""
     for number in range(max(len(result.best.causes), 1) + 1, _MAX_CAUSES + 1):
         if _is_done(context, result):
             break
@@ -176,8 +176,8 @@ def _with_further_causes(
 def _search_single_causes(
     context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Single causes; ends early when one cause explains everything, or a pair does, one of which shows near the nominal
-    bench."""
+    """Single causes. Ends early when one cause explains everything, or when a pair does of which one cause shows near
+    the nominal bench."""
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     near_cost = NEAR_CHI2 * unbiased.pixel_count
     screened: list[CandidateFit] = []
@@ -211,8 +211,8 @@ def _search_single_causes(
 def _tell_early(
     context: SearchContext, fits: Sequence[CandidateFit], screened: Sequence[CandidateFit], queue: RefinementQueue
 ) -> None:
-    """Tells the best of some new fits, if it is the best of all that were screened and leaves little of the error in
-    smooth captures: until all effects are screened, large pictures take a minute.
+    """Tells the best of some new fits, if it is the best of all fits so far and leaves little of the error in smooth
+    captures, because screening all effects on large pictures takes a minute.
     """
     if not fits or fits[0] is not screened[0]:
         return
@@ -223,9 +223,9 @@ def _tell_early(
 def _search_second_causes_early(
     context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Second causes before ranges are scanned; single causes are polished before, and costly single causes after. To
-    polish a costly cause that lacks another cause takes a part of the budget, and gains nothing. A costly cause near
-    the floor is polished like all others.
+    """Second causes before ranges are scanned. Single causes are polished before; costly single causes after, since
+    polishing a costly cause that lacks another cause spends budget without gain. A costly cause near the floor is
+    polished like all others.
     """
     result = refine_leaders_along_axes(context, result, also_costly=False)
     result = free_fine_parameters(context, result, also_costly=False)
@@ -239,7 +239,7 @@ def _search_second_causes_early(
 def _is_promising(context: SearchContext, result: SearchResult) -> bool:
     """Whether a candidate explains much of the held-out captures, or of the smooth ones.
 
-    Where a second cause spoils the speckle of rough patterns, the first cause alone gains nothing there.
+    Where a second cause spoils the speckle of rough patterns, the first cause alone explains nothing there.
     """
     share = _PROMISING_SHARE
     if result.best.excess < share * result.nominal.excess:
@@ -257,7 +257,7 @@ def _smooth_comparison(context: SearchContext) -> Comparison:
 def _search_further_causes(
     context: SearchContext, result: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """The candidates, and candidates with one cause more than the best; ends early when a candidate explains nearly
+    """The candidates, with candidates of one cause more than the best. Ends early when a candidate explains nearly
     all."""
     fits = [c.fit for c in result.candidates]
     bases, count, exchanged = [c.fit for c in _bases(context, result, number - 1)], 0, tuple[str, ...]()
@@ -280,7 +280,7 @@ def _search_further_causes(
 
 
 def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[CandidateFit]:
-    """The cause that the best candidate adds to a base, as a base of its own: the base's cause may have stood for
+    """The cause that the best candidate adds to a base, as a base of its own, since the base's cause may imitate
     another cause."""
     if len(base.causes) != 1 or len(best.causes) != 2 or best.causes[0] != base.causes[0]:
         return []
@@ -290,8 +290,7 @@ def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[Candida
 def _with_one_more_cause(
     context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> list[CandidateFit]:
-    """The best candidates with one cause more than a base, fitted together; a candidate that nearly explains all ends
-    the search."""
+    """The best joint fits of a base and one more cause; a fit that explains nearly all ends the search."""
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
     best = noise + _WORTHWHILE_COST * (base_cost - noise) if base_cost > noise else _WORTHWHILE_COST * base_cost
@@ -316,7 +315,7 @@ def _with_one_more_cause(
 
 
 def _near_chi2(base_chi2: float) -> float:
-    """χ²/n of smooth captures below which a cause beside a base leaves nearly nothing; the base's own χ²/n is given."""
+    """χ²/n of smooth captures below which a further cause leaves nearly nothing. base_chi2: χ²/n of its base."""
     least = FLOOR_CHI2 - 1
     return 1 + min(NEAR_CHI2 - 1, max(least, SETTLED_SHARE * (base_chi2 - 1)))
 
@@ -336,9 +335,9 @@ def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[Ca
 def with_costly_in_place(context: SearchContext, result: SearchResult, effects: Sequence[Effect]) -> list[CandidateFit]:
     """Refined fits in which an effect of many fields stands in place of one cause of the best candidate.
 
-    Simple effects come first in every screening, and imitate costly ones: a blur of the camera stands for an extended
-    source, and even more so while the distance is wrong. So a costly effect is tried once more beside the other causes,
-    before others are tried. It is followed up only if it leaves clearly less than the cause that it replaces.
+    Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
+    extended source, even more so while the distance is wrong. So each costly effect is tried beside the other causes.
+    It is followed up only if it leaves clearly less than the cause that it replaces.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
     if len(best.causes) < 2 or context.budget_exhausted:
@@ -359,7 +358,7 @@ def with_costly_in_place(context: SearchContext, result: SearchResult, effects: 
 
 
 def _is_like_best(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
-    """Whether a candidate is the best, or the same physics in fewer numbers, which explains about as much."""
+    """Whether a candidate is the best, or names the same physics in fewer numbers and explains about as much."""
     return len(score.causes) == len(result.best.causes) and not _has_shorter_name(context, score, result)
 
 
@@ -376,8 +375,8 @@ def _is_done(context: SearchContext, result: SearchResult) -> bool:
 
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
-    """The bases of further causes: the best candidates with so many causes. Far from the floor they are ordered by the
-    smooth captures: rough captures favour every loss of contrast. Of the same physics under two names, only the name of
+    """The bases of further causes: the best candidates with so many causes. Far from the floor, smooth captures order
+    them, because rough captures favour every loss of contrast. Of two names for the same physics, only the name of
     fewer numbers is a base.
     """
     count = context.config.bases if causes == 1 else 1
@@ -391,7 +390,7 @@ def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[He
 
 
 def _has_shorter_name(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
-    """Whether the same physics, in fewer numbers, explains about as much: fits on top of it are faster."""
+    """Whether a name of fewer numbers for the same physics explains about as much: fits on top of it are faster."""
     limit = _AS_GOOD_COST * score.tolerant_chi2
     return any(
         other.fit.parameter_count < score.fit.parameter_count
@@ -410,8 +409,8 @@ def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> 
 
 
 def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The candidates, and fits of the best candidate's causes but one, from its values. A fit that leaves much more in
-    smooth captures than all causes together isn't refined: it can't come first.
+    """The candidates, and fits of the best candidate without one of its causes. A fit that leaves much more in smooth
+    captures than all causes together isn't refined: it can't come first.
     """
     best = result.best
     if len(best.causes) < 2:
@@ -424,7 +423,7 @@ def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> Se
 
 
 def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:
-    """Whether an effect is another cause than the base's, and the two don't multiply many fields by many."""
+    """Whether an effect isn't among the base's causes, and the two don't multiply many fields by many."""
     if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
         return False
     return min(field_count(context, base.values), largest_field_count(context, effect)) < COSTLY_FIELDS
