@@ -1,8 +1,8 @@
 """Known effects that were measured: their errors are fitted before causes are searched, within their uncertainties.
 
-An alignment finds planes to a few µm; captures show a tenth of that. Left alone, such errors look like causes; fitted
-to the nominal bench alone, they absorb a part of a fault. So they are fitted beside the nominal bench and beside each
-of the best single causes, with the uncertainties as a Gaussian prior. The fit that predicts held-out captures best
+An alignment finds planes to a few µm; captures show a tenth of that. Without correction such errors look like causes;
+fitted to the nominal bench alone, they absorb a part of a fault. So they are fitted beside the nominal bench and beside
+each of the best single causes, with the uncertainties as a Gaussian prior. The fit that predicts held-out captures best
 counts.
 """
 
@@ -32,10 +32,10 @@ from holoview.diagnose.search_context import SearchContext, SearchEnded
 from holoview.numerics.minimise import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
 
-_BASES = 3  # [fits] Single causes beside which they are fitted, at most.
+_BASES = 3  # [fits] Single causes beside which the errors are fitted, at most.
 _AS_GOOD_COST = 1.5
-"""[1] Cost of such a cause over the best one's, at most. Evidence: stroke and stroke_map within 1.02, the next one 1.9
-on the virtual rig."""
+"""[1] Cost of such a cause over the best cause's, at most. Evidence: on the virtual rig, stroke and stroke_map within
+1.02, the next cause 1.9."""
 MAX_DEVIATIONS = 3.0
 """[σ of the alignment] A larger correction is no error of the measurement, but a cause to be named. Evidence: one
 normal deviate in 400 is larger."""
@@ -48,9 +48,9 @@ Uncertainties = Mapping[str, Mapping[str, float]]
 def known_corrections(
     context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback
 ) -> FittedValues | None:
-    """The corrections of known effects, {effect: {parameter: value}}; empty where no capture asks for one.
+    """The corrections of known effects, {effect: {parameter: value}}; empty where no capture asks for a correction.
 
-    context: with the known effects in its nominal bench. None where the context's time ended before.
+    context: with the known effects in its nominal bench. None where the context's time was over before.
     """
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
     end, context.predictor.end = context.predictor.end, context.end
@@ -72,7 +72,7 @@ def known_corrections(
 
 
 def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties) -> tuple[str, ...]:
-    """A sentence on the corrections, if there are any, with the largest ones in standard deviations."""
+    """A sentence on the corrections, if there are any, with the largest of them in standard deviations."""
     if corrections is None:
         return ("Known effects stayed as they were measured: the time for their correction was over; give it more.",)
     deviations = {
@@ -88,7 +88,7 @@ def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties)
 
 
 def _single_causes(context: SearchContext, placed: Uncertainties, progress: ProgressCallback) -> list[CandidateFit]:
-    """The best single causes at a first look, but for those that are the physics of an uncertain effect."""
+    """The best single causes at a first look, but for the same physics as an uncertain effect."""
     alike = {other for name in placed for other in (name, *context.equivalents.get(name, ()))}
     effects = [e for e in context.effects.values() if not (e.id in alike or changes_only_power(e) or has_list(e))]
     queue = screen_effects(context, {}, effects, progress, "known effects")
@@ -131,5 +131,5 @@ def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncert
 
 
 def is_within(values: Mapping[str, float], sigmas: Mapping[str, float], deviations: float) -> bool:
-    """Whether all values are within so many standard deviations of zero; a value without a deviation has to be 0."""
+    """Whether all values are within so many standard deviations of zero; without a deviation a value has to be 0."""
     return all(abs(value) <= deviations * sigmas.get(name, 0.0) for name, value in values.items())

@@ -24,17 +24,17 @@ _MAX_FINE = 12  # captures that a joint fit uses
 _MAX_ROUGH = 18  # captures that a search along axes uses
 _MAX_HELD_OUT = 16  # captures that candidates are ranked on
 _HELD_OUT_PER_WAVELENGTH = 2  # if enough are left to fit (search study)
-_SCARCE_STRIDE = 3  # with fewer than two captures a wavelength, every so many-th is held out
+_SCARCE_STRIDE = 3  # with fewer than two captures a wavelength, one of so many is held out
 MAX_SET_PIXELS = 8_000_000
 """[px] Of the pictures in one set, but a picture of each wavelength at least. Measured: a fit keeps some ten arrays of
-them and one for each parameter, of four bytes a pixel, in every process."""
+these pixels and one for each parameter, of four bytes a pixel, in every process."""
 
 
 @dataclass(frozen=True)
 class CaptureSplit:
     """Indices of captures, in which wavelengths take turns.
 
-    coarse: the smoothest of each wavelength. fine: these and rougher ones. rough: these and the roughest of each.
+    coarse: the smoothest of each wavelength. fine: these and rougher captures. rough: these and the roughest of each.
     held_out: disjoint from all of them.
     """
 
@@ -57,7 +57,7 @@ def split_captures(
 ) -> CaptureSplit:
     """The captures to search, fit and rank on, of every plane if there are enough.
 
-    roughness: of each capture's patterns. left_out: captures that no set contains; two at least remain. Of each
+    roughness: of each capture's patterns. left_out: captures that no set contains; at least two others remain. Of each
     wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
     out. Of large pictures each set has fewer, so that their pixels fit into memory.
     """
@@ -138,5 +138,5 @@ def _evenly_spaced(indices: Indices, count: int) -> Indices:
 
 
 def spread_over_wavelengths(captures: Captures, indices: Indices, count: int) -> Indices:
-    """At most `count` of some captures, of wavelengths as different as possible."""
+    """At most `count` of some captures, with wavelengths as different as possible."""
     return _evenly_spaced(indices[np.argsort(captures.wavelength_m[indices], kind="stable")], count)

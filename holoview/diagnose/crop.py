@@ -1,4 +1,4 @@
-"""Large pictures: their middle is searched; whole pictures polish and judge what was found there.
+"""The middle of large pictures is searched; whole pictures polish and judge the causes found there.
 
 A field of 1024 × 768 modulator pixels takes a hundred times as long as a field of 128 × 96, and a search needs
 thousands of fields. But most effects act everywhere alike. So the captures are cut to their middle and searched. The
@@ -6,9 +6,8 @@ causes found are fitted once more to whole pictures, which then rank and judge t
 the edges (`Effect.varies_over_field`) are searched in whole pictures.
 
 In the near field modulators and pictures are cut, with as much margin as light walks off sideways. Hard edges of stops
-spread a little light further; the part that reaches the middle from beyond is measured with the nominal bench and
-counts as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; displaced far fields are cut
-less.
+spread a little light further; the error that it leaves in the middle is measured with the nominal bench and counts as
+noise. On a Fourier bench only the pictures are cut, and predicted exactly; the cut is wider for displaced far fields.
 """
 
 from __future__ import annotations
@@ -37,15 +36,15 @@ field takes three times as long."""
 _ALL_PX = 1 << 16
 """[px] Of all captures together in the middle. Evidence: 16 captures of 64 × 64 pixels."""
 _CUT_CAPTURES = 6
-"""[captures] Predicted whole to measure the light that the middle lacks. Evidence: that share grows steadily with the
-roughness of the patterns; the roughest is among them. The value: a whole field takes seconds."""
+"""[captures] Predicted whole to measure the light that the middle lacks. Evidence: its share grows steadily with the
+roughness of the patterns, and the roughest are among them. The value: a whole field takes seconds."""
 MAX_TIME_SHARE = 0.7
-"""[1] Of the time of a search, after which the middle is given up with the best that was found there. Evidence: a
-reason: whole pictures have to be fitted and judged too. With 0.6, a pair of faults in 32 captures of 1600 × 1200 pixels
-was found in time on one day, and not on another on which the machine was slower by a quarter."""
+"""[1] Of the time of a search, after which the middle is given up with its best result. Evidence: a reason: whole
+pictures have to be fitted and judged too. Measured: with 0.6, a pair of faults in 32 captures of 1600 × 1200 pixels was
+found in time, but not when the machine was slower by a quarter."""
 _MAX_DISPLACEMENT = 0.125
-"""[1] Displacement of a far field from its prediction, over the middle's width, from which the middle is wider by it on
-either side. Evidence: a reason: seven eighths of it are seen and predicted."""
+"""[1] Displacement of a far field from its prediction, over the middle's width, from which the middle is widened by the
+displacement on either side. Evidence: a reason: seven eighths of the far field are seen and predicted."""
 
 
 def middle_of_context(context: SearchContext) -> SearchContext | None:
@@ -63,7 +62,7 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         samples = field_samples(captures)
         share = context.field_budget / budget.fields_for(samples)
         fields = share * budget.fields_for_middle(field_samples(cut), samples)
-    # What is seen has a margin as wide as light walks off, and needs no wider padding.
+    # The pictures have a margin as wide as light walks off, and need no wider padding.
     options = {"captures": cut} | ({} if captures.is_fourier else {"propagation": "compact"})
     return replace(
         context,
@@ -127,8 +126,8 @@ def describe_middle(middle: SearchContext) -> str:
 def middle_captures(captures: Captures, config: RegionConfig, further_speckles: int = 0) -> Captures:
     """The middle of captures, however little it saves.
 
-    Fewer pixels across the more captures there are: in the near field of the modulators, with a margin for light that
-    walks off; on a Fourier bench speckles, with `further_speckles` on either side.
+    The more captures there are, the fewer pixels across: in the near field modulator pixels, with a margin for light
+    that walks off; on a Fourier bench speckles, with `further_speckles` on either side.
     """
     enough = math.ceil(math.sqrt(_ALL_PX / len(captures)))
     side = min(config.side_px, max(_MIN_SIDE_PX, enough))

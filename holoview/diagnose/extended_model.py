@@ -52,7 +52,7 @@ def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple
 
 
 def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]:
-    """Values of both, as each is counted from its identity: known + found − identity, within the parameter's bounds."""
+    """The sum of known and found values, each counted from its identity (known + found − identity), within bounds."""
     result: dict[str, dict[str, Any]] = {name: dict(values) for name, values in known.items()}
     for name, values in found.items():
         own = result.setdefault(name, {})
@@ -71,7 +71,7 @@ class PredictorWithKnownEffects:
 
     def __init__(self, captures: Captures, known_values: Values, **options: Any) -> None:
         self._predict, self._known = Predictor(captures, **options), known_values
-        self._extra = {effect.id for effect in options.get("extra_effects", ())}  # nothing is known of these
+        self._extra = {effect.id for effect in options.get("extra_effects", ())}  # never among the known effects
 
     @property
     def fields_requested(self) -> int:

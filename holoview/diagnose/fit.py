@@ -1,13 +1,13 @@
-"""Local least-squares fits of one effect or of several together, scans of an effect's range, and what improves a fit.
+"""Local least-squares fits of one effect or of several together, scans of an effect's range, and improvements of a fit.
 
 FreeParameters  the free parameters of a set of effects as one vector, in units of their priors
 CandidateFit    causes with their values, and the cost
 local_fit       a fit from starting values: Levenberg–Marquardt, and a downhill simplex for hard edges
-scan_effect     the range of one effect, point by point, and fits from the best points: derivatives at the identity show
-                the cause of a small error, but a large one decorrelates the speckle
+scan_effect     the range of one effect, point by point, and fits from the best points: a large error decorrelates the
+                speckle, so that derivatives at the identity don't show its cause
 refit_with_longer_steps, refine_hard_edges, search_along_axes, drop_negligible_values
-                each takes a fit and returns one that costs no more; only `drop_negligible_values` may return one that
-                costs slightly more, with fewer parameters
+                return a fit that costs no more; only `drop_negligible_values` may return a fit that costs slightly
+                more, with fewer parameters
 
 The solvers are those of `numerics.minimise`.
 """
@@ -56,10 +56,10 @@ _SCAN_STARTS = 2
 """[1] Points of a scan from which an effect is fitted. Evidence: the search study fitted from the best point or two."""
 _SINGLE_START_PARAMETERS = 4  # [parameters] Effects with so many or more are fitted from one point.
 _COMPARED_STARTS = 4
-"""[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: of fringes on a modulator, two
-captures took the opposite wedge for the better one."""
+"""[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: for fringes on a modulator, two
+captures preferred the opposite wedge."""
 _START_SEPARATION = 1.5
-"""[scan steps] Points this near to a better point aren't starts of their own. Evidence: they are neighbours in the
+"""[scan steps] Points this near to a better point aren't starts of their own. Evidence: they are its neighbours in the
 scan."""
 _SECOND_CYCLE_COST = 0.99
 """[1] Parameters are scanned a second time if the first cycle left less than this share of the cost. Evidence: the
@@ -131,7 +131,7 @@ class FreeParameters:
         )
 
     def value_derivatives(self, x: Vector) -> Vector:
-        """∂value/∂x at x, which turns the vector's uncertainty into the values'."""
+        """∂value/∂x at x, by which the vector's uncertainty becomes that of the values."""
         derivatives = []
         for (_, p), number in zip(self.entries, x, strict=True):
             if p.even_symmetric:
@@ -265,7 +265,7 @@ def refit(
 
 
 def residual_function(free: FreeParameters, base: FittedValues, comparison: Comparison) -> ResidualFunction:
-    """The residuals as a function of the vector; infeasible parameters give the residuals of `infeasible_residual`."""
+    """The residuals as a function of the vector; values that no bench can have give `infeasible_residual`."""
 
     def function(x: Vector) -> ResidualVector:
         try:
@@ -277,7 +277,7 @@ def residual_function(free: FreeParameters, base: FittedValues, comparison: Comp
 
 
 def residual_parts(free: FreeParameters, base: FittedValues, comparison: Comparison) -> list[ResidualPart]:
-    """As `residual_function`, of some captures at a time where there are many pixels."""
+    """As `residual_function`, for some captures at a time where there are many pixels."""
     return [ResidualPart(where, residual_function(free, base, part)) for where, part in comparison.parts()]
 
 

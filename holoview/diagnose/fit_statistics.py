@@ -1,7 +1,5 @@
-"""How well a prediction fits held-out captures, and which pixels hold the excess.
-
-`fit_quality` is χ²/n and PSNR. `break_down_excess` says which pixels hold the excess, by wavelength, plane,
-roughness of the pattern, radius, spatial frequency and brightness.
+"""How well a prediction fits held-out captures: χ²/n and PSNR, and the pixels that hold the excess, by wavelength,
+plane, roughness of the pattern, radius, spatial frequency and brightness.
 """
 
 from __future__ import annotations
@@ -147,7 +145,7 @@ class ExcessBreakdown:
 def break_down_excess(
     captures: Captures, comparison: Comparison, fitted: GainFit, roughness: Floats
 ) -> ExcessBreakdown:
-    """The excess of a fitted prediction. roughness: of the patterns of every capture, also of those not held out."""
+    """The excess of a fitted prediction. roughness: of the patterns of every capture, held out or not."""
     indices = comparison.indices
     squares, pixels = fitted.squares, comparison.pixels_per_capture
     wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]

@@ -2,7 +2,8 @@
 
 With J the derivatives of the whitened residuals r (gains and movements of the camera projected out), photon noise
 alone gives the covariance (JᵀJ)⁻¹. Where the model doesn't reach the noise floor, neighbouring pixels share the same
-error, so that the scores g_k = J_kᵀ r_k of whole captures are the independent samples:
+alone gives the covariance (JᵀJ)⁻¹. Where the model doesn't reach the noise floor, neighbouring pixels share the same
+error, and only the scores g_k = J_kᵀ r_k of whole captures are independent samples:
 
     (JᵀJ)⁻¹ (Σ g_k g_kᵀ) (JᵀJ)⁻¹ · K/(K − 1)
 
@@ -47,7 +48,7 @@ LEVEL = 0.95
 
 MODEL_ACCURACY = 1e-3
 """[1] Share of a value that the model's own accuracy adds to its standard deviation. Evidence: two programs for the
-same physics hardly agree better on grids of this size; the value: none recorded; it was 5e-4 before."""
+same physics hardly agree better on grids of this size; the value: none recorded."""
 
 
 _PARABOLA_SHARE = 0.9  # [1] Where χ² rises by this share of a parabola's rise, the interval stays.
@@ -109,7 +110,7 @@ def local_jacobian(fit: CandidateFit, effects: Sequence[Effect], comparison: Com
 
 
 def local_information(fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison) -> LocalInformation:
-    """From derivatives as of `local_jacobian`, of some captures at a time where there are many pixels."""
+    """The same information as from `local_jacobian`, for some captures at a time where there are many pixels."""
     parts = [LocalInformation.of(local_jacobian(fit, effects, part)) for _, part in comparison.parts()]
     normal = np.sum([part.normal for part in parts], axis=0)
     scores, residual = (np.concatenate(rows) for rows in zip(*((p.scores, p.residual) for p in parts), strict=True))
@@ -144,7 +145,7 @@ def confidence_intervals(
 def _half_widths(fit: CandidateFit, at: LocalInformation, comparison: Comparison, factor: float) -> Vector:
     """Half the interval of each parameter, in priors: so many standard deviations, or more where χ² rises less.
 
-    The variance is the larger of those of the noise and of the captures' scores.
+    The variance is the larger of the noise's and the captures' scores'.
     """
     captures, count = len(at.scores), len(at.parameters)
     if not count:
@@ -243,7 +244,7 @@ def _orthonormal(slopes: Slopes) -> Slopes:
 
 
 def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameters:
-    """Without fine parameters at their identity, which the fit never varied."""
+    """The parameters but for fine parameters at their identity, which the fit never varied."""
     return FreeParameters(
         tuple((e, p) for e, p in free.entries if not p.secondary or p.read(fit.values.get(e, {})) != p.identity)
     )

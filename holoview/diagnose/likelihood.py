@@ -27,20 +27,20 @@ from holoview.numerics.subpixel_shift import image_gradient, shift_images
 from holoview.util.errors import UserError
 
 _MAX_SHIFT_PX = 0.5
-"""[px] Largest movement of the camera in one capture. Evidence: beyond it the first order says nothing."""
+"""[px] Largest movement of the camera in one capture. Evidence: the first order says nothing beyond it."""
 _FIRST_ORDER_SHIFT_PX = 0.02  # [px] Movements up to here are taken out in one step, larger ones in two.
 _TYPICAL_SHIFT_PX = 0.2
 """[px] Standard deviation of the Gaussian prior of a movement. Evidence: the screening study's jitter of 0.5 µm is
 0.125 px of a camera with a pitch of 4 µm."""
 _SHARED_SHIFT_P_VALUE = 1e-4
-"""[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual. Few captures
-reach 5 σ of the mean by chance."""
+"""[1] A mean movement with less than this probability under jitter alone is shared, and stays in the residual.
+Evidence: few captures reach 5 σ of the mean by chance."""
 _MAX_PART_PIXELS = 4_000_000
-"""[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: with all of eight pictures of
-1600 × 1200 pixels, two processes took 9 to 11 GB; captures of fewer pixels are one part."""
+"""[1] Derivatives of so many pixels, or of one capture, are held at a time. Evidence: measured: with all of eight
+pictures of 1600 × 1200 pixels, two processes took 9 to 11 GB."""
 _INFEASIBLE_FACTOR = 10.0
 """[1] Residuals of parameters that no bench can have are so many times those of a dark image. Evidence: they must
-exceed those of every bench that can be."""
+exceed the residuals of every possible bench."""
 
 Values = Mapping[str, Mapping[str, float]]
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ class GainFit:
 
 
 class Comparison:
-    """Some captures with frozen weights, which any prediction is compared with.
+    """Some captures with frozen weights, with which any prediction is compared.
 
     indices: the captures. variance (capture, y, x): of the noise, counts²; pixels that aren't usable get weight zero.
     fit_shifts: fit a movement of the camera in each capture.
@@ -102,7 +102,7 @@ class Comparison:
         self._weighted_light = self.weight * self.light
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without arrays that the captures hold anyway, so that jobs for other processes stay small."""
+        """The state without arrays that the captures hold, so that jobs for other processes stay small."""
         return {name: value for name, value in vars(self).items() if name not in ("light", "_weighted_light")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -111,7 +111,7 @@ class Comparison:
         self._weighted_light = self.weight * self.light
 
     def fitting_shifts(self) -> Comparison:
-        """The same, with the movements of the camera fitted."""
+        """The same comparison with the movements of the camera fitted."""
         other = copy(self)
         other.fit_shifts = True
         return other
@@ -123,8 +123,8 @@ class Comparison:
         return other
 
     def parts(self) -> list[tuple[slice, Comparison]]:
-        """Comparisons of some captures each, with their place in the flat residuals. A single comparison where there
-        are few pixels, and where movements are fitted, whose mean depends on all captures.
+        """Comparisons of some captures each, with their place in the flat residuals. One comparison where there are few
+        pixels, and where movements are fitted, because their mean depends on all captures.
         """
         count, pixels = self.weight.shape[0], self.weight[0].size
         size = max(1, _MAX_PART_PIXELS // pixels)
@@ -134,7 +134,7 @@ class Comparison:
         return [(slice(k * pixels, (k + size) * pixels), self._of_captures(slice(k, k + size))) for k in starts]
 
     def _of_captures(self, some: slice) -> Comparison:
-        """The same with some of the captures; shares their arrays."""
+        """The same comparison for some of the captures; shares their arrays."""
         other = copy(self)
         for name in ("indices", "light", "weight", "pixels_per_capture", "_weighted_light"):
             setattr(other, name, getattr(self, name)[some])
@@ -178,7 +178,7 @@ class Comparison:
     def deviance(self, values: Values) -> float:
         """−2 ln of the Gaussian likelihood of the captures, Σ (residual² + ln σ²), but for a constant of the data.
 
-        It compares weights too, which χ² can't: χ² falls with every variance that is too large.
+        It compares weights too: χ² alone falls with every variance that is too large.
         """
         usable = self.weight > 0
         log_variance = -2.0 * np.log(self.weight, where=usable, out=np.zeros_like(self.weight)).sum(dtype=np.float64)
@@ -213,10 +213,7 @@ class Comparison:
         return best if best.shift is not None else replace(best, shift=shift)
 
     def predict_moved_camera(self, values: Values, shift: Floats) -> Images | None:
-        """Predictions with the camera moved by `shift` (capture, 2) pixels; None where no bench can have it so.
-
-        A shifted image isn't exact where light holds detail finer than the camera's pixels.
-        """
+        """Predictions with the camera moved by `shift` (capture, 2) pixels; None where no bench can have it there."""
         pitch = self.data.camera.pitch_m
         signals = []
         for index, (y, x) in zip(self.indices, shift * pitch, strict=True):
@@ -260,7 +257,7 @@ def _fit_gain(light: Images, weight: Images, signal: Images) -> GainFit:
 
 
 def mean_is_significant(samples: NDArray[np.float64], p_value: float) -> NDArray[np.bool_]:
-    """Whether means over the first axis are larger than the means of zero-mean jitter, but for a probability `p_value`.
+    """Whether means over the first axis exceed the means of zero-mean jitter, but for a probability `p_value`.
 
     Two-sided t-test (Student), since the scatter of a few captures is itself uncertain. A single sample is significant.
     """

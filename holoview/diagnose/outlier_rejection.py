@@ -1,7 +1,8 @@
-"""A search among the good captures: outliers are left out, and every capture is judged by the final model. A capture
-that isn't what its record says must neither be fitted nor judge others, and every capture must be judged. So captures
-that stand out far are left out of the search; the result of the search judges all captures; and if it finds that the
-search used bad captures, the search is repeated without them.
+"""A search among the good captures: outliers are left out, and the final model judges every capture.
+
+A capture that doesn't fit its record must neither be fitted nor judge others, and every capture must be judged. So
+captures that stand out far are left out of the search, and its result judges all captures; if the search used bad
+captures, it is repeated without them.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from holoview.diagnose.search_context import NEVER, SearchContext, SearchEnd, Se
 from holoview.util.progress import ProgressCallback
 
 ROUNDS = 3
-"""[1] Searches at most, each without the captures that the search before found bad. Evidence: none recorded."""
+"""[1] Searches at most, each without the captures that the previous search found bad. Evidence: none recorded."""
 
 
 @dataclass(frozen=True)
 class SearchOutcome:
     """The result of a search, the decision on it, notes, and the bad captures. context: at the end of the search.
-    was_ended: whether it was ended before it was done, by its time or by somebody. middle: of large pictures, in which
-    causes were searched before whole ones were looked at.
+    was_ended: whether its time, or the caller, ended it early. middle: of large pictures, in which causes were searched
+    before whole pictures were looked at.
     """
 
     context: SearchContext
@@ -47,7 +48,7 @@ class SearchOutcome:
 
     @property
     def searched(self) -> SearchContext:
-        """The context in which causes were searched; quantities that need no full size are computed there."""
+        """The context in which causes were searched; it serves for quantities that need no full size."""
         return self.middle or self.context
 
 
@@ -63,9 +64,9 @@ def search_once(
     progress: ProgressCallback,
     initial: InitialCandidates | None = None,
 ) -> SearchOutcome:
-    """One search without some captures, and the decision on it. The end of its time ends nothing but the search itself.
+    """One search without some captures, and the decision on it. The end of its time ends the search alone.
 
-    initial: the causes that the middle of these pictures suggests; these are refined then, and nothing else is
+    initial: the causes that the middle of these pictures suggests; then these are refined, and nothing else is
     searched.
     """
     context.best_so_far.clear()
@@ -108,8 +109,8 @@ def judge_captures(
     progress: ProgressCallback,
 ) -> SearchOutcome:
     """The outcome of a search that used no bad captures, and the reasons why captures are bad. context, found: of the
-    search, and its result. search: repeats the search without some captures. useless: captures that are bad whatever
-    the model. count: of all captures.
+    first search, and its result. search: repeats the search without some captures. useless: captures that are bad
+    whatever the model. count: number of all captures.
     """
     for searches_left in reversed(range(ROUNDS)):
         progress(0, 1, "every capture")
@@ -124,7 +125,7 @@ def judge_captures(
 
 
 def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
-    """The outcome with the bad captures out of `count`, and with the verdict and the notes that they allow."""
+    """The outcome with the bad captures out of `count`, and the verdict and notes that follow from their number."""
     share, max_share = bad_share(bad, count), MAX_BAD_SHARE
     notes = list(outcome.notes)
     if bad:

@@ -1,8 +1,8 @@
-"""What the stages of a search work with: captures, nominal bench, effects, predictors, workers, settings; and its end.
+"""The shared state of a search: captures, nominal bench, effects, predictors, workers, settings; and its end.
 
-SearchEnd      when a search has to end: after some time, or when somebody asks for it
-BestSoFar      what it has found until then
-SearchContext  all that the stages share
+SearchEnd      when a search has to end: after some time, or when the caller asks for it
+BestSoFar      the best result until then
+SearchContext  everything that the stages share
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ MAX_TOLERATED_ERROR = 1.0
 """[error] Weights tolerate at most so large an error of the model. Evidence: the search study screened with weights
 that tolerate an error of the mean light."""
 _HALF_TOLERATED_ERROR = 0.5
-"""[1] First joint fits tolerate this share of the present error, and at most this error. Evidence: the search study."""
+"""[1] First joint fits tolerate this share of the present error, up to this error. Evidence: the search study."""
 _MIN_PACE_FIELDS = 100  # [fields] From so many on, their time tells the time of the others.
 _SCREENING_FACTOR = 4.0
-"""[1] After so many times these fields no further effect is tried alone either. Evidence: single faults of 128 × 96
+"""[1] After so many times the budget of fields, no further effect is tried alone. Evidence: single faults of 128 × 96
 modulator pixels take less than half of the budget, and a search whose fields take a second each has to end."""
 
 
@@ -68,8 +68,8 @@ class SearchEnded(Exception):
 class SearchEnd:
     """When a search has to end.
 
-    time_s: after so long, counted from now. is_asked: whether somebody wants the search to end; only this process asks.
-    last_begin: share of the time after which nothing new is begun.
+    time_s: after so long, counted from now. is_asked: whether the caller wants the search to end; only this process
+    asks. last_begin: share of the time after which nothing new is begun.
     """
 
     def __init__(
@@ -86,13 +86,13 @@ class SearchEnd:
         return self.__dict__ | {"_is_asked": None}
 
     def after_share(self, share: float) -> SearchEnd:
-        """The end of a part of the search that may take this share of the time, from the same beginning."""
+        """The end of a part of the search that may take this share of the time, counted from the same beginning."""
         part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin)
         part._began = self._began
         return part
 
     def check(self) -> None:
-        """Raises SearchEnded once the time is over or somebody asked for the end."""
+        """Raises SearchEnded once the time is over or the caller asked for the end."""
         if self.seconds_left < 0.0 or self.was_asked:
             raise SearchEnded
 
@@ -108,7 +108,7 @@ class SearchEnd:
 
     @property
     def was_asked(self) -> bool:
-        """Whether somebody asked for the end."""
+        """Whether the caller asked for the end."""
         return self._is_asked is not None and self._is_asked()
 
 
@@ -123,7 +123,7 @@ class Pace:
         self._last = (0.0, 0)
 
     def seconds_for(self, fields: float, done: int) -> float | None:
-        """Expected seconds of so many more fields; None before enough are done. done: all fields so far."""
+        """Expected seconds of so many more fields; None before enough are done. done: number of fields so far."""
         now = time.monotonic()
         if self._first is None:
             self._first = self._last = (now, done)
@@ -134,7 +134,7 @@ class Pace:
 
 
 def describe_so_far(result: _Result) -> str:
-    """A sentence on what a search has found so far."""
+    """A sentence on the best result of a search so far."""
     before, after = result.nominal.chi2_per_pixel, result.best.chi2_per_pixel
     if not result.best.causes:
         return f"no cause yet (held-out captures: χ²/n {before:.4g}, noise: 1)"
@@ -142,10 +142,10 @@ def describe_so_far(result: _Result) -> str:
 
 
 class BestSoFar(Generic[R]):
-    """The best that a search has found so far.
+    """The best result of a search so far.
 
-    on_change: called with each result that names other causes than the last one, or leaves less than half its excess.
-    Once causes were named it isn't called where a search, begun anew, has found none yet.
+    on_change: called with each result that names other causes than the last result, or leaves less than half its
+    excess; once causes were named, not with the first results of a repeated search, which has none yet.
     """
 
     def __init__(self, on_change: Callable[[R], None] | None = None) -> None:
@@ -153,10 +153,10 @@ class BestSoFar(Generic[R]):
         self.result: R | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        return {"_on_change": None, "_has_named": False, "result": None}  # another process tells nobody
+        return {"_on_change": None, "_has_named": False, "result": None}  # only the first process tells
 
     def note(self, result: R) -> None:
-        """Keeps a result; one without candidates is kept only if there is no other."""
+        """Keeps a result; a result without candidates is kept only if there is no other."""
         before, self.result = self.result, result if result.candidates or self.result is None else self.result
         if self.result is before or self._on_change is None:
             return
@@ -168,7 +168,7 @@ class BestSoFar(Generic[R]):
             self._on_change(self.result)
 
     def clear(self) -> None:
-        """Forgets what was found, for a search that begins anew."""
+        """Forgets the result, for a search that begins anew."""
         self.result = None
 
 
@@ -205,7 +205,7 @@ class PerThreadPredictor:
         return self._local.predictor.fields_requested if hasattr(self._local, "predictor") else 0
 
     def counted(self, **options: Any) -> PredictorProtocol:
-        """A further predictor, of other captures perhaps, whose fields count as well. options: of `create`."""
+        """Another predictor, perhaps of other captures, whose fields count as well. options: of `create`."""
         self._predictors.append(self.create(**options))
         return self._predictors[-1]
 
@@ -218,8 +218,8 @@ class PerThreadPredictor:
 
 
 class NeighbourVariances:
-    """The noise variance (counts²) that the captures themselves suggest; variances of the last choices of captures are
-    kept. max_bytes: of the kept variances, beside that of the latest choice.
+    """The noise variance (counts²) that the captures themselves suggest. Variances of the latest selections of captures
+    are kept. max_bytes: of the kept variances, beside that of the latest selection.
     """
 
     def __init__(self, data: PreparedCaptures, max_bytes: int = 256 << 20) -> None:
@@ -245,18 +245,18 @@ class NeighbourVariances:
 
 @dataclass(frozen=True)
 class SearchContext:
-    """What the stages of a search work with.
+    """The shared state of the stages of a search.
 
-    data: the captures, prepared. system: the nominal bench, with what is known. effects: the candidates by id. split:
-    which captures are for what. predictor: predicts captures, sampled as `sampling` says. workers: run jobs in
-    parallel. variances: of the noise, from the captures. config: settings of all stages. field_budget: after so many
-    fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
-    has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
-    equivalents: for each effect the others that are the same physics on this bench. unseen: effects by id that such
-    captures can't tell from others, and that aren't candidates. left_out: captures that no fit uses, by index. end:
-    when it has to end. best_so_far: what it has found until then. pace: how fast it is. missing_light: (capture,),
-    r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut; None for whole
-    ones.
+    data: the captures, prepared. system: the nominal bench, with known effects. effects: the candidates by id. split:
+    the captures that are searched, fitted and held out. predictor: predicts captures, sampled as `sampling` says.
+    workers: run jobs in parallel. variances: of the noise, from the captures. config: settings of all stages.
+    field_budget: after so many fields a search begins nothing new that takes long. prnu: standard deviation of the
+    pixels' relative sensitivity. has_camera_jitter: whether the camera moves from capture to capture, so that
+    comparisons fit its movements. equivalents: for each effect the others that are the same physics on this bench.
+    unseen: effects by id that such captures can't tell from others, and that aren't candidates. left_out: captures that
+    no fit uses, by index. end: when the search has to end. best_so_far: its best result. pace: how fast it is.
+    missing_light: (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators
+    that were cut; None where nothing was cut.
     """
 
     data: PreparedCaptures
@@ -288,7 +288,7 @@ class SearchContext:
     def budget_exhausted(self) -> bool:
         """Whether the budget of fields, or the time, is nearly spent, so that nothing new is begun.
 
-        Asked only while no job runs, so that workers change no result unless the time is limited.
+        Read only while no job runs, so that workers change no result unless the time is limited.
         """
         return self.predictor.fields_requested > self.field_budget or self.end.is_near
 
@@ -311,7 +311,7 @@ class SearchContext:
 
     @property
     def screening_exhausted(self) -> bool:
-        """Whether so much of the budget is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
+        """Whether so much of the budget is spent that no further effect is tried alone. Read as `budget_exhausted`."""
         return self.end.is_near or self.predictor.fields_requested > (_SCREENING_FACTOR * self.field_budget)
 
     def shared_objects(self) -> dict[str, Any]:
@@ -332,12 +332,12 @@ class SearchContext:
         return self.data_weighted_comparison(indices, min(error, MAX_TOLERATED_ERROR))
 
     def half_tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
-        """Weights from the images that tolerate a share of the present error, for a fit that is to lower it."""
+        """Weights from the images that tolerate a share of the present error, for a fit that shall lower it."""
         share = _HALF_TOLERATED_ERROR
         return self.data_weighted_comparison(indices, min(share, share * error))
 
     def model_weighted_comparison(self, indices: NDArray[np.intp], values: Values) -> Comparison:
-        """Weights from a model's prediction, then frozen; movements are fitted where the camera moves."""
+        """Weights from a model's prediction, frozen; movements are fitted where the camera moves."""
         shifts = self.has_camera_jitter and len(indices) > 1
         unbiased = self.data_weighted_comparison(indices, 0.0)
         expected = (unbiased.fitting_shifts() if shifts else unbiased).fit_gains(values).expected
@@ -374,7 +374,7 @@ class SearchContext:
         return self.run_parallel(jobs, lambda done: progress(done, len(effects), note))
 
     def run_parallel(self, jobs: Iterable[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
-        """Results of jobs in their order; fields that other processes computed count too."""
+        """Results of jobs in their order; fields that other processes computed are counted."""
         counted = [partial(_run_counting_fields, self.predictor, self.end, job) for job in jobs]
         before = self.predictor.fields_requested
         finished = self.workers.run(counted, on_finished, self.end.check)
@@ -386,7 +386,7 @@ class SearchContext:
 def field_samples(captures: Captures) -> int:
     """Samples of a field on a modulator, in proportion to which a field takes time.
 
-    On a Fourier bench the samples that take as long: half of the points of the transforms along rows and columns.
+    On a Fourier bench half of the points of the transforms along rows and columns, which take as long.
     """
     rows, columns = captures.levels.shape[2:]
     if not captures.is_fourier:
@@ -396,7 +396,7 @@ def field_samples(captures: Captures) -> int:
 
 
 def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataProperties) -> dict[str, frozenset[str]]:
-    """For each effect those of the others that such data can't tell from it, a symmetric relation."""
+    """For each effect, the others that such data can't tell from it; a symmetric relation."""
     pairs = {(e.id, other) for e in effects.values() for other in e.degeneracies(data_properties) if other in effects}
     return {
         name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects

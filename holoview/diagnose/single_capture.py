@@ -1,13 +1,12 @@
 """Captures of one picture: blocks of its pixels are held out and judge the explanation of the other pixels.
 
-The picture is given twice, once with the pixels to fit and once with those that are held out. Blocks are several
-speckles wide, and a margin of two speckles separates them from the pixels that are fitted, so that no speckle is on
-both sides.
+The picture is given twice, once with the pixels to fit and once with the held-out pixels. Blocks are several speckles
+wide, and a margin of two speckles separates them from the fitted pixels, so that no speckle is on both sides.
 
-Pixels of one picture are weaker evidence than other captures, in two ways. Errors of the model extend over a speckle: a
-pixel more of the same speckle says nothing new, so that Δχ² counts for 1/A, with A pixels in a speckle. And a cause
-that imitates the true one for this pattern isn't refuted by another pattern. An explanation therefore needs A times as
-much Δχ² (25·A), and has to reach the noise floor up to jitter.
+Pixels of one picture are weaker evidence than other captures, in two ways. Errors of the model extend over a speckle,
+so that further pixels of a speckle say nothing new and Δχ² counts for 1/A, with A pixels in a speckle. And no other
+pattern refutes a cause that imitates the true cause for this pattern. An explanation therefore needs A times as much
+Δχ² (25·A), and has to reach the noise floor up to jitter.
 """
 
 from __future__ import annotations
@@ -40,8 +39,8 @@ _MIN_BLOCKS = 3
 derivation: with three, one is held out in the middle."""
 ONE_PICTURE_MAX_EXCESS = 0.02
 """[χ²/n] An explanation of one picture is complete up to this excess. Evidence: as `JITTER_EXCESS`: captures of other
-patterns, which would refute a cause that only imitates this picture, are missing; so only the excess of a laboratory's
-jitter is allowed."""
+patterns, which would refute a cause that only imitates this picture, are missing, so that only the excess of a
+laboratory's jitter is allowed."""
 
 Flags = NDArray[np.bool_]
 _FAR_FIELD_WIDTHS = 2  # a beam that fills half of the modulator
@@ -72,7 +71,7 @@ ONE_PICTURE_NOTE = (
 
 
 def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
-    """The context of captures of which only one counts, whose picture is split."""
+    """The context of captures of which only one counts, with its picture split."""
     captures = context.data.captures.subset([capture])
     one = PreparedCaptures(captures, context.data.light[[capture]], context.data.usable[[capture]])
     data = split_picture(one)
@@ -113,8 +112,8 @@ def held_out_blocks(shape: tuple[int, int], speckle_px: float) -> tuple[Flags, F
 def speckle_width_px(data: PreparedCaptures) -> float:
     """Full width at half maximum of the picture's autocorrelation, the larger one of rows and columns, at least 1.
 
-    On a Fourier bench at most twice that of a modulator that is lit evenly: the patterns make the far field's envelope,
-    which the autocorrelation of smooth ones shows, but its speckles are as wide as the aperture lets them be.
+    On a Fourier bench at most twice the width for a modulator that is lit evenly: the autocorrelation of smooth
+    patterns shows the far field's envelope, but speckles are no wider than the aperture lets them be.
     """
     width = _autocorrelation_width_px(data)
     if not data.captures.is_fourier:
@@ -132,7 +131,7 @@ def _autocorrelation_width_px(data: PreparedCaptures) -> float:
 
 
 def config_for_one_picture(config: SearchConfig, speckle_px: float) -> SearchConfig:
-    """The settings with a verdict that asks for more: Δχ² for each speckle, not each pixel, and the noise floor."""
+    """The settings with a stricter verdict: Δχ² for each speckle, not each pixel, and the noise floor."""
     verdict = replace(
         config.verdict,
         min_delta_chi2=config.verdict.min_delta_chi2 * max(speckle_px, 1.0) ** 2,

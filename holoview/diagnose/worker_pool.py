@@ -1,16 +1,15 @@
-"""Runs jobs in this process, and once that has taken a while, in several.
+"""Runs jobs in this process, and after a while in several.
 
-Computing a field is many short calls, for which Python lets one thread at a time, so that threads gain nothing. The
+Computing a field is many short calls, for which Python lets one thread at a time run, so that threads gain nothing. The
 processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for a whole diagnosis, so that each keeps
-the cache of its predictor, and large objects that jobs refer to are sent once, with large arrays that all
-processes read from the same memory.
+the cache of its predictor. Large objects that jobs refer to are sent once, and all processes read their large arrays
+from the same memory.
 
 Starting the processes costs 3 s of processor time, for the import of torch. So jobs run in this process until
 `start_after_s` is over, and on until the processes are ready: captures without a fault take 1 s, with a small fault 4 s
 (128 × 96 modulator pixels, 32 captures). Where there is a fork server (Linux), it alone imports; this process, which
 has threads, is never forked. Measured on two cores beside other programs, the median of four alternating runs with a
-pair of faults: 39 s in two processes that are forked for each batch of jobs, whose caches die with the batch, 31 s in
-two processes that stay.
+pair of faults: 31 s, and 39 s in two processes that are forked for each batch of jobs and lose their caches with it.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from holoview.util.processes import leave_signals_to_parent, signals_blocked
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
 
-_LARGE_BYTES = 1 << 30  # of a process; in a larger one, what a job has freed is given back
+_LARGE_BYTES = 1 << 30  # of a process; a larger process gives freed memory back after each job
 _POLL_S = 0.2  # Windows notices Ctrl-C between two waits only
 _PRELOADED = "holoview.diagnose.pipeline"
 
@@ -76,7 +75,7 @@ class WorkerPool:
     ) -> None:
         """Names large objects that jobs refer to: each process gets them once.
 
-        prepare: what a process does first. needed: bytes that its jobs take; there will be no more processes than fit
+        prepare: a process calls it first. needed: bytes that its jobs take; there will be no more processes than fit
         into the memory that may be taken.
         """
         self._shared, self._prepare = dict(objects), prepare
@@ -88,10 +87,10 @@ class WorkerPool:
         on_finished: FinishedCallback | None = None,
         check: Callable[[], None] | None = None,
     ) -> list[T]:
-        """Results of jobs in their order; raises what the first of them that fails raises.
+        """Results of jobs in their order; raises the exception of the first job that fails.
 
-        on_finished: called with the number of jobs that are done. check: called now and then while other processes
-        work; what it raises ends the run. Raises UserError when a process died.
+        on_finished: called with the number of finished jobs. check: called now and then while other processes work; its
+        exception ends the run. Raises UserError when a process died.
         """
         results: list[T] = []
         while len(results) < len(jobs) and not (len(jobs) - len(results) > 1 and self._has_processes()):
@@ -109,7 +108,7 @@ class WorkerPool:
             wait([self._ready])
 
     def rest(self) -> None:
-        """Ends the processes until several jobs are to be run again: what they keep for later jobs takes memory."""
+        """Ends the processes until several jobs are to be run again, because their caches take memory."""
         if self._ready is not None:
             wait([self._ready])
         self._end_processes(kill=False)
@@ -150,7 +149,7 @@ class WorkerPool:
         return self._ready.done()
 
     def _start_processes(self, shared: SharedObjects, ready: Future[None]) -> None:
-        """Starts the processes, in a thread of its own since a fork server answers only once it has imported."""
+        """Starts the processes, in a thread of its own, since a fork server answers only after its imports."""
         try:
             with signals_blocked():  # this process hears Ctrl-C and ends them
                 context = _process_context()
@@ -242,7 +241,7 @@ def _prepare_process(shared: SharedObjects, prepare: Callable[[], object] | None
 
 
 def _run_job(job: bytes) -> Any:
-    """The result of a job; an exception that can't be sent becomes a RuntimeError with its words."""
+    """The result of a job; an exception that can't be sent becomes a RuntimeError with its message."""
     try:
         return _JobUnpickler(io.BytesIO(job)).load()()
     except Exception as error:
@@ -276,7 +275,7 @@ class SharedObjects:
     spans: tuple[tuple[int, int], ...]
 
     def load(self) -> dict[str, Any]:
-        """The objects. Their large arrays lie in pages that are common until they are written to."""
+        """The objects. Processes share the pages of their large arrays until they write to them."""
         if self.path is None:
             return dict(pickle.loads(self.pickled))
         with Path(self.path).open("rb") as file:
@@ -292,9 +291,9 @@ class ArrayStore:
         self._name: str | None = None
 
     def store(self, objects: Mapping[str, Any]) -> SharedObjects:
-        """The objects, to be sent to other processes; what was stored before is dropped.
+        """The objects, ready to be sent to other processes; objects stored before are dropped.
 
-        Raises what pickle raises for objects that can't be pickled.
+        Raises the exception of pickle for objects that can't be pickled.
         """
         large: list[memoryview] = []
 

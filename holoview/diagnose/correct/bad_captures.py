@@ -1,10 +1,10 @@
-"""Captures that aren't what their records say: dark, saturated, given twice, or unlike the others.
+"""Captures that don't fit their records: dark, saturated, given twice, or unlike the others.
 
-Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once: a held-out
-copy would confirm every fit to the other copy. These need no model to be found (`find_useless_captures`).
+Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once, because a
+held-out copy would confirm every fit to the other copy. No model is needed to find these (`find_useless_captures`).
 
-Others stand out under a model. They are judged relative to each other, by medians: an error of the model, which
-concerns all captures, blames none. Two tests complement each other.
+Other bad captures stand out under a model. Captures are judged relative to each other, by medians, so that an error of
+the model, which concerns all captures, blames none. Two tests complement each other.
 
 - *Excess* (`excess_stands_out`). With excess e = χ²/n − 1 of a capture and δ the excess that ordinary jitter and chance
   leave, log(e + δ) is compared with a straight line over the logarithm of the patterns' roughness (Theil–Sen) and with
@@ -12,8 +12,8 @@ concerns all captures, blames none. Two tests complement each other.
   scatter of all captures allows.
 - *Records* (`record_stands_out`). Every picture is correlated with the predictions of all captures. Its peers are the
   captures with patterns at least as rough. A picture isn't of its record if it resembles its own prediction hardly more
-  than unrelated predictions, while the pictures of its peers resemble their own predictions clearly more. That stays
-  true where a large error of the model has decorrelated part of the speckle.
+  than unrelated predictions, while the pictures of its peers resemble their own predictions clearly more. The test
+  works although a large error of the model has decorrelated part of the speckle.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ SATURATED_FACTOR = 5.0
 saturated, one capture isn't to blame; the value: none recorded."""
 
 MIN_CAPTURES = 3
-"""[captures] Captures are judged against each other from so many on. Evidence: derivation: the median of fewer isn't
-free of a bad one."""
+"""[captures] Captures are judged against each other from so many on. Evidence: derivation: a bad capture spoils the
+median of fewer."""
 
 MIN_PLANE_CAPTURES = 2
 """[captures] Where more than half of a plane's captures stand out before the search, and there are so many, the plane
-is searched with the others: its distance may be wrong. Evidence: derivation: a single capture may as well be bad
+is searched with the others, since its distance may be wrong. Evidence: derivation: a single capture may be bad
 itself."""
 
 TREND_CAPTURES = 8
@@ -78,18 +78,19 @@ MIN_PEERS = 2
 """[captures] A capture with fewer peers isn't judged by them. Evidence: derivation: `MIN_CAPTURES` with itself."""
 
 MIN_REACH = 0.5
-"""[1] A picture whose correlation with its prediction, beyond that with other captures' predictions, is less than this
-share of its peers' isn't of its record. Evidence: halfway between another pattern and a good capture."""
+"""[1] A picture isn't of its record if its correlation with its own prediction, less its correlation with other
+captures' predictions, is below this share of its peers'. Evidence: halfway between another pattern and a good
+capture."""
 
 REACH_SIGMAS = 5.0
-"""[σ] … if that of the peers exceeds so many of them. Evidence: derivation: otherwise the model resembles nothing."""
+"""[σ] … if the peers' exceeds so many standard deviations. Evidence: derivation: else the model resembles nothing."""
 
 FALSE_ALARM = 0.01
-"""[1] Chance that captures without a bad one get one blamed for its χ², if the logarithms of the excesses are
-normally distributed: each capture has this over their number. Evidence: a convention."""
+"""[1] Chance that a file without a bad capture gets a capture blamed for its χ², if the logarithms of the excesses are
+normally distributed; each capture has this chance over their number. Evidence: a convention."""
 
 MAX_BAD_SHARE = 0.2
-"""[1] With more than this share of bad captures, captures are neither consistent nor explained. Evidence: derivation:
+"""[1] With a larger share of bad captures, the verdict is neither consistent nor explained. Evidence: derivation:
 medians and trends of the others bear up to 29 % (Theil–Sen)."""
 
 
@@ -97,7 +98,7 @@ medians and trends of the others bear up to 29 % (Theil–Sen)."""
 class BadCapture:
     """A capture that was left out.
 
-    index: in the file, from 0. why: the reason in a few words. sentence: the same with what was measured.
+    index: in the file, from 0. why: the reason in a few words. sentence: the reason with the measured numbers.
     """
 
     index: int
@@ -143,7 +144,7 @@ def bad_share(bad: Sequence[BadCapture], count: int) -> float:
 
 
 def _is_dark(captures: Captures, light: Floats) -> NDArray[np.bool_]:
-    """Whether each capture is without light, or dimmer than others and without structure: noise at a black level."""
+    """Whether each capture has no light, or less light than others and no structure: noise at a black level."""
     variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
     is_flat = variance < FLAT_VARIANCE * captures.camera.noise_variance(light)
     noise = captures.camera.dark_noise / np.sqrt(captures.images[0].size)
@@ -171,9 +172,9 @@ def excess_stands_out(
     """Whether each capture's excess is larger than the scatter of the other captures' excesses allows, (capture,).
 
     excess: χ²/n − 1. ordinary: the excess that jitter and chance leave. roughness: of the patterns. group: a number
-    that captures of one wavelength share. min_ratio: excess + ordinary over the trend that is at least needed. plane: a
-    number that captures of one plane share; where given, an excess that all captures of a plane have in common blames
-    none of them.
+    that captures of one wavelength share. min_ratio: the least ratio of excess + ordinary to the trend. plane: a number
+    that captures of one plane share; where given, an excess that all captures of a plane have in common blames none of
+    them.
     """
     if len(excess) < MIN_CAPTURES:
         return np.zeros(len(excess), dtype=bool)
@@ -218,8 +219,8 @@ def record_correlations(light: Images, usable: Flags, predicted: Images) -> Floa
 
 
 def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
-    """The excess of each picture's correlation with its own record over its correlations with other records, and the
-    scatter of these.
+    """How much more each picture correlates with its own record than with other records, and the scatter of the
+    correlations with other records.
 
     correlations: (picture, record), square.
     """
@@ -233,8 +234,8 @@ def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
 def record_stands_out(correlations: Floats, roughness: Floats, *, max_sigmas: float = np.inf) -> Flags:
     """Whether each picture isn't of its own record, (capture,).
 
-    correlations: (picture, record). max_sigmas: largest correlation with its own record beyond that with others, in
-    standard deviations of the latter.
+    correlations: (picture, record). max_sigmas: a capture stands out only if its correlation with its own record
+    exceeds its correlations with others by at most so many of their standard deviations.
     """
     count = len(correlations)
     if count < MIN_CAPTURES:
@@ -253,7 +254,7 @@ def record_stands_out(correlations: Floats, roughness: Floats, *, max_sigmas: fl
 
 
 def without_planes(flags: Flags, plane: Floats, correlations: Floats) -> Flags:
-    """The flags without those of planes that are off as a whole: more than half of their captures are flagged.
+    """The flags without those of planes that are off as a whole, of whose captures more than half are flagged.
 
     plane: a number that captures of one plane share. correlations: (picture, record). A picture that another record
     predicts better than its own stays flagged.

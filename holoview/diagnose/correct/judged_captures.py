@@ -4,10 +4,11 @@
 the time being, since an effect that isn't explained yet leaves more excess in some captures than in others. After the
 search, all captures are judged again, strictly; a capture that was left out before and fits the model is good.
 
-`explain_suspects` finds the reasons. A picture is compared with the predictions of other records: those of the other
-captures, its own record with their patterns, its own for a moved camera and for other distances, and its own blurred.
-The first prediction that leaves less than half of the picture's excess is the reason. Where none does, the picture is
-noisy if the residuals of neighbouring pixels don't correlate; otherwise it shows another pattern or a disturbance.
+`explain_suspects` finds the reasons. A picture is compared with predictions from other records: those of the other
+captures, its own record with their patterns, with a moved camera and with other distances, and its own prediction
+blurred. The first prediction that leaves less than half of the picture's excess is the reason. Where none does, the
+picture is noisy if the residuals of neighbouring pixels don't correlate; otherwise it shows another pattern or a
+disturbance.
 """
 
 from __future__ import annotations
@@ -41,32 +42,32 @@ from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.starts.picture import measure_displacement
 
 MIN_RATIO = 3.0
-"""[1] … and the capture's excess, with that of ordinary jitter added to all, must be so many times that of the others.
-Evidence: what jitter leaves differs between captures; the value: none recorded."""
+"""[1] … and the capture's excess must be so many times that of the others, ordinary jitter added to all. Evidence: the
+excess of jitter differs between captures; the value: none recorded."""
 
 TOLERANT_RATIO = 30.0
 """[1] The same before the search, and where the model leaves more than `VerdictConfig.explained_excess` in half of the
-captures: what an effect that isn't explained leaves differs between captures. Evidence: measured: of 900 captures with
-one effect each and judged without it, 1 % exceeded this or the next."""
+captures: an effect that isn't explained leaves different excesses in different captures. Evidence: measured: of 900
+captures with one effect each and judged without it, 1 % exceeded this or `UNRELATED_SIGMAS`."""
 
 UNRELATED_SIGMAS = 3.0
 """[σ] … and less than so many standard deviations of correlations with other captures' predictions. Evidence:
 derivation: it can't be told from an unrelated picture."""
 
 CORRELATED_PIXELS = 500_000
-"""[px] Of each picture by which it is correlated with predictions, spread over it. Evidence: derivation: a correlation
-scatters by 1/√n, by 0.0014 for so many pixels, or by 0.02 where a speckle has two hundred of them."""
+"""[px] Pixels of each picture, spread over it, that are correlated with predictions. Evidence: derivation: a
+correlation scatters by 1/√n, by 0.0014 for so many pixels, or by 0.02 where a speckle has two hundred of them."""
 
 CANDIDATES = 4
-"""[candidates] Tried as the model that suits most captures, where the named causes don't. Evidence: none recorded."""
+"""[candidates] Tried as models where the named causes leave an excess in most captures. Evidence: none recorded."""
 
 
 def find_suspects(context: SearchContext, values: Values, useless: Iterable[int], *, is_final: bool) -> Suspects:
     """The captures, beside the useless ones, that stand out under the model with these values.
 
-    is_final: whether it is the model that a search ended with. Only a final model that explains most captures judges
-    strictly; any other model leaves an excess that differs between good captures. Before the search, a plane of which
-    most captures stand out blames none of them, since its distance may be wrong; afterwards nothing excuses them.
+    is_final: whether a search ended with this model. Only a final model that explains most captures judges strictly;
+    any other model leaves an excess that differs between good captures. Before the search, a plane of which most
+    captures stand out blames none of them, since its distance may be wrong; afterwards nothing excuses them.
     """
     captures = context.data.captures
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
@@ -112,7 +113,7 @@ def _fit_all(
 
 
 def _spread_pixels(shape: tuple[int, int], most: int) -> tuple[slice, ...]:
-    """Of the pixels of every picture at most about `most`, at equal distances along rows and columns."""
+    """At most about `most` pixels of every picture, at equal distances along rows and columns."""
     step = max(1, math.ceil((shape[0] * shape[1] / most) ** 0.5))
     return (slice(None), slice(step // 2, None, step), slice(step // 2, None, step))
 
@@ -120,8 +121,8 @@ def _spread_pixels(shape: tuple[int, int], most: int) -> tuple[slice, ...]:
 def judge_by_search(context: SearchContext, values: Values, result: SearchResult, useless: Iterable[int]) -> Suspects:
     """The captures that stand out under the model that a search ended with, or under a candidate that suits more
     captures. values: the effects that were named. While these leave an excess in half of the captures, the best
-    candidates are tried as well: a bad held-out capture may hide the right candidate, whose median excess is small all
-    the same.
+    candidates are tried as well: a bad held-out capture may lower the rank of the right candidate, but hardly its
+    median excess.
     """
     suspects = find_suspects(context, values, useless, is_final=True)
     if suspects.median_excess <= context.config.verdict.explained_excess:
@@ -144,7 +145,7 @@ def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:
 def _is_copy_of_better(
     context: SearchContext, judged: NDArray[np.intp], correlations: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether a capture's picture is also that of another one whose record it fits better, (judged capture,)."""
+    """Whether a capture's picture is also that of another capture whose record it fits better, (judged capture,)."""
     position = {int(k): n for n, k in enumerate(judged)}
     bad = np.zeros(len(judged), dtype=bool)
     for group in equal_pictures(context.data.captures):
@@ -172,15 +173,15 @@ REASON_MAX_SHARE = 0.5
 
 DEFOCUS_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """[depths] Distances, in depths of field λ/NA², by which a capture may be out of focus, either way. Evidence:
-derivation: speckle decorrelates within one depth, so that steps of half a depth miss nothing, and of small errors half
-a step too much or too little leaves a quarter of the excess."""
+derivation: speckle decorrelates within one depth, so that steps of half a depth miss nothing; for small errors, a step
+that is off by half leaves a quarter of the excess."""
 
 BLURS_PX = (0.4, 0.6, 0.8, 1.2, 1.8, 2.7, 4.0)
 """[px] Blurs that a capture out of focus may have. Evidence: steps of a factor of 1.5, as for `DEFOCUS_DEPTHS`."""
 
 WHITE_CORRELATION = 0.15
-"""[1] Residuals of a noisy capture correlate with their neighbours' by less. Evidence: neighbouring pixels of speckle
-correlate by 0.5 and more; the value: none recorded."""
+"""[1] Residuals of a noisy capture correlate less with their neighbours' than this. Evidence: neighbouring pixels of
+speckle correlate by 0.5 and more; the value: none recorded."""
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from holoview.diagnose.likelihood import Comparison, Values
 from holoview.util.errors import UserError
 
 DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")
-"""Wrong records that gross aberrations imitate: patterns that are rough look alike, inverted and exchanged."""
+"""Wrong records that gross aberrations imitate: the light of rough patterns looks alike, inverted and exchanged."""
 _NO_IMAGE = FitQuality(math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class RecordGain:
-    """How much a correction gains beside all others.
+    """The gain of a correction beside all others.
 
     share: of the excess that it explains. gain_db: of PSNR on held-out captures, or of the spread of the gains. before,
     after: quality without and with it; NaN where no picture shows it.
@@ -43,10 +43,10 @@ class RecordGain:
 
 @dataclass(frozen=True)
 class CheckedRecords:
-    """Records put right.
+    """Captures whose records were put right.
 
-    captures: as they should have been recorded. kept: the number of each in the file. findings: the corrections.
-    gains: how much better each correction makes the nominal bench predict.
+    captures: with the right records. kept: the number of each in the file. findings: the corrections. gains: how much
+    better the nominal bench predicts with each correction.
     """
 
     captures: Captures
@@ -60,7 +60,7 @@ class CheckedRecords:
         return any(correction.effect in DOUBTFUL for correction in self.findings.corrections)
 
     def as_recorded(self, captures: Captures) -> CheckedRecords:
-        """The same for the captures of the file without any correction."""
+        """The uncorrected captures of the file, in the same form."""
         findings = dataclasses.replace(self.findings, corrections=(), rivals=())
         return CheckedRecords(captures, tuple(range(len(captures))), findings, ())
 
@@ -76,7 +76,7 @@ def check_records(captures: Captures, known: Values) -> CheckedRecords:
 
 
 def _gains(captures: Captures, corrections: Hypothesis, known: Values) -> list[RecordGain]:
-    """What each correction gains, against the records with all others put right."""
+    """The gain of each correction, against the records with all others put right."""
     shown = [correction for correction in corrections if not isinstance(correction, PowerOrder)]
     after = _quality(captures, corrections, known) if shown else _NO_IMAGE
     gains = []
@@ -91,7 +91,7 @@ def _gains(captures: Captures, corrections: Hypothesis, known: Values) -> list[R
 
 
 def _gain_of_powers(correction: PowerOrder) -> RecordGain:
-    """The gain of each capture is fitted, so that no picture shows powers of the wrong captures: their spread does."""
+    """The spread of the gains shows powers of the wrong captures; no picture does, because each has its gain fitted."""
     recorded, corrected = correction.spreads
     gain_db = 20 * math.log10(recorded / max(corrected, 1e-9))
     return RecordGain(correction, 1.0 - (corrected / recorded) ** 2, gain_db, _NO_IMAGE, _NO_IMAGE)
