@@ -38,7 +38,7 @@ _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
 def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress: ProgressCallback) -> Diagnosis:
-    """The diagnosis that follows from a search, without the seconds that it took.
+    """The diagnosis that follows from a search, but for the time that it took.
 
     notes: on what the captures can't show. free_maps: look for the place of an error that no effect explains.
     """
@@ -80,15 +80,15 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
 
 
 def _rivals(outcome: SearchOutcome) -> tuple[tuple[str, ...], ...]:
-    """The sets of causes that can't be excluded; sets of the same physics in more numbers, or with effects that these
-    captures can't show, come last."""
+    """The sets of causes that can't be excluded; last the sets of the same physics in more numbers, and sets with
+    effects that these captures can't show."""
     decision = outcome.decision
     unseen = [fit.causes for fit in outcome.result.unseen_rivals if decision.best is outcome.result.best]
     return (*(r.causes for r in decision.rivals), *unseen, *wider_names(outcome.context, decision))
 
 
 def with_wrong_records(diagnosis: Diagnosis, records: CheckedRecords) -> Diagnosis:
-    """The diagnosis of corrected captures with the wrong records as its first causes, and the numbers of the file."""
+    """The diagnosis of corrected captures with the wrong records as its first causes, and the file's numbering."""
     findings = records.findings
     found = dataclasses.replace(diagnosis, records=findings, notes=(*findings.notes, *diagnosis.notes))
     if not records.gains:
@@ -103,7 +103,7 @@ def with_wrong_records(diagnosis: Diagnosis, records: CheckedRecords) -> Diagnos
 
 
 def better_explained(records: CheckedRecords, corrected: Diagnosis, as_recorded: Diagnosis) -> Diagnosis:
-    """The diagnosis with corrections, or, with a note, the diagnosis without corrections if it excludes the other."""
+    """The diagnosis with corrections; or without, and with a note, if it excludes the diagnosis with corrections."""
     before, after = (d.after.chi2_per_pixel - 1.0 for d in (corrected, as_recorded))
     if before < RIVAL_FACTOR * after:
         return corrected
@@ -113,7 +113,7 @@ def better_explained(records: CheckedRecords, corrected: Diagnosis, as_recorded:
 
 
 def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit | None:
-    """The law of the lasers' power that leaves the smallest spread of the gains, if one is significant."""
+    """The law of the lasers' power that leaves the smallest spread of the gains, if a law is significant."""
     captures, laws = context.kept_captures, [e for e in context.effects.values() if changes_only_power(e)]
     fits = [fit_power_law(effect, captures, gain) for effect in laws]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.spread_after, default=None)

@@ -1,7 +1,7 @@
 """The causes of a decision as they are reported: values, intervals, share explained, look-alikes, wrong records.
 
-A look-alike of a cause is an effect that changes the captures alike. Where rivals are left, the capture is proposed
-that would separate the named causes from the first rival best.
+A look-alike of a cause is an effect that changes the captures in nearly the same way. Where rivals are left, the
+capture is proposed that would separate the named causes best from the first rival.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def describe_wrong_records(gains: Sequence[RecordGain]) -> tuple[Cause, ...]:
 
 
 def describe_power_law(context: SearchContext, law: PowerLawFit) -> Cause:
-    """A law of the laser's power as a cause. Its gain is that of the gains' spread; no image shows it."""
+    """A law of the laser's power as a cause. Its gain is that of the spread of the gains; no image shows it."""
     effect = context.effects[law.effect]
     no_image = FitQuality(float("nan"), float("nan"))
     return Cause(
@@ -133,7 +133,7 @@ def _lists(effect: Effect, values: Values) -> dict[str, tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class ProposedCapture:
-    """A capture that could be taken: in words, and as a data set of this capture alone, whose images are never used."""
+    """A proposed capture: in words, and as a data set of this capture alone, whose images are never used."""
 
     description: str
     captures: Captures

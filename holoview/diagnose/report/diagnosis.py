@@ -21,14 +21,14 @@ from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, suggest_
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause that was named.
+    """A named cause.
 
-    effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI; entries of a list count
-    one by one. lists: those without intervals, rows and columns. excess_explained: share of the excess of the
-    model that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after:
-    quality without and with it. confounded_with: effects that change captures alike, with the correlation (1: the same
-    physics). separate_by: the capture, in words, that would separate the causes from their first rival. choice: of a
-    wrong record, what happened to it; None for effects.
+    effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI; each entry of a list is a
+    parameter. lists: values without intervals (rows and columns). excess_explained: share of the excess of the model
+    that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after: quality without and
+    with it. confounded_with: effects that change the captures in nearly the same way, with the correlation (1: the same
+    physics). separate_by: the capture, in words, that would separate the causes from their first rival. choice: what
+    happened to a wrong record; None for effects.
     """
 
     effect: str
@@ -55,17 +55,17 @@ class CandidateResult:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The result of a diagnosis. Before means the nominal model, after the extended one.
+    """The result of a diagnosis. "Before" is the nominal model, "after" the extended model.
 
-    values: the effects of the extended model; empty for the nominal one. rivals: sets of causes that can't be excluded.
-    unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain much of it.
-    pixel_maps: how much single pixels of each modulator stand out in it. groups: quality by wavelength and plane.
-    candidates: all that were ranked, best first. samples: a few held-out captures. signal_explained: share of the
-    captures' variance, before and after. fixed_pattern: standard deviation of the pixels' relative sensitivity.
-    gain_spread: of the logarithm of the gains about those of their wavelength. captures: how many there are.
-    bad_captures: captures that aren't what their records say; no fit used them, and all other fields speak of the other
-    captures. known: the effects of the nominal model, corrected where they were uncertain. records: what was wrong with
-    the records. Everything else is about the captures with these put right.
+    values: the effects of the extended model; empty for the nominal model. rivals: sets of causes that can't be
+    excluded. unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain
+    much of it. pixel_maps: how far single pixels of each modulator stand out in it. groups: quality by wavelength and
+    plane. candidates: all ranked sets of causes, best first. samples: a few held-out captures. signal_explained: share
+    of the captures' variance, before and after. fixed_pattern: standard deviation of the pixels' relative sensitivity.
+    gain_spread: standard deviation of the logarithm of the gains about the mean of their wavelength. captures: number
+    of captures. bad_captures: captures that don't fit their records; no fit used them, and all other fields describe
+    the other captures. known: the effects of the nominal model, corrected where they were uncertain. records: the
+    mistakes in the records; all other fields describe the corrected captures.
     """
 
     verdict: Verdict

@@ -1,4 +1,4 @@
-"""What the extended model gains on the display: a hologram optimised with either model, shown on the extended bench."""
+"""The gain of the extended model on the display: holograms optimised with either model, shown on the extended bench."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Where an error lives that no effect of the library explains.
 
-- *Free maps.* Each place (source, modulator, relay, camera) gets maps of amplitude, optical path or response that
-  express anything smooth there, fitted to the fine captures by L-BFGS and compared on the held-out ones. Where to
-  look is the place whose maps predict the held-out captures best. `suggest_for` says which effect to write for a
-  place, and which captures would show more of the error.
+- *Free maps.* Each place (source, modulator, relay, camera) gets smooth maps of amplitude, optical path or response,
+  fitted to the fine captures by L-BFGS and compared on the held-out captures. The error lives at the place whose maps
+  predict these best. `suggest_for` says which effect to write for a place, and which captures would show more of the
+  error.
 - *Pixel maps.* Smooth maps can't show a single column or row. `PixelMap` compares, at the modulator's full resolution,
   the fall of χ² if a pixel showed one level whatever is sent (`replacement_gains`) with the fall for all other pixels,
   and for whole lines with other lines. Lines that stand out get free levels, pixel by pixel and capture by capture:
@@ -64,12 +64,11 @@ MIN_SHARE = 0.1
 """[1] Places are told that explain at least this share of the excess … Evidence: none recorded."""
 
 _FREE_LEVELS_SHARE = 0.5
-"""[1] Free levels of lines are told if they leave less than this share of the excess. Evidence: half of it, as for a
-cause."""
+"""[1] Free levels of lines are told if they leave less than this share of the excess. Evidence: as for a cause."""
 
 _CHANGING_AGREEMENT = 0.6
 """[1] Levels change if their phasors agree less. Evidence: derivation: the mean of five random phasors has a modulus of
-0.4 ± 0.2; measured: levels that stay agreed by 0.77 to 1.0."""
+0.4 ± 0.2; measured: constant levels agreed by 0.77 to 1.0."""
 
 _LEVEL_ITERATIONS = 20
 """[1] Iterations of L-BFGS on the levels of lines. Evidence: measured: after 20 less than 1 % of the excess is left."""
@@ -244,14 +243,14 @@ def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Compar
 
 
 def likely_fits(fits: list[FreeMapFit]) -> tuple[FreeMapFit, ...]:
-    """The fits of places that explain a good part, and nearly as much as the best. fits: best first."""
+    """The fits of places that explain a good part, and nearly as much as the best place. fits: best first."""
     best = fits[0].share if fits else 0.0
     return tuple(f for f in fits if f.share >= max(MIN_SHARE, NEAR_BEST_SHARE * best))
 
 
 def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
-    """Maps at each place of the bench; a bench with a single modulator has only the second relay, a Fourier bench
-    none."""
+    """Maps at each place of the bench. A bench with one modulator has only the second relay, a Fourier bench has no
+    relay."""
     yield FreeSource()
     yield FreeModulator(0)
     if len(context.data.captures.slms) > 1:
@@ -376,8 +375,8 @@ def suggest_for(place: str) -> str:
 class PixelMap:
     """How far the parts of modulator `number` (0 for the first) stand out from others, in standard deviations.
 
-    pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the first one,
-    where these are the middle of a larger modulator.
+    pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the map's first
+    pixel, in the larger modulator of which the map is the middle.
     """
 
     number: int
@@ -399,8 +398,8 @@ class PixelMap:
         return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
 
     def conspicuous_lines(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The columns and the rows that stand out nearly as much as the first one, and further than their neighbours;
-        counted in the map."""
+        """The columns and the rows, counted in the map, that stand out nearly as much as the most conspicuous line, and
+        further than their neighbours."""
         least = max(MIN_LINE_SIGMAS, NEAR_BEST_LINES * self.line_sigmas)
         columns, rows = (
             np.flatnonzero((sigmas >= least) & (sigmas >= maximum_filter(sigmas, 3)))
@@ -421,7 +420,7 @@ def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMa
 
 
 def line_notes(maps: Sequence[PixelMap]) -> list[str]:
-    """A note on the most conspicuous line alone: its light spreads, so that others may stand out too."""
+    """A note on the most conspicuous line alone: its light spreads, so that other lines may stand out because of it."""
     most = _most_conspicuous(maps)
     if most is None:
         return []
@@ -435,9 +434,9 @@ def _most_conspicuous(maps: Sequence[PixelMap]) -> PixelMap | None:
 
 
 class FreeLevels(Effect):
-    """Some pixels of one modulator show levels of their own, shares of the stroke, in place of those that were sent.
+    """Some pixels of one modulator show free levels, shares of the stroke, in place of the levels that were sent.
 
-    places (y, x): which pixels. levels (pixel,): a tensor that is set from outside.
+    places (y, x): the pixels. levels (pixel,): a tensor that is set from outside.
     """
 
     id = "free_levels"
@@ -455,8 +454,8 @@ class FreeLevels(Effect):
 
 
 def flicker_notes(context: SearchContext, base: FittedValues, maps: Sequence[PixelMap]) -> list[str]:
-    """A note on lines that show levels which aren't in the file, the same or others in each capture: where
-    levels that are free in all of their pixels take away most of the excess."""
+    """A note on lines whose levels aren't in the file, constant or changing from capture to capture: where levels that
+    are free in all of their pixels take away most of the excess."""
     most = _most_conspicuous(maps)
     if most is None:
         return []
@@ -486,7 +485,7 @@ def flicker_notes(context: SearchContext, base: FittedValues, maps: Sequence[Pix
 
 def _agreement(context: SearchContext, number: int, indices: NDArray[np.intp], levels: Floats) -> float:
     """How far levels (capture, pixel) are the same light in all captures of a wavelength, up to 1: the mean modulus of
-    the mean phasor. 1 where there is one capture of each."""
+    the mean phasor. 1 where each wavelength has one capture."""
     captures, stroke_m = context.data.captures, context.system.modulators[number].stroke_m
     lasers = captures.laser_number[indices]
     phasors = np.exp(2j * np.pi * stroke_m / captures.wavelength_m[indices][:, None] * levels)

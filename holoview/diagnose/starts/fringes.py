@@ -5,11 +5,11 @@ fringes have the phase φ = π·(path_y·y + path_x·x)/λ, with y and x from �
 all lasers, so that fringes are a peak which the spectra of all wavelengths share.
 
 Over the picture, the spectrum is that of the factor which multiplies the prediction; with the reference wavelength in
-place of each laser's, it shows fringes that have the same period at all of them. In the picture, fringes of a
-modulator are blurred, as light spreads on its way, and may be turned bright for dark. The derivative of χ² by the
-transmission t of each pixel of the modulator doesn't mind: with G = ∂χ²/∂Re t + i·∂χ²/∂Im t, fringes that change t by
-the factor 1 + A·exp(iφ)/2 change χ² by Re[A·Σ G*·t·exp(iφ)]/2, summed over the pixels. Their wedge is where these sums
-are largest, of all wavelengths together, relative to those of random phases.
+place of each laser's, it shows fringes that have the same period at all wavelengths. Fringes of a modulator are blurred
+in the picture, as light spreads on its way, and may be turned bright for dark. The derivative of χ² by the transmission
+t of each pixel of the modulator doesn't suffer from this: with G = ∂χ²/∂Re t + i·∂χ²/∂Im t, fringes that change t by
+the factor 1 + A·exp(iφ)/2 change χ² by Re[A·Σ G*·t·exp(iφ)]/2, summed over the pixels. Their wedge is where these sums,
+of all wavelengths together, are largest relative to those of random phases.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from holoview.model.effects.hook_contexts import ModulatorContext
 
 _FRINGE_PEAKS = 3  # [1] Peaks of the spectrum tried as fringes.
 _FRINGE_MIN_COUNT = 1.5
-"""[fringes] Fewer over the picture aren't told from shading, and peaks nearer to a higher one are part of it. Evidence:
-the main lobe of a full picture's spectrum ends at 1."""
+"""[fringes] Fewer fringes over the picture can't be told from shading, and peaks nearer to a higher peak are part of
+it. Evidence: the main lobe of a full picture's spectrum ends at 1."""
 _FRINGE_SAMPLES = 2
-"""[1] Samples of the spectrum for each fringe more over the picture. Evidence: the worst error, a quarter of a fringe,
-is an eighth at the picture's edges, where a fit converges."""
+"""[1] Samples of the spectrum for each further fringe over the picture. Evidence: derivation: the largest error, a
+quarter of a fringe, is an eighth at the picture's edges, where a fit converges."""
 _FRINGE_TRIAL_DEPTH = 0.02
-"""[1] Fringes of a modulator so deep measure how deep ones lower χ² most. Evidence: that is linear to a tenth; the fit
-does the rest."""
+"""[1] Depth of trial fringes of a modulator, from which the depth that lowers χ² most is extrapolated. Evidence: χ² is
+linear to a tenth; the fit does the rest."""
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -77,7 +77,7 @@ def strongest_paths(
 
 
 def resolved_paths(n: int, shortest_m: float) -> Floats:
-    """All paths along an axis of n entries that these resolve at every wavelength, m; ascending, 0 among them."""
+    """All paths along an axis of n entries that the entries resolve at every wavelength, m; ascending, 0 among them."""
     most = _FRINGE_SAMPLES * n // 2
     return np.asarray(shortest_m / _FRINGE_SAMPLES * np.arange(-most + 1, most), dtype=np.float64)
 
@@ -168,7 +168,7 @@ def _amplitude(m: _Modulation, path: tuple[float, float]) -> complex:
 
 
 class ModulatorFringeStarts:
-    """For an effect of fringes on a modulator, those that the captures of a comparison suggest; none for others."""
+    """For an effect of fringes on a modulator, the fringes that captures of a comparison suggest; none for others."""
 
     def __init__(self, context: SearchContext, base: FittedValues, comparison: Comparison) -> None:
         self._context, self._base, self._comparison = context, base, comparison
@@ -204,7 +204,8 @@ class ModulatorFringeStarts:
     def _with_depths(
         self, effect: Effect, of: ModulatorContext, path: tuple[float, float], slopes: dict[int, Complex]
     ) -> dict[str, float]:
-        """The parameters of the fringes of a path: down the slope of χ² at each laser, by the step of least squares."""
+        """The parameters of the fringes of a path, with depths from one least-squares step down the slope of χ² at each
+        laser."""
         y, x = (np.array([p]) for p in path)
         wide_y, wide_x = (p * whole / n for p, whole, n in zip(path, of.whole_shape, of.shape, strict=True))
         wedge, tried = {"path_y": wide_y, "path_x": wide_x}, dict[int, complex]()
@@ -217,7 +218,7 @@ class ModulatorFringeStarts:
         return wedge | _depths({laser: steps[laser] * amplitude for laser, amplitude in tried.items()})
 
     def _best_steps(self, values: FittedValues) -> dict[int, float]:
-        """For each laser the factor by which the step from the base to these values is to be longer, by linear least
+        """For each laser the factor by which the step from the base to these values should be longer, by linear least
         squares."""
         before, after = (self._comparison.residual(v).astype(np.float64) for v in (self._base, values))
         numbers = self._comparison.data.captures.laser_number[self._comparison.indices]

@@ -10,8 +10,8 @@ Smears: to first order, a line of length (y, x) adds (y²·m_yy + 2·y·x·m_yx 
 squares give the three coefficients; their symmetric matrix has the line along its principal axis.
 
 Planes: the smoothest captures of each plane are predicted at distances around the set distance, for all planes at once:
-each has its own minimum of χ². Only where these differ by more than noise from one error that all planes share, and
-from one that grows with the distance, which other effects state by one number, is there a start.
+each has its own minimum of χ². There is a start only where the minima differ by more than noise both from one error
+that all planes share and from an error that grows with the distance; other effects state these by one number.
 """
 
 from __future__ import annotations
@@ -39,19 +39,18 @@ _GHOST_PEAKS = 3  # [1] Peaks of the correlation tried as ghost images.
 _GHOST_MIN_SHIFT_PX = 3.0  # [px] Peaks nearer to zero shift aren't ghost images.
 _GHOST_SEPARATION_PX = 3.0  # [px] Peaks nearer to a higher one are part of it.
 _PLANE_CAPTURES = 2
-"""[captures] Of each plane that are predicted, the smoothest. Evidence: a second wavelength has other minima beside the
-true one."""
+"""[captures] The smoothest of each plane, which are predicted. Evidence: a second wavelength has other minima beside
+the true minimum."""
 _PLANE_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """[depths] Errors either way, in depths of field λ/NA². Evidence: as `DEFOCUS_DEPTHS`."""
 _PLANE_FIRST_STEP = 0.2
-"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next error that is
-tried."""
-_PLANE_LEAST_STEP = 0.02  # [depths] … and at least this. Evidence: the same for errors of 0.
+"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next trial error."""
+_PLANE_LEAST_STEP = 0.02  # [depths] … and at least this. Evidence: the same for an error of 0.
 _PLANE_STEP_RATIO = 0.4  # [1] Each step over the one before.
 _PLANE_ROUNDS = 4  # [1] Steps. Evidence: a local fit follows.
 _PLANE_MIN_GAIN = 25.0
-"""[Δχ²] By how much errors of single planes must beat one error of all, and each plane's its absence, times χ²/n where
-that is above 1. Evidence: 5 σ for one number, as for a cause (`min_delta_chi2`)."""
+"""[Δχ²] Errors of single planes must gain so much over one error of all planes, and each plane's error over none, times
+χ²/n where that is above 1. Evidence: 5 σ for one number, as for a cause (`min_delta_chi2`)."""
 
 StartingValues = list[dict[str, float]]
 StartProvider = Callable[[Effect], StartingValues]
@@ -198,7 +197,7 @@ def _principal_line(moments: NDArray[np.float64]) -> tuple[float, float] | None:
 
 
 class PlaneStarts:
-    """For an effect of errors of planes, those that the captures suggest on top of a base; none for others."""
+    """For an effect of errors of planes, the errors that the captures suggest on top of a base; none for others."""
 
     def __init__(self, context: SearchContext, base: FittedValues) -> None:
         self._context, self._base = context, base
@@ -214,12 +213,12 @@ class PlaneStarts:
         return self._found[effect.id]
 
     def _is_known(self, effect: Effect) -> bool:
-        """Whether the base has the effect, or one error for all planes."""
+        """Whether the base has the effect, or an error that all planes share."""
         return bool({effect.id, *self._context.equivalents.get(effect.id, ())} & self._base.keys())
 
 
 class _PlaneSearch:
-    """The search for the errors of all planes. planes_m: the distances that were set."""
+    """The search for the errors of all planes. planes_m: their recorded distances."""
 
     def __init__(self, context: SearchContext, base: FittedValues, effect: Effect) -> None:
         self._base, self._effect = base, effect
@@ -241,7 +240,7 @@ class _PlaneSearch:
         return ordered[:_PLANE_CAPTURES]
 
     def run(self) -> dict[str, Any] | None:
-        """The errors of the planes that are off; None where a simpler effect states them, or none is."""
+        """The errors of the planes that are off; None where a simpler effect states them, or no plane is off."""
         nothing = np.zeros(len(self.planes_m))
         before, errors = self._costs(nothing), self._on_grid()
         errors, after, curvature = self._refined(errors)
@@ -255,7 +254,7 @@ class _PlaneSearch:
         return {"distances": tuple(self.planes_m[off].tolist()), "errors": tuple(errors[off].tolist())}
 
     def _on_grid(self) -> Floats:
-        """The best error of each plane among distances that miss no minimum."""
+        """The best error of each plane, among distances so close that no minimum is missed."""
         depths = np.array(_PLANE_DEPTHS)
         tried = self._depth_m * np.concatenate([[0.0], depths, -depths])
         costs = [self._costs(np.full(len(self.planes_m), error)) for error in tried]
@@ -288,7 +287,7 @@ class _PlaneSearch:
 
 
 def _beyond(errors: Floats, curvature: Floats, shape: Floats) -> float:
-    """By how much Σ residual² exceeds its minimum, by its curvature, with errors in proportion to `shape` alone."""
+    """How much Σ residual² exceeds its minimum, by its curvature, if all errors are in proportion to `shape`."""
     power = float((curvature * shape**2).sum())
     amount = float((curvature * shape * errors).sum()) / power if power > 0 else 0.0
     return float((curvature * np.square(errors - amount * shape)).sum())

@@ -2,10 +2,10 @@
 
 The places are found in rounds. The fall of χ² if a line or a pixel kept to a level (`replacement_gains`) is compared
 with the fall for all other lines, or pixels, by median and median absolute deviation. Places that stand out far are
-taken, their levels are fitted by L-BFGS with the derivatives of an adjoint pass, and the next round looks at the
+taken, their levels are fitted by L-BFGS with the derivatives of an adjoint pass, and the next round starts from the
 residual.
 
-DeadPlace   a line, a part of one, or a pixel, and the lists of an effect's parameters that state several
+DeadPlace   a line, a part of a line, or a pixel; the lists of an effect's parameters that state several places
 StuckStarts the places that the captures suggest
 """
 
@@ -42,34 +42,34 @@ _LEVEL_COUNT = 24
 from one to the next."""
 LINE_SEGMENTS = 8
 """[segments] The gain of a line is the median of so many parts of it, times their number. Evidence: a block of stuck
-pixels reaches over one part or two, and isn't taken for a line."""
+pixels reaches over one or two parts, and isn't taken for a line."""
 _PART_SEGMENTS = 3
-"""[segments] A part of a line, from one edge on, is looked for from so many on. Evidence: as for `LINE_SEGMENTS`: the
-median of three bears one that a block reaches over."""
+"""[segments] Parts of a line are looked for that begin at an edge and have so many segments or more. Evidence: as for
+`LINE_SEGMENTS`: the median of three tolerates one that a block reaches over."""
 _END_MOVES = (-8, -4, -2, -1, 1, 2, 4, 8)
 """[pixels] By which the end of a part of a line is moved, again and again, while χ² falls. Evidence: derivation: gains
-tell the end to some pixels."""
-MIN_LINE_SIGMAS = 5.0  # [σ] Lines that stand out from the others by less aren't taken.
+locate the end to some pixels."""
+MIN_LINE_SIGMAS = 5.0  # [σ] Lines that stand out less from the others aren't taken.
 _MIN_PIXEL_SIGMAS = 8.0  # [σ] The same of single pixels, of which there are a hundred times as many.
 NEAR_BEST_LINES = 0.5
-"""[1] Lines of this share of the best one's significance are taken in the same round, where their neighbours have
+"""[1] Lines of this share of the best line's significance are taken in the same round, where their neighbours have
 less."""
 _NEAR_BEST_PIXELS = 0.6  # [1] The same of pixels, but with their neighbours, since stuck pixels come in groups.
 _MAX_PIXELS = 48
-"""[pixels] Where more stand out in a round, none does: another fault spreads over the modulator. Evidence: with stuck
-pixels it were up to 20, with the pixels of the other modulator 18 to 107."""
+"""[pixels] If more stand out in a round, none is taken, since another fault spreads over the modulator. Evidence: with
+stuck pixels up to 20 stood out, on the modulator without stuck pixels 18 to 107."""
 _MAX_ROUND_ERROR = 0.95
 """[1] A round must leave less than this share of the model's error. Evidence: places on the wrong modulator took away 2
 to 5 % in a round."""
-_MAX_ERROR_SHARE = 0.7  # [1] … and all of them together less than this.
-_EXPLAINED_ERROR_SHARE = 0.1  # [1] Where so little is left, the other modulator isn't searched.
+_MAX_ERROR_SHARE = 0.7  # [1] … and all places together less than this.
+_EXPLAINED_ERROR_SHARE = 0.1  # [1] If less is left, the other modulator isn't searched.
 _ROUNDS = 12  # [rounds] At most. Evidence: neighbours are taken in different rounds.
 _LEVEL_ITERATIONS = 6  # [1] Iterations of L-BFGS on the levels in a round. Evidence: a local fit follows.
 _LAST_ITERATIONS = 24  # [1] … and at the end, for lists that are too long for a local fit.
 _MIN_GAIN = 25.0
 """[Δχ²] A place must gain so much, times χ²/n where that is above 1. Evidence: 5 σ for one number, as for a cause
 (`min_delta_chi2`)."""
-_MAX_PLACES = 160  # [places] No more are looked for. Evidence: a modulator with more needs repair.
+_MAX_PLACES = 160  # [places] The search ends there. Evidence: a modulator with more needs repair.
 LEVELS = np.linspace(0.0, 1.0, _LEVEL_COUNT)  # [1] The shares of the stroke that are tried.
 
 Key = tuple[int | None, int | None]
@@ -108,7 +108,7 @@ class DeadPlace:
         return self.row is None or self.column is None
 
     def stands_for(self, line: DeadPlace) -> bool:
-        """Whether the place is a pixel of a line, or beside the line, which may have been taken before the line was."""
+        """Whether the place is a pixel on a line or beside it, which may have been taken before the line was."""
         if self.row is None or self.column is None or not line.is_line:
             return False
         distance = self.column - line.column if line.column is not None else self.row - (line.row or 0)
@@ -165,7 +165,7 @@ def as_values(places: Sequence[DeadPlace]) -> dict[str, Any]:
 
 
 def _without_neighbours(places: Sequence[DeadPlace]) -> list[DeadPlace]:
-    """The places but for pixels beside an earlier one."""
+    """The places without pixels beside an earlier pixel."""
     kept: list[DeadPlace] = []
     for place in places:
         if not any(_are_neighbours(place.key, other.key) for other in kept):
@@ -179,7 +179,7 @@ def _are_neighbours(a: Key, b: Key) -> bool:
 
 
 def spans_near(span: tuple[int, int], count: int, steps: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Spans of a line of `count` pixels whose inner end is moved by each of the steps; the other is at the edge."""
+    """Spans of a line of `count` pixels from an edge, with the inner end moved by each of the steps."""
     first, last = span
     for step in steps:
         moved = (first + step, last) if last == count - 1 else (first, last + step)
@@ -188,10 +188,10 @@ def spans_near(span: tuple[int, int], count: int, steps: Sequence[int]) -> Itera
 
 
 def likely_span(gains: NDArray[np.float64]) -> tuple[int, int]:
-    """The part of a line, from one edge on or all of it, that gains: of the gain of each pixel along the line.
+    """The part of a line that gains, from one edge on, or all of it. gains: of each pixel along the line.
 
-    A change point between pixels whose gain is g on average, the highest of any part of three eighths, and others of
-    none: the sum of gain − g/2 over the part is largest.
+    A change point between pixels whose gain is g on average, the highest of any part of three eighths, and pixels of no
+    gain: the sum of gain − g/2 over the part is largest.
     """
     count = len(gains)
     least = max(2, 3 * count // 8)
@@ -207,7 +207,7 @@ Floats = NDArray[np.float64]
 
 
 class StuckStarts:
-    """For an effect of stuck pixels, those that the captures suggest; none for others.
+    """For an effect of stuck pixels, the places that the captures suggest; none for others.
 
     The modulator whose lines or pixels stand out most is searched first; the other modulator only if the first doesn't
     explain most of the error.
@@ -245,15 +245,15 @@ class _StuckSearch:
 
     @cached_property
     def first_significance(self) -> float:
-        """How far the line or the pixel that stands out most does so, over the threshold of its kind."""
+        """How far the most conspicuous line or pixel stands out, over the threshold of its kind."""
         lines = [self._line_significance(self._gains, axis) for axis in (1, 2)]
         pixels = significance(self._gains[:_LEVEL_COUNT])
         line = max(float(one.max()) for one in lines) / MIN_LINE_SIGMAS
         return max(line, float(pixels.max()) / _MIN_PIXEL_SIGMAS)
 
     def run(self, comparison: Comparison) -> list[DeadPlace]:
-        """The places, with their levels: on a few captures, then on the captures of a fit, which tell levels apart that
-        few captures confuse. Pixels may stand for a line that shows earlier patterns, which only more captures show.
+        """The places with their levels: on a few captures, then on the captures of a fit, which tell levels apart that
+        few captures confuse. Pixels may stand for a line with earlier patterns, which only more captures show.
         """
         if self.first_significance < 1:
             return []
@@ -295,7 +295,7 @@ class _StuckSearch:
         return self._context.relative_model_error(self.values(places))
 
     def _comparison(self, indices: NDArray[np.intp], places: list[DeadPlace]) -> Comparison:
-        """A comparison that tolerates the error that is left with these places."""
+        """A comparison that tolerates the error that these places leave."""
         return self._context.tolerant_comparison(indices, self._error(places))
 
     def _gains_beside(self, places: list[DeadPlace], comparison: Comparison) -> Floats:
@@ -304,14 +304,14 @@ class _StuckSearch:
         return found[modulator_of(self.effect)]
 
     def _wider(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace] | None:
-        """The places with those lines that stand out beside them, or else with pixels; None where neither gains."""
+        """The places with the lines that stand out beside them, or else with pixels; None where neither gains."""
         for standing_out in (self._lines, self._pixels):
             fresh = [place for place in standing_out(gains, places) if place.key not in self._settled]
             if not fresh or len(places) + len(fresh) > _MAX_PLACES:
                 continue
             wider = self._with_fresh(places, fresh, comparison)
             apart = _without_neighbours(fresh)
-            if len(apart) < len(fresh):  # a neighbour of a dead place may seem dead too, and lead both levels astray
+            if len(apart) < len(fresh):  # a neighbour of a dead place may seem dead too, and spoil both levels
                 fewer = self._with_fresh(places, apart, comparison)
                 first = next(place for place in fewer if place.key == apart[0].key)
                 fewer = self._with_fitted_levels(self._with_best_level(fewer, first, comparison), comparison)
@@ -321,7 +321,7 @@ class _StuckSearch:
         return None
 
     def _with_fresh(self, places: list[DeadPlace], fresh: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """The places and others that stand out beside them, with fitted levels and ends; one that was known before
+        """The places with others that stand out beside them, with fitted levels and ends; a place that was known before
         takes the level of lowest χ²."""
         kept = [place for place in places if not any(place.stands_for(line) for line in fresh)]
         known = {place.key: place for place in kept}
@@ -350,7 +350,7 @@ class _StuckSearch:
 
     def _line(self, gains: Floats, sigmas: Floats, *, row: int | None = None, column: int | None = None) -> DeadPlace:
         """A line, or the part of it that gains. gains (look, pixel): for each pattern or level that it may show. sigmas
-        (look,): of the line."""
+        (look,): significance of the line."""
         look, count = int(sigmas.argmax()), _LEVEL_COUNT
         if look >= count:
             return DeadPlace(row, column, shows=(Shows.FIRST, Shows.BEFORE)[look - count])
@@ -378,9 +378,8 @@ class _StuckSearch:
         return [DeadPlace(top + int(y), left + int(x), self._level(pixels[:, y, x])) for y, x in clearest_first]
 
     def _a_wave_off(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """The places with levels that are a wave higher or lower where this lowers χ², unless the noise is reached. At
-        one wavelength levels a wave apart are the same light; with several wavelengths each of them is a local minimum
-        of χ².
+        """The places with levels a wave higher or lower where this lowers χ², unless the noise is reached. At one
+        wavelength levels a wave apart are the same light; with several wavelengths each is a local minimum of χ².
         """
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
         floor = FLOOR_CHI2
@@ -396,8 +395,9 @@ class _StuckSearch:
         return self._with_fitted_levels(places, comparison)
 
     def _with_best_level(self, places: list[DeadPlace], one: DeadPlace, comparison: Comparison) -> list[DeadPlace]:
-        """One place at the level of lowest χ², for which every level is predicted: the first level may have been that
-        of another local minimum. A place that keeps its level, or shows an earlier pattern, is settled.
+        """The places with one of them at the level of lowest χ², for which every level is predicted, because its first
+        level may belong to another local minimum. A place that keeps its level, or shows an earlier pattern, is
+        settled.
         """
         if not one.has_level:
             self._settled.add(one.key)
@@ -411,8 +411,8 @@ class _StuckSearch:
         return places
 
     def _with_joined_pixels(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """A part of a line in place of the pixels of the line, where there are so many of them that the line could have
-        been seen, and the part predicts about as well."""
+        """The places with a part of a line in place of its pixels, where there are enough of them to show the line, and
+        the part predicts about as well."""
         for axis in (0, 1):  # columns, along which rows are counted, and rows
             for number in {place.key[1 - axis] for place in places if not place.is_line}:
                 pixels = [p for p in places if not p.is_line and p.key[1 - axis] == number]
@@ -430,8 +430,8 @@ class _StuckSearch:
         return places
 
     def _with_best_looks(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """Lines that show an earlier pattern in place of a level, or a level in place of a pattern, where this lowers
-        χ², unless the noise is reached."""
+        """The places with each line as it lowers χ²: an earlier pattern in place of a level or the reverse, unless the
+        noise is reached."""
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
         if noise_alone.chi2_per_pixel(self.values(places)) >= FLOOR_CHI2:
             for line in [place for place in places if place.is_line]:
@@ -444,7 +444,7 @@ class _StuckSearch:
         return self._with_best_spans(places, comparison)
 
     def _with_best_spans(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """Parts of lines with the ends that lower χ² most; whole lines where that costs little."""
+        """Parts of lines with the ends that lower χ² most; whole lines where they cost little more."""
         for line in [place for place in places if place.span is not None]:
             others, best, cost = [one for one in places if one is not line], line, np.inf
             while best.span is not None and (now := cost_or_inf(comparison, self.values([*others, best]))) < cost:
@@ -462,7 +462,7 @@ class _StuckSearch:
         return min(tried, key=lambda places: cost_or_inf(comparison, self.values(places)))
 
     def _level(self, sigmas: Floats) -> float:
-        """The level of the highest value."""
+        """The level with the highest value of `sigmas`."""
         return float(LEVELS[int(sigmas[:_LEVEL_COUNT].argmax())])
 
     def _with_fitted_levels(
@@ -502,7 +502,7 @@ class _StuckSearch:
         return before - after > least * max(1, len(more) - len(few))
 
     def _without_superfluous(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
-        """Without places that gain too little beside the others, the last ones first."""
+        """The places without those that gain too little beside the others; the last places are tried first."""
         for place in places[::-1]:
             others = [p for p in places if p is not place]
             if not self._gains_enough(comparison, others, places):
@@ -510,7 +510,7 @@ class _StuckSearch:
         return places
 
     def values(self, places: list[DeadPlace]) -> FittedValues:
-        """The base with these places."""
+        """The values of the base with these places."""
         return {**self._base, self.effect.id: as_values(places)} if places else self._base
 
 

@@ -2,8 +2,8 @@
 
 They give the fall of χ², to first order, if a pixel kept to a level, for all pixels at once. With G = ∂χ²/∂Re t +
 i·∂χ²/∂Im t by the transmission t of a pixel: a pixel that shows the share s of the stroke has the transmission
-exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)]: to first order in the light
-of one pixel, however far its phase is off.
+exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)], to first order in the light
+of the pixel, whatever the change of its phase.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TransmissionSlope:
 
 
 class _TransmissionProbe(Effect):
-    """Adds a zero to every transmission, of which the derivative is asked for."""
+    """Adds zeros to every transmission, by which derivatives are taken."""
 
     id = "free_transmission"
     cause = "Something changes a modulator's transmission."
@@ -70,7 +70,7 @@ class _TransmissionProbe(Effect):
 def transmission_slopes(
     context: SearchContext, base: FittedValues, comparison: Comparison
 ) -> Iterator[TransmissionSlope]:
-    """The slopes of every modulator at every capture of a comparison, with the causes of a base; one pass a capture."""
+    """The slopes of every modulator at every capture of a comparison, with the causes of a base; a pass for each."""
     probe = _TransmissionProbe()
     probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
     values: FittedValues = {**base, probe.id: {"on": 1.0}}
@@ -101,8 +101,8 @@ def replacement_gains(
 ) -> dict[int, Floats]:
     """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
 
-    levels (level,): shares of the stroke. earlier: two more, for pixels that show the first pattern of all captures,
-    and the pattern of the capture before.
+    levels (level,): shares of the stroke. earlier: adds two rows, for pixels that show the first pattern of all
+    captures and for pixels that show the pattern of the capture before.
     """
     gains: dict[int, Floats] = {}
     for found in transmission_slopes(context, base, comparison):
@@ -115,13 +115,13 @@ def replacement_gains(
 
 
 def line_gains(gains: Floats, axis: int, segments: int) -> Floats:
-    """The gain of whole lines along an axis of (level, y, x), robust against parts of a line that gain alone."""
+    """The gain of whole lines along an axis of (level, y, x), robust against a few parts that gain alone."""
     parts = _segment_gains(gains, axis, segments)
     return np.asarray(segments * np.median(parts, axis=0))
 
 
 def line_significance(gains: Floats, axis: int, segments: int, least: int) -> Floats:
-    """How far lines stand out (level, line): whole ones, or parts of `least` segments and more from one edge on."""
+    """How far lines stand out, (level, line): whole, or in parts of `least` segments and more from one edge on."""
     parts = _segment_gains(gains, axis, segments)
     spans = [parts, *(half for n in range(least, segments) for half in (parts[:n], parts[-n:]))]
     return np.asarray(np.max([significance(len(span) * np.median(span, axis=0)) for span in spans], axis=0))
@@ -141,7 +141,7 @@ def significance(gains: Floats) -> Floats:
 
 
 def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
-    """Shares of the stroke (pattern, y, x) that were sent first of all, and before a capture of a comparison."""
+    """The first pattern of all captures, and the pattern before a capture, as shares of the stroke (pattern, y, x)."""
     captures = comparison.data.captures
     before = captures.drive_before(int(comparison.indices[position]))
     return np.stack([captures.first_drive[modulator], before[modulator]])
