@@ -73,8 +73,7 @@ def export_html(
     holograms: one, or several by the names that the page gives them, all with images of the same shape.
     target: the light that they should show, as `target_for` makes it; the page then wipes to it and states the PSNR.
     title, note: text above the image; the names of the holograms when empty.
-    plane_m: focal plane that the page opens with; the middle one of the first hologram when None. The exposure of a
-    field is that of `fitting_stops`.
+    plane_m: focal plane that the page opens with; the middle one of the first hologram when None.
     region: (x, y, width, height) in samples of the image, whose speckle contrast the page states and computes.
     backend: renders the stored pictures, as for `simulate`. progress: called as `simulate` does.
 
@@ -99,8 +98,9 @@ def export_html(
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     _check([view.xyz.shape[1:3] for view in views], target, region)
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
-    farthest_m = max((low, high), key=abs)
-    documents = [page_document(hologram, name, plane_m, farthest_m) for name, hologram in holograms.items()]
+    documents = [
+        page_document(hologram, name, plane_m, max(low, high, key=abs)) for name, hologram in holograms.items()
+    ]
     stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0
     page = _colours() | {
         "exposure": stops,
@@ -114,9 +114,7 @@ def export_html(
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }
-    frames = [_packed(json.dumps(heads, separators=(",", ":")).encode()) for _, heads, _ in documents]
-    data = [_packed(binary) for _, _, binary in documents]
-    write_file(path, _html(page, frames, data, title or " and ".join(holograms), note))
+    write_file(path, _html(page, documents, title or " and ".join(holograms), note))
     return Path(path)
 
 
@@ -239,8 +237,12 @@ def _data_url(webp: bytes) -> str:
     return f"data:image/webp;base64,{base64.b64encode(webp).decode('ascii')}"
 
 
-def _html(page: dict[str, Any], frames: Sequence[str], data: Sequence[str], title: str, note: str) -> str:
-    """The text of the file. Text of strangers is escaped, and JSON can't end its element."""
+def _html(page: dict[str, Any], documents: Sequence[tuple[Any, Any, bytes]], title: str, note: str) -> str:
+    """The text of the file. Text of strangers is escaped, and JSON can't end its element.
+
+    documents: of `page_document`, for each hologram.
+    """
+    frames = [_packed(json.dumps(heads, separators=(",", ":")).encode()) for _, heads, _ in documents]
     folder = Path(__file__).parent
     first_script, script = (
         "".join((folder / name).read_text(encoding="utf-8") for name in names) for names in (FIRST_SCRIPTS, SCRIPTS)
@@ -264,7 +266,7 @@ def _html(page: dict[str, Any], frames: Sequence[str], data: Sequence[str], titl
         script=Markup(script),
         document=Markup(document),
         frames=list(map(Markup, frames)),
-        data=list(map(Markup, data)),
+        data=[Markup(_packed(binary)) for _, _, binary in documents],
     )
 
 
