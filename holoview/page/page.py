@@ -87,8 +87,7 @@ def export_html(
     >>> hv.export_html("speckle.html", speckle, backend="torch").name
     'speckle.html'
     """
-    if isinstance(holograms, Hologram):
-        holograms = {holograms.system.name or "hologram": holograms}
+    holograms = {holograms.system.name or "hologram": holograms} if isinstance(holograms, Hologram) else holograms
     if not holograms:
         raise UserError("holograms", "none", expected="at least one")
     first = next(iter(holograms.values()))
