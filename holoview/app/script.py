@@ -20,6 +20,7 @@ import shlex
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,7 @@ def _run(driver: InputDriver, line: str) -> None:
     if verb not in verbs:
         raise UserError(f'"{verb}"', "unknown", remedy=suggest_matches(verb, verbs))
     verbs[verb](driver, rest.strip())
-    driver.draw_frames(2)
+    driver.process_frames(2)
     _raise_errors(driver)
 
 
@@ -93,7 +94,7 @@ def _wait_for_rig(driver: InputDriver) -> None:
         if time.monotonic() > until:
             raise UserError("wait", rig.waiting or "the rig is busy")
         time.sleep(_POLL_S)
-        driver.draw_frames()
+        driver.process_frames()
 
 
 def screenshot(driver: InputDriver, path: Path) -> None:
@@ -193,30 +194,32 @@ class InputDriver:
         self._buttons: tuple[int, ...] = ()
 
     def draw_frames(self, count: int = 1) -> NDArray[np.uint8]:
-        """Draws frames and returns the last one in 8-bit sRGB (y, x, 3). Raises an exception that ended a frame.
+        """Draws frames and returns the last one in 8-bit sRGB (y, x, 3). Raises an exception that ended a frame."""
+        self.process_frames(count - 1)
+        return np.asarray(self._complete_frame(self.canvas.draw))[..., :3].copy()
 
-        Where frames are slow, more of them are drawn, until all input has been processed.
-        """
-        image: Any = None
+    def process_frames(self, count: int = 1) -> None:
+        """Has the panels respond to input in frames that nobody sees, which take a fraction of the time."""
         for _ in range(count):
-            self.canvas._process_events()  # drawing alone leaves submitted events waiting
-            image = self._draw_frame()
-            while self.app.window.has_pending_input and not self.app.window.closed:
-                image = self._draw_frame()
-        return np.asarray(image)[..., :3].copy()
+            self._complete_frame(partial(self.app.window.draw, is_seen=False))
 
-    def _draw_frame(self) -> Any:
-        image = self.canvas.draw()
-        if self.app.window.error is not None:
-            raise self.app.window.error
-        return image
+    def _complete_frame(self, draw: Callable[[], Any]) -> Any:
+        """Draws a frame, and more of them where frames are slow, until all input has been processed."""
+        window = self.app.window
+        self.canvas._process_events()  # drawing alone leaves submitted events waiting
+        while True:
+            image = draw()
+            if window.error is not None:
+                raise window.error
+            if window.closed or not window.has_pending_input:
+                return image
 
     def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
         """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does.
 
         Endless motions, such as that of a pupil along its path, aren't waited for.
         """
-        self.draw_frames(2)
+        self.process_frames(2)
         for _ in range(_MOST_ROUNDS):  # what a frame shows for the first time, such as a score, is computed after it
             self.app.compute_until_idle(timeout_s)
             image = self.draw_frames(2)
@@ -239,19 +242,19 @@ class InputDriver:
         """Moves the pointer."""
         self._position = to
         self._pointer("pointer_move")
-        self.draw_frames()
+        self.process_frames()
 
     def press_button(self, button: int = 1) -> None:
         """Presses a button: 1 left, 2 right, 3 middle."""
         self._buttons = (button,)
         self._pointer("pointer_down", button)
-        self.draw_frames()
+        self.process_frames()
 
     def release_button(self, button: int = 1) -> None:
         """Releases a button."""
         self._buttons = ()
         self._pointer("pointer_up", button)
-        self.draw_frames(_SETTLING_FRAMES)
+        self.process_frames(_SETTLING_FRAMES)
 
     def click(self, position: Point, button: int = 1) -> None:
         """Moves to a position and clicks."""
@@ -276,9 +279,9 @@ class InputDriver:
         self._modifiers(modifiers, "key_down")
         x, y = position
         self.submit_event("wheel", x=x, y=y, dx=0.0, dy=-WHEEL_NOTCH * notches, buttons=(), modifiers=modifiers)
-        self.draw_frames(2)
+        self.process_frames(2)
         self._modifiers(modifiers, "key_up")
-        self.draw_frames()
+        self.process_frames()
 
     # --- keys -------------------------------------------------------------------------------------------------------
 
@@ -288,25 +291,25 @@ class InputDriver:
         modifiers = ("Shift", *modifiers) if name == "?" else modifiers
         self.hold_keys(modifiers)
         self.submit_event("key_down", key=name, modifiers=modifiers)
-        self.draw_frames()
+        self.process_frames()
         self.submit_event("key_up", key=name, modifiers=modifiers)
         self.release_keys(modifiers)
 
     def hold_keys(self, names: tuple[str, ...]) -> None:
         """Presses keys, given by their names in events, and keeps them down."""
         self._modifiers(names, "key_down")
-        self.draw_frames()
+        self.process_frames()
 
     def release_keys(self, names: tuple[str, ...]) -> None:
         """Releases keys."""
         self._modifiers(names, "key_up")
-        self.draw_frames(_SETTLING_FRAMES)
+        self.process_frames(_SETTLING_FRAMES)
 
     def type_text(self, text: str) -> None:
         """Types text into the widget that has the focus."""
         for letter in text:
             self.submit_event("char", data=letter, is_composing=False, input_type="insertText")
-            self.draw_frames()
+            self.process_frames()
 
     def _modifiers(self, names: tuple[str, ...], kind: str) -> None:
         for name in names:

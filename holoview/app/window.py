@@ -53,7 +53,7 @@ class Window:
         self._frame_s, self._last = frame_s, time.perf_counter()
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
         self._cursor, self._input = "", ImguiInputQueue()
-        self._has_more, self._unseen_until = False, self._last
+        self._has_more, self._is_seen, self._unseen_until = False, True, self._last
         self._context = canvas.get_wgpu_context()
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
@@ -101,16 +101,17 @@ class Window:
         """Closes the window after the present frame."""
         self._params.app_shall_exit = True
 
-    def draw(self) -> None:
+    def draw(self, *, is_seen: bool = True) -> None:
         """Draws a frame; input that waits is processed in frames before it that aren't drawn.
 
+        is_seen: whether the frame is drawn into the canvas; panels respond to input in either case.
         An exception is stored as `error` and raised, since the canvas would only log it.
         When the device was lost, nothing can be drawn any more: the exception is stored and the window closes.
         A canvas may ask for one more frame after it was closed: nothing is drawn then, since ImGui has ended.
         """
         if self.closed:
             return
-        begun = time.perf_counter()
+        begun, self._is_seen = time.perf_counter(), is_seen
         self._unseen_until = math.inf if self._frame_s else begun + _UNSEEN_S
         try:
             self._has_more = True
@@ -174,7 +175,7 @@ class Window:
         assert self._backend is not None
         is_late = time.perf_counter() > self._unseen_until
         self._has_more = self._input.has_pending and not is_late and not self._params.app_shall_exit
-        if self._has_more:
+        if self._has_more or not self._is_seen:
             return
         cursor = _CURSORS.get(imgui.MouseCursor_(imgui.get_mouse_cursor()), "default")
         if cursor != self._cursor:

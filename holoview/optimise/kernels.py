@@ -73,7 +73,7 @@ class CompiledKernels(Kernels):
     name = "compiled"
 
     def __init__(self) -> None:
-        self._mix, self._weight, self._residual = _compiled()
+        self._mix, self._weight, self._residual = _compiled_loops()
 
     def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
         from holoview.optimise.compiled_model import fits_passes
@@ -153,16 +153,24 @@ def _residual_loops(
     norms[0], norms[1] = np.sqrt(residuals), np.sqrt(errors)
 
 
-@cache
-def _compiled() -> tuple[Callable[..., None], ...]:
-    """The loops as machine code, compiled when first called with numbers of some precision."""
+REORDERED = ("contract", "reassoc", "nsz")
+"""What rounding may depend on, as LLVM calls it; infinities and NaN stay what they are."""
+
+
+def compiled(function: Any) -> Any:
+    """A function as machine code that holds no lock of Python, kept in the user's cache folder.
+
+    It is compiled when first called with numbers of some precision. Raises UserError where numba can't be loaded.
+    """
     numba = import_optional("numba", "compiled kernels")
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_dir() / "numba")  # read where a function is decorated
     try:
-        return tuple(
-            numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})(loops)
-            for loops in (_mix_loops, _weight_loops, _residual_loops)
-        )
+        return numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=set(REORDERED))(function)
     finally:
         numba.config.CACHE_DIR = before
+
+
+@cache
+def _compiled_loops() -> tuple[Callable[..., None], ...]:
+    return compiled(_mix_loops), compiled(_weight_loops), compiled(_residual_loops)

@@ -28,7 +28,7 @@ from llvmlite import ir
 from numba import extending
 from numpy.typing import NDArray
 
-from holoview.util.files import cache_dir
+from holoview.optimise.kernels import REORDERED, compiled
 
 types: Any = numba.core.types
 intrinsic: Any = extending.intrinsic
@@ -40,17 +40,6 @@ BLOCK = 2 * LANES
 """Numbers of a position of a block."""
 
 _RADICES = (4, 2, 3, 5)
-_REORDERED = ("contract", "reassoc", "nsz")  # what rounding may depend on; infinities and NaN stay what they are
-
-
-def compiled(function: Any) -> Any:
-    """A function as machine code that holds no lock of Python, kept in the user's cache folder."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_dir() / "numba")  # read where a function is decorated
-    try:
-        return numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=set(_REORDERED))(function)
-    finally:
-        numba.config.CACHE_DIR = before
 
 
 # --- vectors ---------------------------------------------------------------------------------------------------------
@@ -75,7 +64,7 @@ def _binary(instruction: str) -> Any:
     @intrinsic
     def operation(context: Any, a: Any, b: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return getattr(builder, instruction)(*arguments, flags=_REORDERED)
+            return getattr(builder, instruction)(*arguments, flags=REORDERED)
 
         return a(a, b), generate
 

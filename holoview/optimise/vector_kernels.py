@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.numerics.fourier import PrunedAxis
+from holoview.optimise.kernels import compiled
 from holoview.optimise.vector_fft import (
     BLOCK,
     LANES,
     add,
     clipped,
-    compiled,
     fft,
     fft_plan,
     load,

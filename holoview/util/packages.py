@@ -1,12 +1,17 @@
-"""The version of the installed package, and imports of libraries that a plain installation leaves out."""
+"""The installed version, imports of libraries that a plain installation leaves out, and Python files of users."""
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
+
+T = TypeVar("T")
 
 try:
     __version__ = version("holoview")
@@ -53,3 +58,21 @@ def import_optional(module: str, purpose: str) -> Any:
             found = f"{error.name.partition('.')[0]} isn't installed"
         remedy = f'install it with `pip install "holoview[{EXTRAS[library]}]"`'
         raise UserError(purpose, found, remedy=remedy) from error
+
+
+def run_python_file(file: Path, name: str, find: Callable[[ModuleType], T], *, expected: str = "a Python file") -> T:
+    """Runs all code of a user's file as a module called `name`; returns what `find` takes from the module.
+
+    No bytecode is written beside the file. Raises UserError if it is missing, or if its code fails, in `find` too.
+    """
+    if not file.is_file():
+        raise UserError(str(file), "no such file", expected=expected)
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise UserError(str(file), "isn't a Python file", expected="a name that ends in .py")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
+        return find(module)
+    except Exception as error:
+        raise UserError(str(file), f"failed: {type(error).__name__}: {error}", remedy="mend the file") from error

@@ -73,17 +73,17 @@ class Gui(InputDriver):
         """Runs a script of ImGui's test engine, e.g. lambda ctx: ctx.item_click("Lasers/White")."""
         from imgui_bundle import hello_imgui, imgui
 
-        self.draw_frames(3)  # tests are registered a few frames late
+        self.process_frames(3)  # tests are registered a few frames late
         self._engine["script"] = script
         engine, test = hello_imgui.get_imgui_test_engine(), self._engine["test"]
         imgui.test_engine.queue_test(engine, test)
         for _ in range(_FRAMES):
-            self.draw_frames()
+            self.process_frames()
             if imgui.test_engine.is_test_queue_empty(engine):
                 break
         status = test.output.status
         assert status == imgui.test_engine.TestStatus.success, test.output.log.get_text()
-        self.draw_frames(2)
+        self.process_frames(2)
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def make_gui(device: Device, pytestconfig: pytest.Config) -> Iterator[Callable[.
         app.context.loader.optimises_new_targets = False  # no optimisation that nobody asked for
         opened.append(app)
         gui = Gui(app, box)
-        gui.draw_frames(4)
+        gui.process_frames(4)
         return gui
 
     yield make

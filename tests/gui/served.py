@@ -71,9 +71,9 @@ def serving(
     program: arguments of Python that run `holoview`.
     """
     command = [sys.executable, *program, "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
-    folders = {key: str(folder) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
+    environment = os.environ | {"XDG_STATE_HOME": str(folder)}
     process = subprocess.Popen(
-        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | folders
+        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
     )
     assert process.stdout is not None
     try:

@@ -34,17 +34,22 @@ def served(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         yield served
 
 
-@pytest.fixture
-def page(served: Served, browser: Browser) -> Iterator[Any]:
-    """Its page, which shows an image; edits of other tests are undone."""
+@pytest.fixture(scope="module")
+def opened(served: Served, browser: Browser) -> Any:
+    """Its page, which shows an image; nobody has clicked on it before the first test."""
     page = browser.open(served.url, *SIZE)
     wait_for_sizes(page, *SIZE)
     wait_until(lambda: pixels(page, served.folder)[100:400, 300:600].std() > 15)
+    return page
+
+
+@pytest.fixture
+def page(opened: Any, served: Served) -> Any:
+    """The page, with the edits of other tests undone."""
     for _ in served.edits():
-        page.keyboard.press("Control+z")
+        opened.keyboard.press("Control+z")
     wait_until(lambda: served.edits() == [])
-    yield page
-    page.close()
+    return opened
 
 
 def test_keys_and_wheel_work_before_the_first_click(page: Any, served: Served) -> None:

@@ -34,7 +34,7 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
 def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
     until = time.monotonic() + timeout_s
     while not condition():
-        gui.draw_frames()
+        gui.process_frames()
         gui.app.compute_slice()
         assert time.monotonic() < until, "waited too long"
 

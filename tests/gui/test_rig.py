@@ -49,7 +49,7 @@ class RigGui:
         until = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < until, self.gui.last_message()
-            self.gui.draw_frames()
+            self.gui.process_frames()
             time.sleep(0.005)
         self.gui.draw_frames(2)
 

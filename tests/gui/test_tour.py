@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -58,9 +59,8 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
 
 
 def _click(gui: Gui, name: str) -> None:
-    gui.draw_frames(
-        4
-    )  # a panel comes to the front in the frame after it was asked to, and the card moves out of its way
+    # a panel comes to the front in the frame after it was asked to, and the card moves out of its way
+    gui.process_frames(4)
     gui.click(gui.item_position(name))
 
 
@@ -142,22 +142,23 @@ def test_the_buttons_try_what_the_steps_say(gui: Gui) -> None:
 # --- leaving it -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "leave",
-    [
-        lambda gui: gui.press_chord("Escape"),
-        lambda gui: _click(gui, "tour leave"),
-        lambda gui: gui.engine(lambda ctx: ctx.window_close("//###tour")),
-    ],
-    ids=["escape", "button", "cross"],
-)
-@pytest.mark.parametrize("step", [0, 3])
-def test_it_can_be_left_at_any_step(gui: Gui, leave: Callable[[Gui], None], step: int) -> None:
-    for _ in range(step):
-        _click(gui, "tour next")
-    leave(gui)
-    gui.draw_frames(2)
-    assert gui.app.tour.step is None and not _is_seen("###tour")
+_WAYS_OUT: dict[str, Callable[[Gui], None]] = {
+    "escape": lambda gui: gui.press_chord("Escape"),
+    "button": lambda gui: _click(gui, "tour leave"),
+    "cross": lambda gui: gui.engine(lambda ctx: ctx.window_close("//###tour")),
+}
+
+
+def test_it_can_be_left_at_any_step_and_begun_again(gui: Gui) -> None:
+    for step, (name, leave) in product((0, 3), _WAYS_OUT.items()):
+        gui.context.commands.run("Tour")
+        gui.process_frames(3)
+        for _ in range(step):
+            _click(gui, "tour next")
+        assert gui.app.tour.step == step and _is_seen("###tour")
+        leave(gui)
+        gui.process_frames(2)
+        assert gui.app.tour.step is None and not _is_seen("###tour"), name
 
 
 def test_escape_ends_what_lies_above_first(gui: Gui) -> None:

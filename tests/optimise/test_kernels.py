@@ -203,7 +203,7 @@ def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monk
     def fail() -> None:
         raise RuntimeError("no compiler for this processor")
 
-    monkeypatch.setattr("holoview.optimise.kernels._compiled", fail)
+    monkeypatch.setattr("holoview.optimise.kernels._compiled_loops", fail)
     assert choose_kernels("cpu") is TORCH_KERNELS
     choose_kernels.cache_clear()
     monkeypatch.setattr(module, "find_spec", lambda name: None)

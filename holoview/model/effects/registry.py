@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import inspect
 import os
 import pkgutil
@@ -32,6 +31,7 @@ from holoview.model.effects.effect import (
     Values,
 )
 from holoview.util.errors import UserError
+from holoview.util.packages import run_python_file
 from holoview.util.tables import check_keys, read_table
 
 if TYPE_CHECKING:
@@ -60,18 +60,9 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
 
     Raises UserError for a file that is missing or fails, defines no effect, or uses the id of an effect of the library.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise UserError(str(file), "no such file", expected="a Python file that defines an Effect")
-    spec = importlib.util.spec_from_file_location(f"{_USER_MODULES}.{file.stem}", file)
-    if spec is None or spec.loader is None:
-        raise UserError(str(file), "isn't a Python file", expected="a name that ends in .py")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
-        effects = list(_effects_of(module))
-    except Exception as error:
-        raise UserError(str(file), f"failed: {type(error).__name__}: {error}", remedy="mend the file") from error
+    file, defined = Path(path), "a Python file that defines an Effect"
+    name = f"{_USER_MODULES}.{file.stem}"
+    module, effects = run_python_file(file, name, lambda module: (module, list(_effects_of(module))), expected=defined)
     if not effects:
         raise UserError(str(file), "defines no effect", expected="a class that derives from holoview.effects.Effect")
     for effect in effects:

@@ -12,7 +12,6 @@ as failures of the device. It needs nothing of holoview.
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Callable, MutableMapping
 from pathlib import Path
@@ -33,6 +32,7 @@ from holoview.rig.kinds.checks import (
     text,
 )
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.packages import run_python_file
 
 _OPTIONS = {"file": text, "class": text, "arguments": table}
 _SLM_OPTIONS = {**_OPTIONS, "settle": Number(low=0.0, high=1000.0).parse}
@@ -153,15 +153,8 @@ _WRAPPERS = {"slm": _Modulator, "camera": _Camera, "lasers": _Lasers, "stage": _
 
 def _run(file: Path, where: str) -> ModuleType:
     """Runs a file, which is said on stderr."""
-    if not file.is_file():
-        raise UserError(where, f"{file}: no such file", expected="a Python file")
-    spec = importlib.util.spec_from_file_location(f"holoview_rig_{file.stem}", file)
-    if spec is None or spec.loader is None:
-        raise UserError(where, f"{file} isn't a Python file", expected="a name that ends in .py")
-    module = importlib.util.module_from_spec(spec)
     print(f"running {file} for its devices", file=sys.stderr)
     try:
-        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
-    except Exception as error:
-        raise UserError(where, f"{file} failed: {type(error).__name__}: {error}", remedy="mend the file") from error
-    return module
+        return run_python_file(file, f"holoview_rig_{file.stem}", lambda module: module)
+    except UserError as error:
+        raise error.inside(f"{where}: ") from error
