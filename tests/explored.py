@@ -8,6 +8,11 @@ from typing import Any
 import pytest
 
 
-def explored(cases: Iterable[Any], by_default: Collection[Any]) -> list[Any]:
-    """The cases of `pytest.mark.parametrize`; those that aren't in `by_default` are marked `explores`."""
-    return [case if case in by_default else pytest.param(case, marks=pytest.mark.explores) for case in cases]
+def explored(cases: Iterable[Any], by_default: Collection[Any] | int) -> list[Any]:
+    """The cases of `pytest.mark.parametrize`; those that the default run leaves out are marked `explores`.
+
+    by_default: the cases that it takes, or how many of the first.
+    """
+    listed = list(cases)
+    kept = listed[:by_default] if isinstance(by_default, int) else by_default
+    return [case if case in kept else pytest.param(case, marks=pytest.mark.explores) for case in listed]

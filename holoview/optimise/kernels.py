@@ -17,8 +17,7 @@ import numpy as np
 import torch
 
 from holoview.optimise.beams import SpectralAxis, flat_view
-from holoview.util.files import cache_dir
-from holoview.util.packages import import_optional
+from holoview.optimise.machine_code import compiled
 
 Tensor = torch.Tensor
 
@@ -151,24 +150,6 @@ def _residual_loops(
                 errors += error * error
                 image[x] = residual * scale
     norms[0], norms[1] = np.sqrt(residuals), np.sqrt(errors)
-
-
-REORDERED = ("contract", "reassoc", "nsz")
-"""What rounding may depend on, as LLVM calls it; infinities and NaN stay what they are."""
-
-
-def compiled(function: Any) -> Any:
-    """A function as machine code that holds no lock of Python, kept in the user's cache folder.
-
-    It is compiled when first called with numbers of some precision. Raises UserError where numba can't be loaded.
-    """
-    numba = import_optional("numba", "compiled kernels")
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_dir() / "numba")  # read where a function is decorated
-    try:
-        return numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=set(REORDERED))(function)
-    finally:
-        numba.config.CACHE_DIR = before
 
 
 @cache

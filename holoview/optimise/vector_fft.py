@@ -28,7 +28,7 @@ from llvmlite import ir
 from numba import extending
 from numpy.typing import NDArray
 
-from holoview.optimise.kernels import REORDERED, compiled
+from holoview.optimise.machine_code import REORDERED, compiled
 
 types: Any = numba.core.types
 intrinsic: Any = extending.intrinsic
@@ -380,7 +380,7 @@ def _stage_5(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
 @compiled
 def fft(block: Any, other: Any, radices: Any, roots: Any, starts: Any) -> Any:
     """The transform of a block, which lies in one of the two afterwards: this is returned. Both are overwritten."""
-    length, group = block.size // BLOCK, 1
+    length, group = block.size // BLOCK, np.int64(1)  # the literal 1 would be a type of its own, compiled as well
     for stage in range(radices.size):
         radix = radices[stage]
         stride, factors = length // radix, roots[starts[stage] :]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.numerics.fourier import PrunedAxis
-from holoview.optimise.kernels import compiled
+from holoview.optimise.machine_code import compiled
 from holoview.optimise.vector_fft import (
     BLOCK,
     LANES,
@@ -390,9 +390,10 @@ def evaluate_rows(
             start = min(x, shown.size - LANES)
             _load_targets(target, target_strides, channels, row, count, start, squares)
             if x > start:  # a square ends with the row: its last columns are new
+                known = (x - start) * LANES
                 for channel in range(channels):
-                    fresh = squares[channel * _PARTS + (x - start) * LANES : (channel + 1) * _PARTS]
-                    squares[channel * _PARTS : channel * _PARTS + fresh.size] = fresh
+                    for i in range(channel * _PARTS, (channel + 1) * _PARTS - known):
+                        squares[i] = squares[i + known]
             places = shown[x : x + LANES]
             if channels == 3:
                 _compare_3(fields, places, weights, squares, slopes, x, count, lane_values, sums)
@@ -406,7 +407,10 @@ def evaluate_rows(
             _load_adjoint(a, fields[beam], shown, weights[beam], factor, slopes)
             at = beam // beams[1] * strides[0] + beam % beams[1] * strides[1] + row * strides[2]
             _store_rows(fft(a, b, radices, roots, starts), lines, at, strides[2], count, band, squares)
-    norms[0], norms[1] = math.sqrt(sums[:LANES].sum()), math.sqrt(sums[LANES:].sum())
+    for lane in range(1, LANES):
+        sums[0] += sums[lane]
+        sums[LANES] += sums[LANES + lane]
+    norms[0], norms[1] = math.sqrt(sums[0]), math.sqrt(sums[LANES])
 
 
 # --- modulators ------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from holoview.commands.console import deferred_interrupt
 from holoview.io.hologram import load_hologram
 from holoview.optimise.solve import iterate
 from holoview.util import processes
+from tests.explored import explored
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -113,9 +114,10 @@ sys.exit(run())
 """
 
 
-@pytest.mark.parametrize(
-    "module", ["holoview.cli", "argparse", "holoview.util.errors", "holoview.commands.presets", "numpy", "tomllib"]
-)
+MODULES = ("holoview.cli", "holoview.commands.presets", "numpy", "argparse", "holoview.util.errors", "tomllib")
+
+
+@pytest.mark.parametrize("module", explored(MODULES, 3))
 def test_an_interrupt_at_any_import_is_quiet(module: str) -> None:
     program = _AT_IMPORT.format(module=module)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)

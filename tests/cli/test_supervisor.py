@@ -16,6 +16,7 @@ import pytest
 
 from holoview.commands.console import EXIT_DEVICE_LOST
 from holoview.commands.supervisor import MOST_CRASHES, is_crash, is_supervised, supervise
+from tests.explored import explored
 from tests.patience import PATIENCE_S
 
 
@@ -53,14 +54,14 @@ def _supervise(folder: Path, *ends: object) -> int:
     return supervise(_program, ["view", str(folder)])
 
 
-@pytest.mark.parametrize("code", [0, 2, 130])
+@pytest.mark.parametrize("code", explored([2, 0, 130], 1))
 def test_what_ends_by_itself_isnt_started_again(tmp_path: Path, code: int) -> None:
     assert _supervise(tmp_path, code) == code
     assert len(_calls(tmp_path)) == 1
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-@pytest.mark.parametrize("end", [-signal.SIGABRT, -signal.SIGSEGV, EXIT_DEVICE_LOST])
+@pytest.mark.parametrize("end", explored([-signal.SIGABRT, EXIT_DEVICE_LOST, -signal.SIGSEGV], 2))
 def test_after_a_crash_the_program_starts_again_with_the_work_of_the_process_that_crashed(
     tmp_path: Path, end: int, capfd: pytest.CaptureFixture[str]
 ) -> None:

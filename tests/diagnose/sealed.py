@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
 
 import numpy as np
-import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
@@ -16,18 +14,6 @@ from holoview.model.system import System
 from tests.diagnose.effect_sampling import sample_effect
 
 Truth = dict[str, dict[str, float]]
-
-T = TypeVar("T")
-
-
-def taken(cases: Sequence[T], count: int) -> list[T]:
-    """The first cases, which every run takes."""
-    return list(cases[:count])
-
-
-def explored(cases: Sequence[T], count: int) -> list[Any]:
-    """All cases, of which every run takes the first ones, and only runs that explore the others."""
-    return [*cases[:count], *(pytest.param(case, marks=pytest.mark.explores) for case in cases[count:])]
 
 
 class Sealed:

@@ -161,8 +161,8 @@ def _budget(fields: int) -> SearchConfig:
 
 
 def test_a_search_that_was_ended_says_so() -> None:
-    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=1))
-    effects = [listed_effects()[name] for name in FEW]
+    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=4, seed=1))
+    effects = [listed_effects()[name] for name in TWO]
     short = diagnose(captures, effects, free_maps=False, config=_budget(200))
     assert short.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     assert any("--thorough" in note for note in short.notes)

@@ -19,7 +19,7 @@ from holoview.diagnose.report.diagnosis import Cause
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room, Shading
-from tests.diagnose.sealed import explored
+from tests.explored import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""

@@ -14,7 +14,8 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
-from tests.diagnose.sealed import Sealed, Truth, explored
+from tests.diagnose.sealed import Sealed, Truth
+from tests.explored import explored
 
 EVERY = [
     "aberration1",

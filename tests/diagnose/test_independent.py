@@ -13,7 +13,7 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Stop, StopFault, write_session
-from tests.diagnose.sealed import explored
+from tests.explored import explored
 
 SAMPLES = Path(__file__).resolve().parents[1] / "data"
 FEW = ("camera_blur", "distance", "gap", "stroke", "tilt")

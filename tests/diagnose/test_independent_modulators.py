@@ -16,7 +16,7 @@ from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_modulators import CoverGlass, LightFaults, ModulatorFaults
-from tests.diagnose.sealed import explored
+from tests.explored import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""

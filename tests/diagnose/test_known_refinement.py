@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 import torch
@@ -11,6 +13,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.bench_parts import Modulator
 from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.effects.hook_contexts import CameraContext
@@ -46,12 +49,16 @@ def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, fl
     return make_captures(system, true | fault, AcquisitionSettings(captures_per_condition=each, seed=2))
 
 
+def _diagnosed(captures: Captures, names: Sequence[str] = NAMES, time_s: float | None = None) -> Diagnosis:
+    effects = [get_effect(name) for name in names]
+    return diagnose(captures, effects, known=KNOWN, uncertain=UNCERTAIN, free_maps=False, time_s=time_s)
+
+
 @pytest.mark.parametrize(
     "fault", [pytest.param({}, marks=pytest.mark.explores), {"stroke": {"stroke_error": -0.03}}], ids=["none", "stroke"]
 )
 def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault: dict[str, dict[str, float]]) -> None:
-    effects = [get_effect(name) for name in NAMES]
-    found = diagnose(_measured(fault, ERRORS), effects, known=KNOWN, uncertain=UNCERTAIN)
+    found = _diagnosed(_measured(fault, ERRORS))
     assert found.verdict == (Verdict.EXPLAINED if fault else Verdict.CONSISTENT)
     assert [cause.effect for cause in found.causes] == list(fault)
     for name, own in UNCERTAIN.items():
@@ -63,7 +70,7 @@ def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault
 
 def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
     errors = {"gap": {"gap_error": 30e-6}}
-    found = diagnose(_measured({}, errors), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
+    found = _diagnosed(_measured({}, errors))
     assert [cause.effect for cause in found.causes] == ["gap"]
     assert found.values["gap"]["gap_error"] == pytest.approx(30e-6, abs=1e-6)
     assert found.causes[0].sentence == "The gap is 1.11 mm, not 1.08 mm."
@@ -71,15 +78,13 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
 
 def test_a_correction_that_takes_too_long_is_told() -> None:
     captures = _measured({}, ERRORS, each=2)
-    found = diagnose(captures, [get_effect("stroke")], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
-    assert found.known == KNOWN
-    effects = [get_effect(name) for name in NAMES]
-    found = diagnose(captures, effects, known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
+    assert _diagnosed(captures, ("stroke",), time_s=0.0).known == KNOWN
+    found = _diagnosed(captures, time_s=0.0)
     assert any("stayed as they were measured" in note for note in found.notes)
 
 
 def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
-    found = diagnose(_measured({}, {}), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
+    found = _diagnosed(_measured({}, {}))
     assert found.verdict is Verdict.CONSISTENT and found.known == KNOWN
 
 

@@ -18,6 +18,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.judge import Decision, NoiseCheck, Verdict, check_noise, limited_by_noise
 from holoview.diagnose.likelihood import Comparison
 from holoview.diagnose.pipeline import diagnose
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import SHAPE, pictures, small_system
 
 COUNT = 4
@@ -102,6 +103,7 @@ def test_overstated_noise_neither_clears_nor_explains() -> None:
 def test_a_file_with_half_the_electrons_per_count_is_not_consistent() -> None:
     captures = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=5))
     halved = dataclasses.replace(captures.camera, electrons_per_count=captures.camera.electrons_per_count / 2)
-    found = diagnose(dataclasses.replace(captures, camera=halved), free_maps=False)
+    effects = [listed_effects()[name] for name in ("camera_gamma", "gap", "stroke")]
+    found = diagnose(dataclasses.replace(captures, camera=halved), effects, free_maps=False)
     assert found.verdict is Verdict.UNEXPLAINED and not found.causes
     assert any(note.startswith("The noise is overstated") for note in found.notes)

@@ -87,7 +87,7 @@ FAR = AcquisitionSettings(
 )
 """Speckles of the longer wavelength take 5.9 × 4.7 pixels (y, x), so that 12 of them are a sixth of the picture."""
 FAR_CONFIG = SearchConfig(region=RegionConfig(side_px=12, min_saving=2.0))
-FAR_EFFECTS = [listed_effects()[name] for name in ("stroke", "tilt", "camera_alignment", "camera_blur")]
+FAR_EFFECTS = [listed_effects()[name] for name in ("stroke", "camera_blur")]
 
 
 @cache

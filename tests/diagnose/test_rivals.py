@@ -20,6 +20,7 @@ from holoview.model.system import System
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import make_context_of, measure_at_one_exposure, small_system
 from tests.diagnose.effect_sampling import sample_effect
+from tests.explored import explored
 
 MODULATOR = {"slm_alignment": {"shift_y": 3e-6, "rotation": 3e-3}}
 BLACK = {"camera_black": {"black": 45.0}}
@@ -45,10 +46,14 @@ def _found(context: SearchContext, truth: EffectValues) -> SearchResult:
     return rank_on_held_out(context, [refine_fit(context, CandidateFit((*values,), values, 0.0))])
 
 
-def test_a_black_level_at_one_exposure_may_be_light_of_the_room() -> None:
+ALIKE = ("ambient", "camera_alignment", "camera_black", "camera_gamma", "gap", "slm_alignment", "stroke")
+
+
+@pytest.mark.parametrize("names", explored([ALIKE, tuple(listed_effects())], [ALIKE]), ids=["few", "all"])
+def test_a_black_level_at_one_exposure_may_be_light_of_the_room(names: tuple[str, ...]) -> None:
     """Light of the room has more noise: by χ² alone it explained the captures better than the truth, χ²/n 0.6."""
     captures = measure_at_one_exposure(small_system(), {**BLACK, **MODULATOR}, seed=2)
-    found = diagnose(captures, free_maps=False)
+    found = diagnose(captures, [listed_effects()[name] for name in names], free_maps=False)
     assert found.verdict is Verdict.AMBIGUOUS
     assert {cause.effect for cause in found.causes} == {"camera_black", "slm_alignment"}
     assert {frozenset(rival) for rival in found.rivals} == {frozenset({"ambient", "slm_alignment"})}

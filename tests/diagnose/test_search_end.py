@@ -23,7 +23,7 @@ from tests.diagnose.conftest import MakeContext, small_system
 
 FAULTS = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}
 SESSION = AcquisitionSettings(captures_per_condition=3, seed=1)
-EFFECTS = [listed_effects()[name] for name in ("gap", "stroke", "tilt")]
+EFFECTS = [listed_effects()[name] for name in FAULTS]
 
 
 @dataclass

@@ -15,7 +15,7 @@ from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_modulators import Dead, ModulatorFaults
-from tests.diagnose.sealed import explored
+from tests.explored import explored
 
 SAME = SamplingConfig(padding=3)
 """The samples of the program where its pixels have two along a side and the camera one pixel for each."""
@@ -77,7 +77,7 @@ SMALL: dict[str, tuple[Dead, dict[str, tuple[int, ...]], dict[str, float]]] = {
 }
 
 
-@pytest.mark.parametrize("name", explored(list(SMALL), 1))
+@pytest.mark.parametrize("name", explored(list(SMALL), 0))
 def test_parts_of_lines_and_lines_of_earlier_patterns_are_named(tmp_path: Path, name: str) -> None:
     dead, places, levels = SMALL[name]
     found = _diagnosed(tmp_path, Faults(modulators=ModulatorFaults(dead=((dead,), ()))), {"each": 4, "seed": 1}, FEW)

@@ -25,7 +25,7 @@ from holoview.util.tables import record_from_table
 
 _SETTINGS = settings(
     deadline=None,
-    max_examples=80,
+    max_examples=40,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],

@@ -47,6 +47,7 @@ def wait_for_sizes(page: Any, width: int, height: int, ratio: float = 1.0) -> No
     wait_until(lambda: page.evaluate(_SIZES) == expected)
 
 
+@pytest.mark.explores
 def test_without_the_token_there_is_no_page(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path) as served:
         page = browser.open(f"http://{served.address}/?token=wrong", 400, 300)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
@@ -159,7 +160,8 @@ def test_alone_nothing_changes() -> None:
 
 def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "holoview"]
-    picture = REPOSITORY / "assets" / "still-life.png"
+    picture = tmp_path / "grey.png"
+    Image.new("RGB", (64, 48), (90, 120, 150)).save(picture)
     options = ["--set", "shape=[24,32]", "--iterations", "2", "--device", "cpu", "--sharded", "-o", "h.safetensors"]
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
@@ -172,7 +174,7 @@ def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> No
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("h.safetensors: 2 iterations") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["h.safetensors"]
+    assert {path.name for path in tmp_path.iterdir()} == {picture.name, "h.safetensors"}
 
 
 CPU = torch.device("cpu")

@@ -27,7 +27,7 @@ from holoview.model.system import System
 from holoview.page.recording import bench_numbers
 from tests.chromium import needs_chromium, started_browser
 
-BENCHES, MORE_BENCHES = 150, 3000
+BENCHES, MORE_BENCHES = 60, 3000
 FOLDER = Path(holoview.page.__file__).parent
 _LAYOUTS = """
 const encode = array => {

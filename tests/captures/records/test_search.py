@@ -17,7 +17,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.system import System
 from tests.captures.records.mistakes import Arrays, Name, all_mistakes, names, shuffle, spoiled, turn
-from tests.diagnose.sealed import explored
+from tests.explored import explored
 
 WAVELENGTHS, PLANES = 3, 3
 MISTAKES = all_mistakes(WAVELENGTHS, PLANES)

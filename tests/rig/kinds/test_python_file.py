@@ -68,7 +68,7 @@ def test_safety_limits_hold(write_rig: WriteRig) -> None:
             "class Bad(Stage): pass",
             'rig.toml: stage.class: mine.py has no class "Bed"; did you mean Bad',
         ),
-        ("stage", "Bad", "1 / 0", r"rig.toml: stage.file: .*mine.py failed: ZeroDivisionError"),
+        ("stage", "Bad", "1 / 0", r"rig.toml: stage.file: .*mine.py: failed: ZeroDivisionError"),
     ],
 )
 def test_what_does_not_fit_is_named(
