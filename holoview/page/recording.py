@@ -7,27 +7,46 @@ Python to replay.
 allocates, compiles and dispatches on it is the *frame recording*, a JSON object, and contents of buffers:
 
     format, version   "holoview-frame-recording", "1"
-    strategy          of the FFTs: "passes" runs on every device, "workgroup" needs more workgroup memory for long lines
-    is_quick          whether the image is a preview on a smaller grid, whose shaders compile and run faster
+    strategy          of the FFTs: "passes" runs everywhere, "workgroup" needs the workgroup memory in `limits`
+    is_quick          whether it is the recording of the quick image, on a smaller grid, whose shaders compile faster
     plane_m           the focal plane of the tables that change with it, or null with an eye
     limits            the device limits that the recording keeps to: WebGPU's, which every device offers, or higher ones
     shape             samples (y, x) of the image
     pitch             pixels from one row to the next in the sRGB image
-    buffers           each: label, size in bytes, usage ("storage" or "uniform"), data: number of its content or null
-    pipelines         each: label, WGSL code, override constants, bindings of each group as [binding, type]
+    buffers           each: label, size in bytes, usage ("storage" or "uniform"), data: number of its content in
+                      `contents`, or null for zeros
+    codes             the WGSL texts
+    pipelines         each: label, code (number of its text), constants (values of `override` declarations), and
+                      groups: the bindings of each bind group as [number, type]
     bind_groups       each: pipeline, group, entries as [binding, buffer]
-    lit               each frame and wavelength with light: [frame, wavelength, intensity buffer, index in it]
-    is_kept           whether `field` steps write to buffers of their own; else they precede each `intensity`
-    steps             in order; each: name, frame, source, wavelength, dispatches as [pipeline, bind groups, workgroups]
-    results           labels of the buffers to read: XYZ and the sRGB image
-
-The contents of buffers are parts of the binary data, each with its offset and bytes and how it is stored
-(`pack_contents`); recordings of the same frame by several strategies share them.
+    lit               each frame and wavelength with light: [frame, wavelength, buffer, index]; buffer counts those of
+                      intensities in the order of the `composite` steps
+    is_kept           whether each `field` step has a buffer of its own, so that a new focal plane repeats `intensity`
+                      only; else `field` precedes each `intensity`
+    steps             in order; each: name, dispatches as [pipeline, [[group, bind group], …], [x, y, z] workgroups],
+                      and of `field` and `intensity`: frame, source, wavelength
+    results           labels of the buffers that hold XYZ (four float32 a sample) and the sRGB image (4 bytes a pixel)
 
 Names of steps: `field` computes the light behind the last modulator, `intensity` the intensity at the plane of one
-wavelength, `composite` XYZ, `show` the 8-bit sRGB image. A step reads tables, which are buffers with the names that
-`DeviceTables` gives them ("propagations 1", "support 1", …): who changes a table repeats the steps that read it, of
-the wavelengths that changed, and those that follow.
+wavelength, `composite` XYZ, `show` the 8-bit sRGB image; replayed in this order, they make the image. A step reads
+tables, which are buffers with these labels (`DeviceTables`): who changes a table repeats the steps that read it, of the
+wavelengths that changed, and those that follow.
+
+    plane waves       of each source and wavelength: the struct PlaneWave
+    pixel spectra     of each source and wavelength: the spectrum of one pixel along y, then along x, two float32 each
+    modulators M      of each wavelength: the struct Modulator
+    opd FRAME M       a pattern, float32 of 0 to 1 of the stroke
+    propagations N    of each wavelength: the struct Propagation, through the gap (0) or to the focal plane (1)
+    support N         of each wavelength and column of frequencies, four int32: the smallest absolute k_y, the lowest
+                      and the highest k_y that pass
+    dense FRAME M WAVELENGTH, pupil RELAY WAVELENGTH
+                      a transmission of each sample, a pupil at each frequency, complex: where effects or aberrations
+                      need them
+
+A content is a part of the binary data from `offset`, of so many `bytes`; recordings of the same frame by several
+strategies share them. Of the kind `raw` it is stored as it is; of the kinds `codes8` and `codes16` it begins with a
+table of `values` 32-bit words, and then has a number of 8 or 16 bits into this table for each word. All numbers are
+little-endian. Phases are in turns, in fixed point: 32 bits and 16 guard bits.
 """
 
 from __future__ import annotations
