@@ -76,7 +76,7 @@ from holoview.optimise.parallel import (
     resolve_torch_device,
     torchrun_group,
 )
-from holoview.optimise.settings import INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
+from holoview.optimise.settings import FIELD_LOSS, INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
 from holoview.rig import read_rig
 from holoview.targets.focal_stack import Film, is_video
 from holoview.targets.light_field import ViewGrid
@@ -93,7 +93,6 @@ from holoview.wavefield.request import ReadRequest
 _DEFAULTS = Settings()
 _NEXT_ITERATIONS = 20
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
-_FIELD_LOSS = "field"
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
 
@@ -113,9 +112,9 @@ def run(args: argparse.Namespace) -> int:
     if args.method != METHODS[0] and (args.rig is not None or is_film):
         where = "--rig" if args.rig is not None else "a film"
         raise UserError(f"--method {args.method}", f"with {where}", expected=f"--method {METHODS[0]}")
-    if args.loss == _FIELD_LOSS and (args.rig is not None or is_film or args.method != METHODS[0]):
+    if args.loss == FIELD_LOSS and (args.rig is not None or is_film or args.method != METHODS[0]):
         where = "--rig" if args.rig is not None else "a film" if is_film else f"--method {args.method}"
-        raise UserError(f"--loss {_FIELD_LOSS}", f"with {where}", expected="a field as the target, and --method adam")
+        raise UserError(f"--loss {FIELD_LOSS}", f"with {where}", expected="a field as the target, and --method adam")
     if args.rig is not None:
         return _run_on_rig(args)
     _require_no_rig_options(args)
@@ -135,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     source = _target_source(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
     aimed = eyes.aimed(system)
     stack: NDArray[np.float32] | StacksAt | ComplexTarget = target_at_places(source, aimed, pupils)
-    if args.loss == _FIELD_LOSS:
+    if args.loss == FIELD_LOSS:
         stack = _complex_target(args, source, aimed)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
         result, interruption = optimise_with_progress(aimed, stack, settings, options, group)
@@ -234,9 +233,9 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
 def _add_objective(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--loss",
-        choices=(*LOSS_SPACES, _FIELD_LOSS),
+        choices=(*LOSS_SPACES, FIELD_LOSS),
         help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items())
-        + f"; {_FIELD_LOSS}: the complex field of each laser, of a target that is one",
+        + f"; {FIELD_LOSS}: the complex field of each laser, of a target that is one",
     )
     group.add_argument(
         "--free",
@@ -390,7 +389,7 @@ def _settings(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> 
         step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
-        loss=None if args.loss == _FIELD_LOSS else args.loss,
+        loss=None if args.loss == FIELD_LOSS else args.loss,
         region=_region_or_margin(args, system),
         plane_weights=weights,
         eyebox=args.eyebox,
@@ -480,7 +479,7 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
 def _complex_target(args: argparse.Namespace, source: TargetSource, system: System) -> ComplexTarget:
     """The fields that --loss field compares. Raises UserError for a target that isn't a field."""
     if not isinstance(source.scene, FieldTarget):
-        raise UserError(f"--loss {_FIELD_LOSS}", f"with {args.target}", expected="a complex field as the target")
+        raise UserError(f"--loss {FIELD_LOSS}", f"with {args.target}", expected="a complex field as the target")
     target = ComplexTarget.of(source.scene, system)
     return replace(target, stack=target.stack * np.float32(args.brightness))
 

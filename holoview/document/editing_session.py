@@ -28,7 +28,7 @@ from holoview.document.target_builder import TargetBuilder, TargetSpec
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes
-from holoview.optimise.settings import LOSS_SPACES
+from holoview.optimise.settings import FIELD_LOSS, LOSS_SPACES
 from holoview.render.scene import Drive, Scene
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
@@ -489,7 +489,8 @@ MOST_ITERATIONS = 100_000
 class OptimisationChoices:
     """Choices for an optimisation.
 
-    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer.
+    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer,
+    or FIELD_LOSS.
     start_patterns: "now" for the present patterns, "random", or "smooth". iterations: number of them. eyebox: weight of
     an evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
     chromatic aberration is compensated or ignored.
@@ -506,7 +507,11 @@ class OptimisationChoices:
     chromatic: str = CHROMATIC[0]
 
     def __post_init__(self) -> None:
-        options_of = {"scheme": ("", *SCHEMES), "loss": ("", *LOSS_SPACES), "start_patterns": START_PATTERNS}
+        options_of = {
+            "scheme": ("", *SCHEMES),
+            "loss": ("", *LOSS_SPACES, FIELD_LOSS),
+            "start_patterns": START_PATTERNS,
+        }
         for key, options in options_of.items():
             if getattr(self, key) not in options:
                 expected = ", ".join(option or "nothing" for option in options)

@@ -32,7 +32,7 @@ from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, target_at_places
 from holoview.optimise.memory import with_compact_grid
-from holoview.optimise.settings import Settings
+from holoview.optimise.settings import FIELD_LOSS, Settings
 from holoview.render.planes import render_each, render_planes
 from holoview.render.scene import Drive
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
@@ -53,7 +53,8 @@ class OptimisationRequest:
     the present patterns, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
     iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
     superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
-    device: of torch, "auto" for the fastest. Raises UserError for invalid values.
+    device: of torch, "auto" for the fastest. compares_fields: the complex fields of lasers, with a target that is one.
+    Raises UserError for invalid values.
     """
 
     settings: Settings = field(default_factory=Settings)
@@ -64,6 +65,7 @@ class OptimisationRequest:
     superpixel: int = 1
     only_plane_m: float | None = None
     device: str = "auto"
+    compares_fields: bool = False
 
     def __post_init__(self) -> None:
         if self.start_patterns not in START_PATTERNS:
@@ -131,7 +133,9 @@ class OptimisationJob(BackgroundJob):
         system = system if request.only_plane_m is None else system.edit({"planes": [request.only_plane_m]})
         system = request.eyes.aimed(system)
         places = request.eyes.places_in(system)
-        settings, stack = places.in_settings(request.settings), target_at_places(target_spec, system, places)
+        settings = places.in_settings(request.settings)
+        seen = None if request.compares_fields else target_at_places(target_spec, system, places)
+        stack = target_spec.fields_for(system) if seen is None else seen
         control.report(0, request.settings.iterations, "preparing")
         start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
         state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
@@ -205,6 +209,9 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
         raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
     if running_optimisation(session) is not None:
         raise UserError("optimise", "one is running", remedy="keep or cancel it first")
+    if request.compares_fields and not session.target_spec.is_field:
+        found = f'"{FIELD_LOSS}" with {session.target_spec.title}'
+        raise UserError("loss", found, expected="a complex field as the target", remedy="File → Target from a field…")
     if request.start_patterns in ("random", "smooth"):
         request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
     system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
@@ -221,9 +228,14 @@ def run_optimisation(session: EditingSession, job: OptimisationJob) -> Optimisat
 
 def chosen_optimisation(choices: OptimisationChoices, system: System) -> OptimisationRequest:
     """The optimisation that a user has chosen, for a system. Raises UserError for invalid choices."""
-    settings = Settings(iterations=choices.iterations, loss=choices.loss or None, eyebox=choices.eyebox)
+    compares_fields = choices.loss == FIELD_LOSS
+    loss = None if compares_fields else choices.loss or None
     return OptimisationRequest(
-        settings, scheme=choices.scheme or None, start_patterns=choices.start_patterns, eyes=choices.eyes_for(system)
+        Settings(iterations=choices.iterations, loss=loss, eyebox=choices.eyebox),
+        scheme=choices.scheme or None,
+        start_patterns=choices.start_patterns,
+        eyes=choices.eyes_for(system),
+        compares_fields=compares_fields,
     )
 
 
@@ -292,6 +304,7 @@ class RestOfOptimisation:
     device: str = "auto"
     pupils: str = ""
     chromatic: str = CHROMATIC[0]
+    compares_fields: bool = False
 
     def __post_init__(self) -> None:
         self.request()
@@ -301,7 +314,12 @@ class RestOfOptimisation:
         settings = read_record(Settings, self.settings, "settings", _WHAT)
         eyes = OptimisedEyes.from_text(self.pupils or None, self.chromatic)
         return OptimisationRequest(
-            settings, start_patterns="now", eyes=eyes, only_plane_m=self.only_plane_m, device=self.device
+            settings,
+            start_patterns="now",
+            eyes=eyes,
+            only_plane_m=self.only_plane_m,
+            device=self.device,
+            compares_fields=self.compares_fields,
         )
 
 
@@ -340,9 +358,8 @@ def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation |
     rest = json.dumps(dataclasses.asdict(dataclasses.replace(settings, iterations=left, step_rad=step_rad)))
     eyes, request = job.request.eyes, job.request
     pupils = "" if eyes.pupils is None else str(eyes.pupils)
-    return UnfinishedOptimisation(
-        best, RestOfOptimisation(rest, request.only_plane_m, request.device, pupils, eyes.chromatic)
-    )
+    own = request.only_plane_m, request.device, pupils, eyes.chromatic, request.compares_fields
+    return UnfinishedOptimisation(best, RestOfOptimisation(rest, *own))
 
 
 def continue_optimisation(session: EditingSession, unfinished: UnfinishedOptimisation) -> None:

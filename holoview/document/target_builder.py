@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,10 @@ from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.util.processes import LatestTask
 from holoview.wavefield.request import ReadRequest
+
+if TYPE_CHECKING:
+    from holoview.optimise.field_loss import ComplexTarget
+    from holoview.wavefield.field_target import FieldTarget
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +49,33 @@ class TargetSpec:
     space: str = "srgb"
     is_example: bool = False
 
+    @cached_property
+    def is_field(self) -> bool:
+        """Whether it is a complex field."""
+        return isinstance(self.source, Path) and is_field_file(self.source)
+
     @property
     def is_stack(self) -> bool:
         """Whether it is a rendered stack, which has pictures for the system's own planes only."""
-        return isinstance(self.source, Path) and not (is_light_field(self.source) or is_field_file(self.source))
+        return isinstance(self.source, Path) and not (is_light_field(self.source) or self.is_field)
+
+    def fields_for(self, system: System) -> ComplexTarget:
+        """The fields of the lasers in the planes of a system. Raises UserError as `ComplexTarget.of` does."""
+        from holoview.optimise.field_loss import ComplexTarget  # slow start: it imports torch
+
+        target = ComplexTarget.of(self._field_scene(), system)
+        return replace(target, stack=target.stack * np.float32(self.brightness))
+
+    def _field_scene(self) -> FieldTarget:
+        """The light of the field at its place."""
+        assert isinstance(self.source, Path)
+        opened = open_hologram([self.source], ReadRequest(propagation="asm", accept_guesses=True))
+        return opened.hologram.scene(self.placement.at_m or 0.0)
 
     def _content(self, system: System) -> TargetContent:
         source: Picture | LightField | Path | Scene = self.source
-        if isinstance(source, Path) and is_field_file(source):
-            opened = open_hologram([source], ReadRequest(propagation="asm", accept_guesses=True))
-            source = opened.hologram.scene(self.placement.at_m or 0.0)
+        if self.is_field:
+            source = self._field_scene()
         elif isinstance(source, Path) and not self.is_stack:
             source = read_light_field(system, source, saturation=self.saturation, space=self.space)
         return TargetContent(source, self.placement, self.brightness, self.saturation, self.space)

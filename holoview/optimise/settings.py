@@ -180,6 +180,9 @@ class LossSpace:
         return rgb @ to_channels.astype(rgb.dtype if rgb.dtype.kind == "f" else np.float64)
 
 
+FIELD_LOSS = "field"
+"""The choice of a loss that compares complex fields (`holoview.optimise.field_loss`), of a target that is one."""
+
 LOSS_SPACES = {
     "linear-srgb": LossSpace(XYZ_TO_SRGB, "linear sRGB: what the PSNR is defined on"),
     "srgb": LossSpace(XYZ_TO_SRGB, "encoded sRGB: errors as large as they look, dark ones count more", is_encoded=True),

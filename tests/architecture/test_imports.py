@@ -57,6 +57,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.io.load_field", "holoview.wavefield.focus"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
     ("holoview.io.hologram", "holoview.wavefield.field_target"): SLOW,
+    ("holoview.document.target_builder", "holoview.optimise.field_loss"): SLOW,
     ("holoview.io.hologram", "holoview.wavefield.imaging"): SLOW,
     ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,

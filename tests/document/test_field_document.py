@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +15,17 @@ from numpy.typing import NDArray
 
 import holoview as hv
 from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession
+from holoview.document.editing_session import EditingSession, OptimisationChoices
 from holoview.document.file_loader import FileLoader, read_content
 from holoview.document.focus_edits import focus_at, focus_range_m, look_on_other_side
-from holoview.document.optimisation_job import start_optimisation
+from holoview.document.optimisation_job import RestOfOptimisation, chosen_optimisation, start_optimisation
+from holoview.document.target_builder import TargetSpec, example_target
 from holoview.render.page_images import phase_turns
+from holoview.targets.target import Placement
 from holoview.util.errors import UserError
 from holoview.wavefield.request import Order, ReadRequest
 from tests.document.conftest import small_system
+from tests.patience import PATIENCE_S
 
 REQUEST = ReadRequest(pitch_m=(8e-6, 8e-6), wavelengths_m=(638e-9, 532e-9), distance_m=2e-3)
 
@@ -141,3 +146,37 @@ def test_a_recording_is_saved_with_its_session_and_its_order_can_be_moved_again(
     np.testing.assert_array_equal(other.hologram().drive, data.present.drive)
     loader.close()
     session.close()
+
+
+def test_the_complex_field_of_a_target_is_found_in_the_background(tmp_path: Path) -> None:
+    """The wanted field is the bench's own with other patterns, so that the loss can fall to 0."""
+    session = EditingSession(small_system())
+    wanted = hv.Hologram(hv.random_drive(session.system, 7), session.system)
+    hv.as_field(wanted).save(tmp_path / "wanted.safetensors")
+    loader = FileLoader(session, quick=False)
+    loader.open_field_as_target(tmp_path / "wanted.safetensors")
+    assert session.target_spec is not None and session.target_spec.is_field
+    session.choose_optimisation(OptimisationChoices(loss="field", iterations=12))
+    job = start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
+    assert session.wait_until_idle(PATIENCE_S)
+    losses = [progress.loss for progress in job.progress]
+    # of independent speckle 1 − |⟨T, E⟩|²/… is 1 but for 1/n of n modes; each step follows the gradient
+    assert losses[0] > 0.9 and losses[-1] < 0.9 * losses[0]
+    assert "optimised, 12 iterations" in session.document.origin
+    rest = RestOfOptimisation(json.dumps(dataclasses.asdict(job.request.settings)), compares_fields=True)
+    assert rest.request().compares_fields
+    session.edit("Picture", target_spec=example_target())
+    with pytest.raises(UserError, match='"field" with still life'):
+        start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
+    loader.close()
+    session.close()
+
+
+def test_a_target_from_a_field_stands_where_it_is_placed(tmp_path: Path) -> None:
+    system = small_system()
+    field = hv.as_field(hv.Hologram(hv.random_drive(system, 7), system))
+    field.save(tmp_path / "wanted.safetensors")
+    spec = TargetSpec(tmp_path / "wanted.safetensors", "wanted", Placement(at_m=1e-3))
+    near = TargetSpec(tmp_path / "wanted.safetensors", "wanted").stack_for(system.with_(planes=[2e-3, 3e-3]))
+    # 1 mm further back, the same light reaches the planes that lie 1 mm further back; float32 pictures
+    np.testing.assert_allclose(spec.stack_for(system), near, atol=1e-5 * near.max())

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import holoview as hv
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.document.file_loader import target_from_pixels
@@ -134,3 +136,14 @@ def test_brightness_of_the_target_is_one_step_of_undo(gui: Gui) -> None:
     assert gui.session.target_spec.brightness == pytest.approx(0.5)
     gui.press_chord("Ctrl+Z")
     assert gui.session.target_spec.brightness == 1.0
+
+
+def test_the_place_of_a_fields_target_is_one_step_of_undo(gui: Gui, tmp_path: Path) -> None:
+    system = gui.session.system
+    hv.as_field(hv.Hologram(hv.random_drive(system), system)).save(tmp_path / "wanted.safetensors")
+    gui.context.loader.open_field_as_target(tmp_path / "wanted.safetensors")
+    gui.draw_until_idle()
+    gui.engine(lambda ctx: ctx.item_input_value("Optimise/at", 2.0))
+    assert gui.session.target_spec.placement.at_m == pytest.approx(2e-3)
+    gui.press_chord("Ctrl+Z")
+    assert gui.session.target_spec.placement.at_m is None

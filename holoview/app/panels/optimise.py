@@ -12,8 +12,10 @@ from imgui_bundle import imgui
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import number_field
 from holoview.app.widgets import combo, command_button, share_of_width, tooltip
 from holoview.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
+from holoview.document.focus_edits import focus_range_m
 from holoview.document.optimisation_job import (
     OptimisationJob,
     chosen_optimisation,
@@ -22,6 +24,8 @@ from holoview.document.optimisation_job import (
     start_optimisation,
     start_quick_optimisation,
 )
+from holoview.document.target_builder import TargetSpec
+from holoview.model.fields import Number
 from holoview.optimise.eyes import (
     CHROMATIC,
     MOST_ALONG_AXIS,
@@ -31,7 +35,8 @@ from holoview.optimise.eyes import (
     PupilGrid,
     parse_pupils,
 )
-from holoview.optimise.settings import LOSS_SPACES
+from holoview.optimise.settings import FIELD_LOSS, LOSS_SPACES
+from holoview.targets.target import Placement
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 
@@ -39,11 +44,13 @@ _KEEP, _PAUSE, _CANCEL = "Keep the best so far", "Pause or go on", "Cancel the o
 _AS_IT_IS, _BY_OBSERVER = "the bench as it is", "by the observer"
 _TIPS = {
     "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
-    "loss": "In which space the image is compared with the target.",
+    "loss": "In which space the image is compared with the target; field: the complex field of each laser with that of "
+    "the target.",
     "begin": "Patterns to begin with. Random: speckle, a filled eyebox. Smooth: less speckle, an almost empty eyebox. "
     "Now: go on from what is shown.",
     "iterations": "More make a better image; what was found so far can be kept at any time.",
     "eyebox": "Weight of an evenly filled eyebox in the loss; 0 leaves it free.",
+    "at": "From the last modulator to the plane of the target's field.",
     "brightness": "A factor on the target's linear light.",
 }
 
@@ -108,7 +115,7 @@ def _draw_settings(session: EditingSession) -> None:
     """Draws scheme, loss, start, iterations and the weight of the eyebox, and keeps what is chosen."""
     choices = session.optimisation_choices
     scheme = combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES), _TIPS["scheme"])
-    loss = combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES), _TIPS["loss"])
+    loss = combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES, FIELD_LOSS), _TIPS["loss"])
     start_patterns = combo("begin", choices.start_patterns, START_PATTERNS, _TIPS["begin"])
     _, iterations = imgui.input_int("iterations", choices.iterations, 10, 100)
     tooltip(_TIPS["iterations"])
@@ -131,6 +138,8 @@ def _draw_target(context: AppContext) -> None:
     if target_spec is None:
         return
     imgui.text_wrapped(f"target: {printable(target_spec.title)}")
+    if target_spec.is_field:
+        _draw_place_of_field(context, target_spec)
     changed, brightness = imgui.slider_float("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
     tooltip(_TIPS["brightness"])
     if changed and brightness > 0:
@@ -140,6 +149,16 @@ def _draw_target(context: AppContext) -> None:
             target_spec=replace(target_spec, brightness=float(f"{brightness:.3g}")),
             merge_key="brightness",
         )
+
+
+def _draw_place_of_field(context: AppContext, target_spec: TargetSpec) -> None:
+    """Draws the distance of the target's field behind the last modulator."""
+    at_m, kind = target_spec.placement.at_m or 0.0, Number("mm", -2.0, 2.0)
+    low_m, high_m = focus_range_m(context.session.system)
+    edited = number_field("at", kind, at_m, 0.0, _TIPS["at"], (min(low_m, 0.0), high_m))
+    if edited is not None:
+        moved = replace(target_spec, placement=Placement(at_m=edited.value))
+        context.attempt(context.session.edit, "Place of the target", target_spec=moved, merge_key="place of the target")
 
 
 def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
