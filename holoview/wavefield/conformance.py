@@ -133,7 +133,7 @@ def all_cases() -> list[Case]:
 
 
 def _case(family: str, number: int, field: Floats | Complexes, λ: float, z: float, **options: Any) -> Case:
-    """A case whose answer is the sum that is exact for its distance, unless the options have another one."""
+    """A case whose answer is the sum that is exact for its distance, unless the options state another answer."""
     pitch_m = options.get("pitch_m", _PITCH_M)
     side_m = len(field) * pitch_m
     # the waves of points differ by at most half a turn between samples: then no other order is in the window
@@ -247,8 +247,8 @@ def _speckle() -> Iterator[Case]:
 def _slits() -> Iterator[Case]:
     """Square openings with hard edges between samples, by Fresnel's integrals.
 
-    Samples are points and the opening is continuous: light of local frequency s = D/(λz), D the farthest way sideways,
-    is worth sinc(pitch·s) less, at most (π·pitch·s)²/6 along each axis.
+    Samples are points and the opening is continuous: light of local frequency s = D/(λz), with D the largest sideways
+    distance, is weaker by sinc(pitch·s), at most by (π·pitch·s)²/6 along each axis.
     """
     n, pitch_m = 256, 2e-6
     setups = [(samples, z) for samples in (60, 120) for z in (0.06, 0.1, 0.2, 0.5, 2.0)]

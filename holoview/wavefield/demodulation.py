@@ -1,7 +1,7 @@
 """The complex field of a camera's recording: off-axis, in-line, and sets of shifted reference phases.
 
 A camera records I = |O + R|² of an object wave O and a reference R, a plane wave. Each function returns O·R*, the
-object wave times the reference's amplitude, in the plane of the camera, and what it found, to be shown and corrected.
+object wave times the reference's amplitude, in the plane of the camera, with the findings that led to it.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ _DOUBT = (
 
 @dataclass(frozen=True, eq=False)
 class Demodulated:
-    """A field from a recording, and what was found for it.
+    """A field from a recording, and how it was found.
 
     orders: of each wavelength, of an off-axis recording. steps_rad: (wavelength, picture) phases of the reference, of a
-    phase-shifting set; the first is 0. report: what was found, in words.
+    phase-shifting set; the first is 0. report: the findings, in words.
     """
 
     field: Wavefield
@@ -58,7 +58,7 @@ class Demodulated:
     report: tuple[str, ...] = ()
 
     def conjugate(self, reason: str) -> Demodulated:
-        """The conjugate field, which is that of the other orders, and of phase steps in the other direction.
+        """The conjugate field, from the other orders, or from phase steps in the other direction.
 
         reason: why it is taken, a sentence of the report.
         """
@@ -78,8 +78,8 @@ def field_of_recording(recording: Recording) -> Demodulated:
     An in-line recording of two pictures has the background as the second. Where the kind isn't known, it is taken for
     off-axis if an order is found in its spectrum, else for in-line.
 
-    A recording holds its field and the conjugate of it, focused on the other side of the camera: two orders, or phase
-    steps in one of two directions. If the recording doesn't say which one is wanted, that one is taken whose image is
+    A recording holds its field and the conjugate field, focused on the other side of the camera: two orders, or phase
+    steps in one of two directions. If the recording doesn't say which is wanted, the field is taken whose image is
     clearly sharper at the recording's distance (`is_sharper_on_other_side`).
 
     Raises UserError as these functions do.
@@ -133,11 +133,11 @@ def find_order(picture: Floats) -> Order:
     """The first order of an off-axis recording (y, x), in the half of the spectrum with f_x > 0.
 
     The light around the middle, of the object wave with itself, falls towards every side. The order is where the
-    blurred spectrum rises most above its least value on the way from the middle, and around this place, within half
-    its distance from the middle, all that stands above the noise. If its brightest frequency stands out, it is the
-    reference's tilt, measured to a thousandth of a bin; else the centre of gravity. Its radius holds 98 % of its light,
-    and at most half its distance from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet
-    & Depeursinge, Appl. Opt. 39, 4070 (2000)).
+    blurred spectrum rises most above its least value on the way from the middle, with all light above the noise around
+    this place, within half its distance from the middle. If its brightest frequency stands out, this is the reference's
+    tilt, measured to a thousandth of a bin; else the centre of gravity is. Its radius holds 98 % of its light, and at
+    most half its distance from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet &
+    Depeursinge, Appl. Opt. 39, 4070 (2000)).
 
     Raises UserError where no order stands out of the noise.
     """
@@ -161,7 +161,7 @@ def find_order(picture: Floats) -> Order:
     centre = float(fy[where[0]]), float(fx[where[1]])
     excess = np.maximum(power - 2 * noise, 0)
     reach = math.hypot(*centre) / 2
-    for _ in range(4):  # the centre of gravity of what lies around it
+    for _ in range(4):  # the centre of gravity of the light around it
         weight = np.where(_ways(fy, fx, centre) < reach, excess, 0)
         rows, columns = weight.sum(axis=1), weight.sum(axis=0)
         centre = float(rows @ fy / rows.sum()), float(columns @ fx / columns.sum())
@@ -179,9 +179,9 @@ def find_order(picture: Floats) -> Order:
 def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodulated:
     """The field of an off-axis recording: the order is filtered, brought to the middle, its tilt removed.
 
-    orders: one for each wavelength, or one for all, to take in place of those that are found in the first picture;
-    `Order.conjugate` of one that was found gives the field with the other sign of phase and of distance. An order that
-    was found and holds little of the picture's variance is doubted in the report.
+    orders: one for each wavelength, or one for all, in place of the orders found in the first picture;
+    `Order.conjugate` of a found order gives the field with the other sign of phase and of distance. If a found order
+    holds little of the picture's variance, the report doubts it.
 
     Raises UserError where no order is found, and for a carrier beyond the samples.
     """
@@ -218,9 +218,8 @@ def demodulate_picture(picture: Floats, order: Order) -> Complexes:
 
 
 def _rising_most(blurred: Floats) -> tuple[tuple[int, int], float]:
-    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle.
-
-    Also how many times this least value it is.
+    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle, and the
+    ratio of the two values.
     """
     rows, columns = blurred.shape
     angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * max(rows, columns))[1:]  # f_x > 0, and f_x = 0 < f_y

@@ -1,4 +1,4 @@
-"""Fields from other running programs: a listener on this machine, and `push`, which sends it a field.
+"""Fields from other running programs: a listener on this machine, and `push`, which sends a field to it.
 
 A program sends a field in one HTTP request, which every language can make; no file is written and nothing is executed:
 
@@ -59,9 +59,9 @@ _PREFIX = "/fields/"
 
 @dataclass(frozen=True)
 class Listener:
-    """Where a viewer listens.
+    """The address at which a viewer listens.
 
-    port: on the loopback address. token: that a request has to bear.
+    port: on the loopback address. token: a request has to bear it.
     """
 
     port: int
@@ -85,7 +85,7 @@ class Listener:
 
 
 def announcement_path() -> Path:
-    """The file in which a viewer that listens tells programs of the same user where."""
+    """The file in which a listening viewer tells programs of the same user its address."""
     return cache_dir() / "listener.json"
 
 
@@ -154,7 +154,7 @@ def _no_listener(error: Exception | None = None) -> UserError:
 
 
 def _wavefield(field: Any, name: str, pitch: Any, wavelengths: Any, distance: float | str) -> Wavefield:
-    """The field of an array or a tensor. Raises UserError where the caller didn't say what an array can't."""
+    """The field of an array or a tensor. Raises UserError where the caller left out a property of an array."""
     for key, value in (("pitch", pitch), ("wavelengths", wavelengths)):
         if value is None:
             raise UserError(key, "is missing", expected=f"{key} of the array, such as {_EXAMPLES[key]}")

@@ -1,4 +1,4 @@
-"""A complex field as what a hologram should show: its light at any plane, in its own colours and its true size."""
+"""A complex field as the target of a hologram: its light at any plane, in its own colours and its true size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.wavefield import Wavefield
 
-_NEAREST = 1e-3  # of a wavelength: how far that of the field may be from the laser that shows it
+_NEAREST = 1e-3  # of a wavelength: largest difference from the wavelength of the laser that shows the field
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,11 @@ class FieldTarget:
 
     @property
     def source(self) -> str:
-        """Its name."""
+        """The name of the field."""
         return self.field.name or "a field"
 
     def images(self, system: System, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Its pictures (plane, y, x, 3), linear sRGB, in planes (plane,) m of a system, on the system's samples.
+        """The pictures (plane, y, x, 3), linear sRGB, in planes (plane,) m of a system, on the system's samples.
 
         The light is seen without the stops of the system, by the system's observer. Raises UserError with an eye,
         through whose pupil the light would have to be seen.

@@ -7,16 +7,17 @@ few strong edges make large (Zhang, Wang, Wu, Tamamitsu & Ozcan, Opt. Lett. 42, 
 Langehanenberg, Kemper, Dirksen & von Bally, Appl. Opt. 47, D176 (2008)).
 
 Both are taken over the window that holds 98 % of the light at each distance, and of the light divided by its local
-r.m.s. amplitude, so that neither light which leaves the field's frame nor darkness beside it changes them. Where the
+r.m.s. amplitude, so that neither light that leaves the field's frame nor darkness beside it changes them. Where the
 unscattered wave dominates, it is taken out first, as in a dark field: a transparent object hardly changes the intensity
 in focus, while the light that it scatters is most compact there.
 
-Other causes than focus raise the measures slowly: speckle, the field's finite frame, the far field. They act alike on
-both sides of the plane, so that 2·ln m(z) − ln m(−z) is searched for its most prominent maximum, that which stands
-highest above the valleys beside it. An in-line recording, which has its twin on the other side, keeps ln m(z).
+Causes other than focus raise the measures slowly: speckle, the field's finite frame, the far field. They act alike on
+both sides of the plane, so that 2·ln m(z) − ln m(−z) is searched for its most prominent maximum: the maximum that rises
+highest above the valleys beside it. For an in-line recording, which has its twin on the other side, ln m(z) is
+searched.
 
-The range is searched with the middle of the field's band first, whose depth of focus λ/NA² is long, in steps of half of
-it; finer bands move the best distances then.
+The range is first searched with the middle of the field's band, whose depth of focus λ/NA² is long, in steps of half
+this depth; then finer bands move the best distances.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ _FADED = 0.1  # of a side: hard edges of the frame would be the sharpest ones at
 _CLEARLY_SHARPER: dict[Measure, float] = {"edge sparsity": 1.06, "normalised variance": 1.2}
 """[1] A picture is clearly sharper than another if each of its measures is so many times as large. Evidence: of six
 published recordings and fields and five simulated ones, in focus on one side, the measures are 1.06 to 3.3 and 1.22 to
-840 times those of the other side; of holograms that are the same on both, 0.998 to 1.005; of a diffuse photograph,
+840 times those of the other side; of holograms that are equal on both sides, 0.998 to 1.005; of a diffuse photograph,
 which has no edges, 0.98 and 0.85."""
 _SAMPLES_COMPARED = 256
 _MOST_COMPARED = 1 << 24  # samples of a field both sides of which are compared unasked
@@ -79,11 +80,11 @@ class FocusCurve:
 
 @dataclass(frozen=True, eq=False)
 class FoundFocus:
-    """Where a field is in focus.
+    """The distances at which a field is in focus.
 
     distances_m: by each measure. other_side_m: the best distance on the other side of the plane, by each measure; None
-    where it wasn't searched. other_side_share: its measure in that of the best. curves: the coarse one over the whole
-    range, and finer ones.
+    where it wasn't searched. other_side_share: the measure there, over that at the best distance. curves: a coarse
+    curve over the whole range, and finer curves.
     """
 
     distances_m: dict[Measure, float]
@@ -93,7 +94,7 @@ class FoundFocus:
 
     @property
     def distance_m(self) -> float:
-        """By the first measure; by the second one where only this has its larger value on the side that it names."""
+        """By the first measure; by the second if it alone is larger on the side that it names than on the other."""
         first, second = MEASURES
         return self.distances_m[second if self.other_side_share[second] < 1 < self.other_side_share[first] else first]
 
@@ -114,9 +115,9 @@ def normalised_variance(field: Tensor) -> float:
 
 
 def default_range_m(field: Wavefield) -> tuple[float, float]:
-    """Distances between which an image is looked for: around the one that is expected, else as far as samples allow.
+    """Distances between which an image is looked for.
 
-    Half to one and a half times the expected distance, or the reference's radius. Without any, from a hundredth of
+    Half to one and a half times the expected distance, or the reference's radius. Without these, from a hundredth of
     4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
     """
     expected = abs(field.distance_m) or abs(field.reference_radius_m or 0.0)
@@ -255,13 +256,13 @@ class _View:
 
     @property
     def sides_m(self) -> tuple[float, float]:
-        """Of the field's frame."""
+        """Lengths (y, x) of the field's frame, m."""
         y, x = (n * pitch for n, pitch in zip(self.values.shape, self.pitch_m, strict=True))
         return y, x
 
     @property
     def farthest_m(self) -> float:
-        """How far light at the edge of the band goes until it has moved sideways by the field's side."""
+        """The distance at which light at the edge of the band has moved sideways by the field's side."""
         return min(2 * side**2 / (self.wavelength_m * n) for side, n in zip(self.sides_m, self.band, strict=True))
 
     def part(self, samples: int) -> tuple[int, int]:

@@ -1,7 +1,7 @@
-"""Fields made such that a bench can show them: far images brought near, samples of one pitch along y and x.
+"""Fields that a bench can show: far images brought near, samples of one pitch along y and x.
 
-A bench propagates by the angular spectrum in the field's own window. Where the image lies so far away that it leaves
-this window, the field is brought to it by one Fresnel or Fourier transform, and looked at around there.
+A bench propagates by the angular spectrum in the field's own window. A field whose image lies so far away that it
+leaves this window is brought to its image by one Fresnel or Fourier transform, and planes count from there.
 """
 
 from __future__ import annotations
@@ -50,9 +50,10 @@ def _power(values: NDArray[np.complexfloating]) -> NDArray[np.floating]:
 
 
 def with_square_pitch(field: Wavefield) -> tuple[Wavefield, str]:
-    """The field at samples of its smaller pitch along y and x, and what was done, a sentence; empty where nothing was.
+    """The field at samples of its smaller pitch along y and x, and a sentence that says so; empty if nothing was done.
 
-    It is the sum over the frequencies of its samples, as propagation takes it, at other places: exact for a field that
+    It is the sum over the frequencies of its samples, evaluated at other places: exact for a field that the samples
+    determine. Sharp edges of its window ring. Raises UserError for more samples than a bench may have.
     the samples determine. Sharp edges of its window ring. Raises UserError for more samples than a bench may have.
     """
     pitch_m = min(field.pitch_m)
@@ -72,10 +73,10 @@ def with_square_pitch(field: Wavefield) -> tuple[Wavefield, str]:
 
 
 def image_field(field: Wavefield, propagation: Propagation = "auto") -> tuple[Wavefield, str]:
-    """The field as a bench can show it, and what was done for it, a sentence; empty where nothing was.
+    """The field as a bench can show it, and a sentence that says what was done; empty if nothing was done.
 
-    propagation: "auto" takes what `choose_method` takes; "asm" leaves the field in its plane; the others
-    bring it to its distance, from which planes then count.
+    propagation: "auto" follows `choose_method`; "asm" leaves the field in its plane; the other methods bring it to its
+    distance, from which planes then count.
     """
     choice = choose_method(field, field.distance_m, propagation)
     if choice.method == "asm":

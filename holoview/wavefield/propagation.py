@@ -152,7 +152,7 @@ def propagate_field(
 
 
 def farthest_by_spectrum(field: Wavefield) -> float:
-    """2·N·dx²/λ (m) along the shorter side at the longest wavelength: up to it the own window shows the image."""
+    """2·N·dx²/λ (m), along the shorter side, at the longest wavelength: up to it the own window shows the image."""
     longest = float(field.wavelengths_m.max())
     return min(2 * n * pitch**2 / longest for n, pitch in zip(field.shape, field.pitch_m, strict=True))
 
@@ -202,7 +202,7 @@ def _for_window(field: Wavefield, distance_m: float, window: Window) -> tuple[Me
 
 
 def _reference_radius(field: Wavefield, distance_m: float) -> float:
-    """R of the wave that lights the field; that of a lens which is focused at the distance where the field has none."""
+    """R of the wave that lights the field; for a field without, that of a lens focused at the distance."""
     return distance_m if field.reference_radius_m is None else field.reference_radius_m
 
 

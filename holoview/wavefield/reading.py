@@ -1,6 +1,6 @@
-"""Reads anyone's hologram: fields and recordings of other programs and cameras, with what is known of them and why.
+"""Reads anyone's hologram: fields and recordings of other programs and cameras, with the origin of each property.
 
-The file's reader finds arrays (`readers`); what they mean is given, remembered beside the file, said by the file or
+The file's reader finds arrays (`readers`); their meaning is given, remembered beside the file, stated in the file or
 guessed with a reason (`interpret`).
 """
 
@@ -57,9 +57,9 @@ class Recording:
     """Pictures of an interference that a camera took.
 
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
-    background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels.
-    kind, conjugated: as given, None if unknown; conjugated: whether the conjugate of its field is wanted.
-    steps, orders: as of `ReadRequest`.
+    background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels. kind: as
+    given, None if unknown. conjugated: whether the conjugate of its field is wanted; None if unknown. steps, orders: as
+    of `ReadRequest`.
     """
 
     pictures: NDArray[np.float32]
@@ -75,10 +75,10 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What was read: a field or a recording, the other is None.
+    """The result of reading: a field or a recording; the other is None.
 
-    provenance: where each property is known from. candidates: the arrays of the first file that could be a field, the
-    likeliest first. questions: properties that nothing tells, with the guesses that were taken. notes: remarks for the
+    provenance: the origin of each property. candidates: the arrays of the first file that could be a field, the
+    likeliest first. questions: properties that nothing states, with the guesses that were taken. notes: remarks for the
     user, such as contradictions.
     """
 
@@ -91,7 +91,7 @@ class Reading:
 
     @property
     def kind(self) -> Literal["field", "recording"]:
-        """Which of the two it is."""
+        """Whether it is a field or a recording."""
         return "field" if self.wavefield is not None else "recording"
 
 
@@ -100,10 +100,10 @@ def read_wavefield(
 ) -> Reading:
     """Reads a field or a recording from a file, or from several files that are its parts.
 
-    request: what the user knows and wants; what is remembered beside the first file comes next, then what the file
-    says, then guesses.
+    request: what the user knows and wants. It comes before the notes beside the first file, these before the file's own
+    statements, and guesses come last.
 
-    Raises UserError for files that are wrong, when memory doesn't suffice, and when nothing tells the pitch or the
+    Raises UserError for files that are wrong, when memory doesn't suffice, and when nothing states the pitch or the
     wavelengths, unless `request.accept_guesses`: the error names the options and the guesses.
     """
     files = [Path(paths)] if isinstance(paths, str | os.PathLike) else [Path(path) for path in paths]
@@ -141,7 +141,7 @@ def _with_kind(request: ReadRequest) -> ReadRequest:
 def _known(
     path: Path, contents: Sequence[tuple[Path, Contents]], request: ReadRequest, given: ReadRequest, findings: Findings
 ) -> Known:
-    """All that tells properties of a field."""
+    """All sources of a field's properties."""
     numbers: dict[str, tuple[float, ...]] = {}
     for _, content in reversed(contents):
         numbers |= content.numbers
@@ -195,7 +195,7 @@ def _region(
     distance_m: float,
     findings: Findings,
 ) -> Region:
-    """The part that is read; a note tells the user where it lies, as pictures are centred on it."""
+    """The part that is read; a note says where it lies, because pictures are centred on it."""
     rows, columns = shape
     wanted = request.region
     if request.aperture_deg is not None:
@@ -220,7 +220,7 @@ def _region(
 
 
 def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:
-    """The field that a bilevel pattern carries, with the sign of the phase and the checkerboard that are stated."""
+    """The field of a bilevel pattern, with the stated sign of the phase, without a stated checkerboard."""
     if request.checkerboard and request.decimate > 1:
         raise UserError("decimate", "with a checkerboard", expected="1", remedy="read a region of it")
     if arrangement.quantity == "bilevel":

@@ -11,10 +11,10 @@ from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 
 Quantity = Literal["complex", "amplitude", "phase", "intensity", "bilevel"]
-"""What the numbers of a file are. Bilevel: a pattern of two values, of whose spectrum one half is the field."""
+"""The quantity of a file's numbers. Bilevel: a pattern of two values, of whose spectrum one half is the field."""
 
 Part = Literal["real", "imaginary", "amplitude", "phase", "r", "g", "b", "frame"]
-"""What one of several files is of the field that they make together."""
+"""The part that one of several files has in the field that they make together."""
 
 RecordingKind = Literal["off-axis", "in-line", "phase-shifting", "none"]
 """How a camera recorded a hologram; "none" states that a real picture isn't a recording."""
@@ -25,7 +25,7 @@ Propagation = Literal["auto", "asm", "fresnel", "fourier"]
 """How the field's light goes to its distance: see `holoview.wavefield.propagation`."""
 
 Steps = tuple[float, ...] | Literal["equal", "unknown"]
-"""Phases of the reference in the pictures of a phase-shifting set, rad; "equal" for 2π/N apart, "unknown": found."""
+"""Phases of the reference in the pictures of a phase-shifting set, rad; "equal": 2π/N apart; "unknown": to be found."""
 
 
 MOST_UNASKED = 1 << 24
@@ -36,9 +36,9 @@ MOST_UNASKED = 1 << 24
 class Order:
     """A first order in the spectrum of an off-axis recording.
 
-    carrier: its centre (y, x), cycles a sample. radius: of the light that is kept around it, cycles a sample.
-    origin: of the centre: the order's peak, that of light which the object didn't scatter, whose tilt is then removed
-    exactly; its centre of gravity; or the user's choice.
+    carrier: its centre (y, x), cycles a sample. radius: of the light that is kept around it, cycles a sample. origin:
+    of the centre: the order's peak, which is light that the object didn't scatter, so that its tilt is removed exactly;
+    its centre of gravity; or the user's choice.
     """
 
     carrier: tuple[float, float]
@@ -77,7 +77,7 @@ class BinaryLayout:
 
 @dataclass(frozen=True)
 class ReadRequest:
-    """What is known of a file or wanted from it; None, or an empty tuple, for what isn't.
+    """Knowledge of a file and wishes of a user; None, or an empty tuple, where there is none.
 
     pitch_m: distances (y, x) between samples, m. wavelengths_m: in vacuum, m, in the order of the file's colours.
     distance_m: from the plane of the field to its image, m; negative where the image lies before the plane.
@@ -89,8 +89,8 @@ class ReadRequest:
     for all; found in its spectrum if there is none.
     refractive_index: of the medium behind the field; wavelengths are divided by it.
     conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
-    checkerboard: whether the phase alternates by π from sample to sample, which is taken away: as of a transform whose
-    zero frequency stands at the corner, so that the image lies in four pieces at the corners.
+    checkerboard: whether the phase alternates by π from sample to sample, which is then removed. A transform with its
+    zero frequency at the corner leaves this, and the image lies in four pieces at the corners.
     phase_levels: the number in the file that stands for 2π: 255, 256, 1, or 2π for radians.
     colour_axis: whether the colours are the file's first or last axis. transposed: whether y and x are exchanged.
     region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.

@@ -1,4 +1,4 @@
-"""A complex field on a plane, with its sampling and wavelengths: what other programs and cameras call a hologram."""
+"""A complex field on a plane, with its sampling and wavelengths; other programs call it a hologram."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from holoview.util import units
 from holoview.util.errors import UserError
 
 Origin = Literal["file", "given", "guessed", "remembered"]
-"""Where a property of a field is known from: its file, the command, a guess, the notes beside the file."""
+"""The origin of a property of a field: its file, the command, a guess, the notes beside the file."""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where one property of a field is known from.
+    """The origin of one property of a field.
 
-    key: the property, such as "pitch" or "sign of the phase". value: in people's units, such as "8 µm".
-    origin: an `Origin`. reason: why this value was taken, in words.
+    key: the property, such as "pitch" or "sign of the phase". value: in people's units, such as "8 µm". origin: an
+    `Origin`. reason: why this value was taken, in words.
     """
 
     key: str

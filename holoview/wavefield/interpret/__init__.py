@@ -1,13 +1,13 @@
-"""What the arrays of a file mean: which of them are the field, their axes and quantities, pitch and wavelengths.
+"""The meaning of a file's arrays: which of them are the field, their axes and quantities, pitch and wavelengths.
 
-Everything that a file doesn't say is guessed with a reason, which the results name.
+Everything that a file doesn't state is guessed with a reason, which the results name.
 
-candidates   the arrays that can be a field, alone or as parts of one, and which of them is taken
+candidates   the arrays that can be a field, alone or as parts of a field, and the choice among them
 axes         which axes of an array are frames, colours, y and x
-quantities   what real numbers are: amplitude, phase, intensity, a bilevel pattern or a camera's picture
+quantities   whether real numbers are amplitude, phase, intensity, a bilevel pattern or a camera's picture
 arrangement  how the arrays of one or several files make a field or a recording
 assemble     parts of arrays as complex amplitudes, strip by strip
 properties   pitch, wavelengths, distance: given, remembered, of the file, or guessed
-known_files  published test sets: what is known of a file of this name (jpeg_pleno.toml)
+known_files  published test sets: the properties of a file of this name (jpeg_pleno.toml)
 remembered   the notes beside a file, FILE.holoview.toml
 """

@@ -37,7 +37,7 @@ Files = Sequence[tuple[Path, Contents]]
 
 @dataclass(frozen=True)
 class Arrangement:
-    """What was arranged.
+    """The arrangement of the files' arrays.
 
     groups: by frame and colour of separate files, the arrays that are parts of one field.
     candidates: of the first file. quantity: of single real arrays, "" for others.
@@ -98,7 +98,7 @@ def _components(
 
 @dataclass(frozen=True)
 class _Part:
-    """One of several files: what its numbers are, "" if unknown; its colour, "" if it isn't one of several."""
+    """One of several files. Its quantity, "" if unknown; its colour, "" if it isn't one of several colours."""
 
     quantity: str
     colour: str
@@ -109,7 +109,7 @@ class _Part:
 
 
 def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
-    """What each of several files is, as stated or by its name; colours only if there are several."""
+    """The part that each of several files is, as stated or by its name; colours only if there are several."""
     stated = request.parts or ("frame",) * len(files)
     if len(stated) != len(files):
         found = f"{len(stated)} parts for {len(files)} files"
@@ -171,7 +171,7 @@ def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files
 
 
 def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: Findings) -> int | None:
-    """The channel that is taken of pictures in three colours: of grey ones, and where one wavelength is known."""
+    """The channel that is taken of pictures in three colours: of grey pictures, and where one wavelength is known."""
     if any(p.axes.colour is None or p.sizes[1] != 3 or p.component.array.dtype.kind not in "iu" for p in parts):
         return None
     samples = [_sample(part) for part in parts]

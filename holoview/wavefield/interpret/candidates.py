@@ -1,4 +1,4 @@
-"""The arrays that can be a field, alone or as parts of one, and which of them is taken."""
+"""The arrays that can be a field, alone or as parts of a field, and the choice among them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PAIRS = (("real", "imaginary"), ("amplitude", "phase"))
 
 @dataclass(frozen=True)
 class Component:
-    """An array with what its numbers are of a field, "" if unknown, and why."""
+    """An array with the quantity of its numbers, "" if unknown, and why."""
 
     role: str
     array: StoredArray
@@ -143,7 +143,7 @@ def _pair_along_an_axis(array: StoredArray) -> list[Candidate]:
 
 
 def choose(path: Path, contents: Contents, request: ReadRequest) -> tuple[Candidate, list[Candidate]]:
-    """The candidate that is taken, and all that there are.
+    """The candidate that is taken, and all candidates.
 
     Raises UserError where there is none, and for a variable that isn't there.
     """

@@ -17,7 +17,7 @@ _PITCH_NAMES = ("pp", "pitch", "pixelpitch", "pixelsize", "ps", "dx", "dxy", "de
 _WAVELENGTH_NAMES = ("wlen", "lambda", "lambdas", "wavelength", "wavelengths", "wl", "wvl", "lam")
 _DISTANCE_NAMES = ("zrec", "z", "distance", "dist", "d", "propagationdistance", "recdist", "depth", "zobj", "z0")
 
-_AGREE = 0.02  # of two distances; people round them, and take z towards either side
+_AGREE = 0.02  # of two distances; people round them, and count z towards either side
 _NUMBER = r"([-+]?\d+(?:[.p]\d+)?)"
 _IN_NAME = {
     "distance_m": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
@@ -27,7 +27,7 @@ _IN_NAME = {
 
 @dataclass(frozen=True)
 class Question:
-    """A property that nothing tells. option: of the command line. guess: in people's units. reason: of the guess."""
+    """A property that nothing states. option: of the command line. guess: in people's units. reason: of the guess."""
 
     key: str
     option: str
@@ -37,7 +37,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Guess:
-    """A value with its reason and where it is from."""
+    """A value with its reason and its origin."""
 
     value: tuple[float, ...]
     reason: str
@@ -46,14 +46,14 @@ class Guess:
 
 @dataclass
 class Findings:
-    """What is found out about a file, in the order in which it is."""
+    """The findings about a file, in their order."""
 
     provenance: list[Provenance] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def add(self, key: str, value: str, origin: Origin, reason: str) -> None:
-        """States where a property is known from."""
+        """States the origin of a property."""
         self.provenance.append(Provenance(key, value, origin, reason))
 
     def ask(self, key: str, option: str, guess: str, reason: str) -> None:
@@ -64,11 +64,11 @@ class Findings:
 
 @dataclass(frozen=True)
 class Known:
-    """All that tells properties of a field.
+    """All sources of a field's properties.
 
-    request: given and remembered ones together. given: the given ones alone. facts, numbers: of the file.
-    table: what is published about a file of this name. name: of the first file.
-    named_wavelengths_m: those that the files' names state, by falling length.
+    request: given and remembered properties together. given: the given ones alone. facts, numbers: of the file. table:
+    published properties of a file of this name. name: of the first file. named_wavelengths_m: stated by the files'
+    names, by falling length.
     """
 
     request: ReadRequest
@@ -86,7 +86,7 @@ class Known:
 
 
 def stated(known: Known, key: str, names: Sequence[str]) -> Iterable[Guess]:
-    """All that tells a length, by decreasing rank. key: of `ReadRequest`. names: of variables that are this length."""
+    """All statements of a length, by decreasing rank. key: of `ReadRequest`. names: of variables with this length."""
     value = getattr(known.request, key)
     if value not in (None, ()):
         origin = known.origin(key)
@@ -114,7 +114,7 @@ _RANGES = {"pitch_m": (5e-8, 2e-4), "wavelengths_m": (1.5e-7, 2e-5), "distance_m
 
 
 def _in_metres(numbers: tuple[float, ...], key: str) -> tuple[tuple[float, ...], str]:
-    """Numbers of unknown unit in metres, by what lengths are usual; nothing if no unit makes them usual."""
+    """Numbers of unknown unit in metres, by the usual range of such lengths; empty if no unit makes them usual."""
     low, high = _RANGES[key]
     if not numbers or not all(math.isfinite(n) for n in numbers):
         return (), ""
@@ -170,7 +170,7 @@ def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[fl
 
 
 def find_distance(known: Known, findings: Findings) -> float:
-    """The distance in m, 0 if nothing tells it; contradictions go to the notes."""
+    """The distance in m, 0 if nothing states it; contradictions go to the notes."""
     sources = list(stated(known, "distance_m", _DISTANCE_NAMES))
     if not sources:
         findings.ask("distance", "--distance", "0 mm", "nothing says where the image is: search the best focus")

@@ -1,8 +1,9 @@
-"""What real numbers are: amplitude, phase, intensity, a bilevel pattern, or a camera's picture of an interference.
+"""The quantity of real numbers: amplitude, phase, intensity, a bilevel pattern, or a camera's picture of an
+interference.
 
-Names say it, or else the values: phases are spread evenly over their range, because whole periods are taken off, or
-alternate from sample to sample (double-phase patterns), while pictures of a camera have a peak and are smooth over the
-distance of two pixels.
+Names state it, or else the values show it: phases are spread evenly over their range, because whole periods are
+removed, or alternate from sample to sample (double-phase patterns), while pictures of a camera have a peak and are
+smooth over the distance of two pixels.
 """
 
 from __future__ import annotations

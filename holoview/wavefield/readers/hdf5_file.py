@@ -53,7 +53,7 @@ class Hdf5Reader:
 
 
 class _Found:
-    """What is found in the groups of a file. is_matlab: whether axes are in reverse."""
+    """The arrays and numbers in the groups of a file. is_matlab: whether axes are in reverse."""
 
     def __init__(self, path: Path, is_matlab: bool) -> None:
         self.path, self.is_matlab = path, is_matlab
@@ -118,7 +118,7 @@ class _Found:
         self.arrays.append(StoredArray(name, shape, dtype, load, whole_bytes=chunk))
 
     def _attributes(self, item: Any, name: str) -> None:
-        """Attributes that are numbers become small arrays, named after what they belong to."""
+        """Attributes that are numbers become small arrays, named after the group or dataset that they belong to."""
         if len(item.attrs) > _MOST_ATTRIBUTES:
             return
         for key in item.attrs:

@@ -55,22 +55,22 @@ class _Header:
 
     @property
     def count(self) -> int:
-        """Numbers in each part."""
+        """Count of numbers in each part."""
         return self.rows * self.columns * len(self.wavelengths_m)
 
     @property
     def axes(self) -> str:
-        """Of one part: those of a plane together, or the wavelengths of each sample together."""
+        """Axes of one part: whole planes one after another, or all wavelengths of each sample together."""
         return "cyx" if self.is_planar else "yxc"
 
     def shape(self, is_transposed: bool) -> tuple[int, ...]:
-        """Of one part; with y and x exchanged if it is transposed."""
+        """Sizes of one part, with y and x exchanged if it is transposed."""
         plane = (self.columns, self.rows) if is_transposed else (self.rows, self.columns)
         return (len(self.wavelengths_m), *plane) if self.is_planar else (*plane, len(self.wavelengths_m))
 
 
 class OpenHoloReader:
-    """The parts of an OpenHolo field, named by what they are."""
+    """The parts of an OpenHolo field, named by their quantities."""
 
     name = "OpenHolo .ohc"
     suffixes = (".ohc",)

@@ -64,7 +64,7 @@ def all_readers() -> tuple[Reader, ...]:
 
 
 def reader_for(path: Path, request: ReadRequest) -> Reader:
-    """The first reader that recognises the file's content; of files whose layout the request states, that of dumps.
+    """The first reader that recognises the file's content; the reader of dumps if the request states a file's layout.
 
     Raises UserError when the file is missing, empty or no regular file, or no reader recognises it.
     """
@@ -95,7 +95,7 @@ def is_readable(path: Path) -> bool:
 def open_file(path: Path, request: ReadRequest) -> Iterator[tuple[Reader, Contents]]:
     """The contents of a file and the reader that opened it; arrays are read inside the block.
 
-    Raises UserError for whatever is wrong with the file, also when an array is loaded.
+    Raises UserError for any fault of the file, also when an array is loaded.
     """
     reader = reader_for(path, request)
     with ExitStack() as stack:
