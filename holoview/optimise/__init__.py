@@ -1,10 +1,10 @@
 """Computer-generated holography: patterns, laser amplitudes and wavelengths for a focal stack, by gradient descent.
 
 hologram_job         a whole optimisation: when it ends, and the checkpoint and preview that it writes
-film                 holograms for the pictures of a film, each from the one before
+film                 holograms for the pictures of a film, each starting from the hologram before
 field_loss           the loss of complex fields, for targets whose phases count
 kernels              image and gradients of a plane's fields, by torch or compiled by numba
-kernel_choice        which of both is faster on this machine, measured once
+kernel_choice        torch or compiled kernels, whichever are faster on this machine, measured once
 vector_fft           FFTs of many lines side by side in the processor's vectors, compiled by numba
 vector_kernels       compiled passes of an iteration over fields, each around such an FFT
 compiled_model       `propagation` by these passes
@@ -21,7 +21,7 @@ objective            the loss of an image stack and its derivative; laser amplit
 eyebox_penalty       penalty on an unevenly filled eyebox
 forward_model        wave propagation from patterns to intensities, and its hand-written adjoint
 propagation          its parts: through the modulators, and to a plane
-autograd_model       the same with torch's autograd, where effects change the modulators' light
+autograd_model       the same model by torch's autograd, where effects change the modulators' light
 transfer_functions   precomputed transfer functions, pupils and spectra of pixels
 beams                the frequencies of the beams, groups that are computed together, fields as they are stored
 lasers               the lasers of a plan that are on

@@ -1,4 +1,4 @@
-"""The beams of an optimisation: which frequencies they have, which are computed together, how their fields are stored.
+"""The beams of an optimisation: their frequencies, groups that are computed together, and the storage of their fields.
 
 A beam is the light of one laser in one frame from one direction of the source. The parts of the file:
 
@@ -75,7 +75,7 @@ class SpectralAxis:
         return self.tiles_of(slice(0, self.pixels.frequencies))
 
     def tiles_of(self, entries: slice) -> list[Tile]:
-        """The parts of the gap's band that repeat some entries of the pixels' spectrum; those are counted from 0."""
+        """The parts of the gap's band that repeat some entries of the pixels' spectrum; entries are counted from 0."""
         period, total = self.pixels.padded, self.gap.frequencies
         starts = range(entries.start, total, period)
         stops = [min(start + entries.stop - entries.start, total) for start in starts]
@@ -87,7 +87,8 @@ class SpectralAxis:
 
 
 def samples_a_pixel(plan: Plan) -> int:
-    """s: the samples that the transform of pixels takes as one; the largest divisor of `upsample` that fits the FFT."""
+    """s: the samples that the transform of pixels treats as one, the largest divisor of `upsample` that fits the
+    FFT."""
     return math.gcd(plan.grid.upsample, *plan.grid.padded)
 
 
@@ -179,9 +180,9 @@ def group_beams(
 
 
 class ZeroTails:
-    """Buffers whose entries from some index of an axis on are zero; each thread has its own and uses them again.
+    """Buffers that are zero from some index of an axis on; each thread has its own and uses them again.
 
-    Only the entries before may be written, so that padding with zeros costs nothing.
+    Only the entries before that index may be written, so that padding with zeros costs nothing.
     """
 
     def __init__(self) -> None:
@@ -190,7 +191,7 @@ class ZeroTails:
     def buffer(self, like: Tensor, dim: int, length: int) -> Tensor:
         """A buffer of the shape of `like` but `length` long in an axis, zero beyond the length of `like` there.
 
-        That axis is the contiguous one: FFTs along it are then the fastest.
+        The axis is contiguous, because FFTs along contiguous axes are the fastest.
         """
         shape = list(like.transpose(dim, -1).shape)
         key = (*shape, dim, length)
@@ -209,7 +210,8 @@ _ROW_MARGIN = 1  # numbers between rows: columns of rows whose length is a power
 
 
 def row_pitch(count: int) -> int:
-    """Numbers from a row to the next for compiled passes, whose vectors may end behind a row but not in another one."""
+    """Numbers from a row to the next for compiled passes, whose vectors may reach beyond a row but not into the
+    next."""
     return -(-count // VECTOR) * VECTOR + VECTOR // 2
 
 
@@ -252,7 +254,7 @@ class ColumnBlocks:
             block[..., inner] += values[..., outer]
 
     def of_beam(self, laser: int, source: int) -> ColumnBlocks:
-        """The spectrum of one beam, whose indices count from the first of these."""
+        """The spectrum of one beam, whose indices count from the first beam of these blocks."""
         return ColumnBlocks(self.columns, [block[laser, source] for block in self.blocks])
 
     @property

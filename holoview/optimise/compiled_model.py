@@ -45,7 +45,8 @@ def fits_passes(axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
 
 
 class CompiledModulatorLight(ModulatorLight):
-    """`ModulatorLight` in compiled passes, for one source; several ones differ in the shape of a pixel's spectrum."""
+    """`ModulatorLight` in compiled passes, for one source; with several sources the spectra of a pixel's shape
+    differ."""
 
     def __init__(self, plan: Plan, lasers: Sequence[Laser], transfer_functions: TransferFunctions) -> None:
         super().__init__(plan, lasers, transfer_functions)

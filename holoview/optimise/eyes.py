@@ -1,9 +1,9 @@
-"""For which eyes a hologram is optimised: the places of their pupils, and whether chromatic aberration counts.
+"""The eyes for which a hologram is optimised: the places of their pupils, and whether chromatic aberration counts.
 
 The options `--pupils` and `--chromatic` of the command line and the viewer's panel are both described by
 `OptimisedEyes`. Places form a grid, "3x3:0.8mm", or are drawn anew in each iteration, "random:4:0.8mm". A draw depends
-on the seed and on the iteration alone, so that an optimisation that is resumed draws the same places. Shi et al.,
-Pupil-aware holography, ACM Trans. Graph. 41, 6 (2022), train on pupils that are sampled in this way.
+on the seed and on the iteration alone, so that a resumed optimisation draws the same places. Shi et al., Pupil-aware
+holography, ACM Trans. Graph. 41, 6 (2022), train on pupils that are sampled in this way.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ StacksAt = Callable[[Places], NDArray[np.floating]]
 """The focal stacks (place · plane, y, x, 3) in linear sRGB that the eye of a system is to see from places."""
 
 CHROMATIC = ("compensate", "ignore")
-"""What an optimisation does about the chromatic aberration of an eye: count it, or leave it out."""
+"""How an optimisation treats the chromatic aberration of an eye: it counts, or it is left out."""
 
 
 class SeenTarget(Protocol):
@@ -47,7 +47,7 @@ class SeenTarget(Protocol):
         """The focal stack (plane, y, x, 3) that the eye of a system is to see from its own place."""
 
     def moving(self, radius_m: float, system: System) -> StacksAt:
-        """The focal stacks from any places of the pupil within a radius. Called unless it is a stack."""
+        """The focal stacks from any places of the pupil within a radius. Not called for a rendered stack."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class OptimisedEyes:
         return PupilPlaces() if self.pupils is None else self.pupils.places_in(system, "--pupils")
 
     def aimed(self, system: System) -> System:
-        """The system that is optimised for: as if its eye had no chromatic aberration, if that is ignored.
+        """The system that is optimised for: with an eye without chromatic aberration, if that is ignored.
 
-        Raises UserError if there is no eye whose aberration could be ignored.
+        Raises UserError if it is to be ignored and there is no eye.
         """
         if self.chromatic == "compensate":
             return system
@@ -121,10 +121,10 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class PupilPlaces:
-    """The places of the pupil for which a hologram is optimised, and those where it is judged.
+    """The places of the pupil for which a hologram is optimised, and the places where it is judged.
 
     fixed: places (y, x), row by row, m. drawn: number of places that are drawn anew in each iteration, within radius_m
-    of the eye's own. Neither: its own place alone. held_out: places for which nothing is optimised.
+    of the eye's own place. Neither: its own place alone. held_out: places for which nothing is optimised.
     """
 
     fixed: Places = ()
@@ -133,7 +133,7 @@ class PupilPlaces:
     held_out: Places = ()
 
     def reach_m(self, eye: Eye) -> float:
-        """How far the pupil is moved along an axis from the eye's own place, at most."""
+        """The largest distance along an axis of a place from the eye's own place."""
         middle = np.array([eye.pupil_y_m, eye.pupil_x_m])
         moved = [np.abs(np.array(place) - middle).max() for place in (*self.fixed, *self.held_out)]
         return float(max([self.radius_m, *moved]))
@@ -167,7 +167,7 @@ class PupilGrid:
 
 @dataclass(frozen=True)
 class PupilDraw:
-    """Places that are drawn anew in each iteration, `count` of them within radius_m of the pupil of an eye."""
+    """Places that are drawn anew in each iteration, `count` of them within radius_m of the eye's own place."""
 
     count: int
     radius_m: float

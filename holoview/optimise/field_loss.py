@@ -4,9 +4,9 @@ With the field E of a beam in a plane and the wanted field T, inside the region,
 
     L = mean over planes and beams of min_c ‖c·E − T‖²/‖T‖² = 1 − |⟨T, E⟩|²/(‖T‖²·‖E‖²),   ⟨T, E⟩ = Σ conj(T)·E
 
-so that neither the laser's power nor a constant phase counts: powers are chosen for the picture, by least squares, and
-the phases of a laser's light in other planes or of other lasers can't be seen. The overlap ⟨T, E⟩ is what slmsuite and
-others call the fidelity's root.
+so that neither the laser's power nor a constant phase counts. Powers are chosen for the picture, by least squares; the
+phases of a laser's light relative to other planes and other lasers can't be seen. The overlap |⟨T, E⟩|/(‖T‖·‖E‖) is the
+root of the fidelity, as slmsuite and others define it.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ComplexTarget:
 
 
 def check_suits(system: System, settings: Settings, processes: int) -> None:
-    """Raises UserError for what the loss of fields can't have: free wavelengths, few levels, several processes."""
+    """Raises UserError for settings that this loss can't have: free wavelengths, few levels, several processes."""
     if "wavelengths" in settings.free:
         raise UserError("free", "wavelengths with a complex target", expected="patterns and amplitudes")
     if settings.loss is not None:

@@ -1,7 +1,7 @@
-"""Holograms for the pictures of a film: each begins with the patterns and amplitudes of the one before.
+"""Holograms for the pictures of a film: each begins with the patterns and amplitudes of the hologram before.
 
-Neighbouring pictures are alike, so that a hologram needs fewer iterations after the first one. A hologram begins with
-what the last file holds, whether this run wrote it or one before: a run that goes on makes the same files.
+Neighbouring pictures are alike, so that later holograms need fewer iterations than the first. Each starts from the last
+file in the folder, whether this run wrote it or an earlier run: a run that goes on makes the same files.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback
 
-_STEP_FACTOR = 0.4  # of the first picture's step: the full one would undo much of what the hologram before holds
+_STEP_FACTOR = 0.4  # of the first picture's step: a full step would undo much of the hologram before
 _LEAST_AMPLITUDE = 1e-6  # of the brightest laser: a laser that the last picture didn't need may be needed now
 
 
 @dataclass(frozen=True)
 class FilmJob:
-    """What to make of a film.
+    """The holograms to make of a film.
 
     settings: of the first hologram. next_iterations: of each hologram after it. folder: where to write the files
     00000.safetensors, … count: number of pictures, 0 if unknown. as_uint8: store patterns as bytes.
@@ -47,7 +47,7 @@ class FilmJob:
 
     @property
     def next_settings(self) -> Settings:
-        """Of each hologram after the first one: fewer iterations and smaller steps."""
+        """Settings of each hologram after the first: fewer iterations and smaller steps."""
         step_rad = _STEP_FACTOR * self.settings.step_rad
         return replace(self.settings, iterations=self.next_iterations, step_rad=step_rad)
 
@@ -64,10 +64,10 @@ def optimise_film(
     interruption: Interruption,
     tell: TextCallback,
 ) -> list[float]:
-    """Writes a hologram for each focal stack (plane, y, x, 3); returns the PSNR (dB) of those that it optimised.
+    """Writes a hologram for each focal stack (plane, y, x, 3); returns the PSNR (dB) of the holograms it optimised.
 
-    Holograms that are in the folder already are kept. An interruption ends it after an iteration, without the hologram
-    that was being optimised. Raises UserError for a hologram in the folder that is of another bench.
+    Holograms that are in the folder already are kept. An interruption ends the film after an iteration, without the
+    hologram that was being optimised. Raises UserError for a hologram in the folder that is of another bench.
     """
     found_db: list[float] = []
     last: Hologram | None = None

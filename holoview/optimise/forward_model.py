@@ -6,18 +6,18 @@ for what lies on the modulator's area:
 
     V = B·H_gap·F[s·p₁],  w = [F⁻¹V]·p₂,  W = F w,  E_k = [F⁻¹ H_k W],  I_k = |E_k|²          (one modulator: W = V)
 
-Only frequencies that pass the relays' stops are computed (`beams.SpectralAxis`). The first FFT is one of pixels, not of
+Only frequencies that pass the relays' stops are computed (`beams.SpectralAxis`). The first FFT is of pixels, not of
 samples: the spectrum of an upsampled pattern is that of its pixels, repeated.
 
 The adjoint carries conjugate gradients c, defined by dL = Re Σ c·dx, from the planes back to the modulators. They need
-the H themselves where gradients would need their conjugates:
+H itself where gradients would need its conjugate:
 
     c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  and from there on as `propagation` says
 
 An evaluation calls `forward` once, `process_planes`, and at last `accumulate_gradients`. Planes come one after the
-other, so that the fields of only one are in memory. The loss at a sample depends on the fields at this sample only, so
-that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back while
-the block is in the cache. A structural loss takes a whole plane as one block.
+other, so that the fields of only one plane are in memory. The loss at a sample depends on the fields at this sample
+only, so that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back
+while the block is in the cache. A structural loss takes a whole plane as one block.
 
 The adjoint by hand costs this file, `propagation`, `beams` and `transfer_functions`. It saves processor time and
 memory: by torch, autograd through the same bench (`autograd_model`) takes 1.2 to 1.3 times the time and 1.7 to 1.9
@@ -59,7 +59,7 @@ from holoview.optimise.wavelengths import BeamAdjoint, wavelength_derivative
 Tensor = torch.Tensor
 Result = TypeVar("Result")
 ProcessRows = Callable[[int, slice, Tensor], Result]
-"""Is given a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E to carry them back."""
+"""Called with a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E for the way back."""
 ProcessLines = Callable[[int, slice, Tensor, PlanePropagation], Result]
 """The same with the lines of E (laser, source, row, k_x), and with the propagation that evaluates them in one pass."""
 
@@ -139,7 +139,7 @@ class ForwardModel:
         self.transfer_functions.set_eyes(plan)
 
     def spectrum(self, laser: int, source: int) -> ColumnBlocks:
-        """W of a beam, (k_y, k_x) at the frequencies of `axes`; what is written to it is used from then on."""
+        """W of a beam, (k_y, k_x) at the frequencies of `axes`; values written to it are used from then on."""
         return self._of_beam(laser, source, [fields.spectra for fields in self._fields])
 
     def adjoint_spectrum(self, laser: int, source: int) -> ColumnBlocks:
@@ -165,8 +165,8 @@ class ForwardModel:
     ) -> list[list[Result]]:
         """Calls a function with the fields at each plane, block by block of rows.
 
-        Returns its results for each plane, from top to bottom. carry_back: the function leaves c_E in place of the
-        fields, whose part in c_W is then added. process_lines: what takes its place where passes are compiled.
+        Returns its results for each plane, from top to bottom. carry_back: the function replaces the fields by c_E,
+        whose part in c_W is then added. process_lines: takes the function's place where passes are compiled.
         """
         if not self._propagation.evaluates_lines:
             process_lines = None
@@ -199,7 +199,7 @@ class ForwardModel:
                 wavelength_gradient[wavelength] += derivative
 
     def carrier(self) -> Tensor:
-        """The plane wave (y, x) that all fields E contain beside the light's own phase: their spectra are displaced."""
+        """The plane wave (y, x) that multiplies all fields E, because their spectra are displaced."""
         y, x = (
             torch.arange(n, device=self.device).mul_(axis.displacement).remainder_(padded).to(self.real_dtype) / padded
             for n, padded, axis in zip(self.plan.grid.shape, self.plan.grid.padded, self.axes, strict=True)
@@ -222,7 +222,7 @@ class ForwardModel:
     # --- planes -----------------------------------------------------------------------------------------------------
 
     def _process_columns(self, before: int | None, plane: int | None, chosen: tuple[int, int]) -> None:
-        """Carries a block of columns back from the plane before and on to the next one, if there are these planes."""
+        """Carries a block of columns back from the plane before, and on to the next plane, if these are given."""
         index, block = chosen
         fields, transfers = self._fields[index], self.transfer_functions.planes[block]
         last, following = (

@@ -1,4 +1,4 @@
-"""A whole optimisation: how it runs, when it ends, and the checkpoint and preview that it writes meanwhile.
+"""A whole optimisation: how it runs, when it ends, and the checkpoint and preview that it writes in the meantime.
 
 result = optimise_hologram(system, stack, Settings(iterations=100), RunOptions(time_limit_s=60))
 result.hologram.save(Path("hologram.safetensors"))
@@ -40,12 +40,12 @@ _OF_ITERATIONS = ("iterations", "seed", "begin")  # settings that a closed form 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run an optimisation: device, start, stopping criteria, and files that are written meanwhile.
+    """How to run an optimisation: device, start, stopping criteria, and files that are written in the meantime.
 
     method: one of `holoview.optimise.named_methods.METHODS`; "adam" is the optimiser's own.
     grid: "compact" pads the simulation only by the walk-off of the light, "preset" as the bench says.
     device: of torch. sharded: whether the processes that torchrun started share the lasers.
-    initial_hologram: its patterns are the initial ones. resume: a checkpoint to continue from.
+    initial_hologram: the initial patterns are those of this hologram. resume: a checkpoint to continue from.
     checkpoint, preview: files to write; checkpoint_interval_s: least time between two checkpoints.
     stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
     """
@@ -87,7 +87,7 @@ class RunOptions:
             raise UserError(flags[0], f"with --method {self.method}", expected="no such option, or --method adam")
 
     def simulated(self, system: System) -> System:
-        """The system on the grid that the optimisation simulates."""
+        """The system with the grid on which the optimisation simulates."""
         return with_compact_grid(system) if self.grid == "compact" else system
 
     def is_enough(self, best_psnr_db: float, seconds: float) -> bool:
@@ -107,7 +107,7 @@ _DEFAULT_RUN_OPTIONS = RunOptions()
 
 
 def _ignored(text: str) -> None:
-    """A `TextCallback` for optimisations that nobody watches."""
+    """A `TextCallback` that drops the text."""
 
 
 def optimise_hologram(
@@ -148,7 +148,7 @@ def optimise_hologram(
         states = iterate_named(options.method, simulated, stack, settings, start, device=options.device)
     for state in states:
         progress(state.iteration, state.iterations, _progress_note(state))
-        is_interrupted = process_group.any_rank(interruption())  # the same in all, whatever comes in the meantime
+        is_interrupted = process_group.any_rank(interruption())  # the same in all processes, whenever it came
         is_enough = process_group.any_rank(options.is_enough(state.best_psnr_db, state.seconds))
         stops = is_interrupted or is_enough
         if process_group.is_main:
@@ -186,9 +186,9 @@ class _State(Protocol):
 
 
 class IntermediateFiles:
-    """The checkpoint and the preview that are written from time to time, as the options of a run say.
+    """Writes the checkpoint and the preview from time to time, as the options of a run say.
 
-    A failure only calls `tell`, because the optimisation isn't affected.
+    A failure only calls `tell`, because it doesn't affect the optimisation.
     """
 
     def __init__(self, options: RunOptions, tell: TextCallback) -> None:

@@ -1,4 +1,4 @@
-"""The faster way to compute on this machine, of torch and compiled kernels: measured once and remembered."""
+"""Chooses between torch and compiled kernels: the faster on this machine, measured once and remembered."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from holoview.util.file_writer import write_file
 from holoview.util.files import cache_dir
 
 _FORMAT = 2
-"""Of the file of choices; to be increased when loops become faster or slower."""
+"""Of the file of choices; to be increased when kernels become faster or slower."""
 _FILE = "optimiser-kernels.json"
 _PRESET, _SHAPE = "holochrome-8", (96, 128)
 _ROUNDS = 5
@@ -51,11 +51,11 @@ def will_compile(device: str) -> bool:
 
 def _faster_name() -> str:
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as a thread of the team has
+    torch.set_num_threads(1)  # as in a thread of the team
     try:
         rivals = (TORCH_KERNELS, CompiledKernels())
         seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
-    except Exception:  # whatever a compiler meets on a machine that nobody has tried
+    except Exception:  # any failure of a compiler on an untried machine
         return TORCH_KERNELS.name
     finally:
         torch.set_num_threads(threads)

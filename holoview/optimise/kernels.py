@@ -23,12 +23,12 @@ Tensor = torch.Tensor
 
 
 class Kernels:
-    """Operations on fields (laser, source, row, x), complex, by torch. name: of this way to compute them."""
+    """Operations on fields (laser, source, row, x), complex, by torch. name: of this implementation."""
 
     name = "torch"
 
     def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
-        """Whether the transforms along these axes, and all around them, are done in compiled passes."""
+        """Whether compiled passes do the transforms along these axes, and the operations between them."""
         return False
 
     def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
@@ -49,9 +49,9 @@ class Kernels:
         parts.mul_(((2 * weights) @ pairs).view(parts.shape))
 
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
-        """Replaces an image (channel, row, x) by factor·(image − target); the norms of two differences.
+        """Replaces an image (channel, row, x) by factor·(image − target).
 
-        These are image − target, and the same of both clipped to 0…1.
+        Returns two norms: of image − target, and of the same difference with both clipped to 0…1.
         """
         error_norm = torch.linalg.vector_norm(image.clamp(0, 1).sub_(target.clamp(0, 1)))
         residual_norm = torch.linalg.vector_norm(image.sub_(target))

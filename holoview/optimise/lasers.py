@@ -1,4 +1,5 @@
-"""The lasers of a plan that are on: (frame, wavelength) pairs, plans with only some of them, and what splits them."""
+"""The lasers of a plan that are on, (frame, wavelength) pairs; plans with only some of them; effects that split
+them."""
 
 from __future__ import annotations
 

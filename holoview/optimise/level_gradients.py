@@ -12,8 +12,8 @@ The secant ΔL/step replaces ∂L/∂opd, to which it tends for small steps. The
 the shown one as the drive: if both neighbours are worse, the drive is pulled back to the level; otherwise it leaves.
 
 The second term is the change of the loss that the pixel causes by itself: κ is the diagonal of the Gauss–Newton matrix
-for a random field of unit mean intensity. Its weight s rises as the square of the progress, so that early pixels can
-change together and late ones settle.
+for a random field of unit mean intensity. Its weight s rises as the square of the progress, so that early in a run many
+pixels can change together, and late in it they settle.
 
 PSNR (dB) in comparison with straight-through, 96 × 128 pixels, 8 wavelengths, 60 iterations: docs/optimiser.md.
 """
@@ -34,7 +34,7 @@ _FINAL_CURVATURE_WEIGHT = 0.3  # s at the end
 
 @dataclass(frozen=True)
 class LevelSteps:
-    """The steps to neighbouring levels and what they cost by themselves.
+    """The steps to neighbouring levels, and the part of the loss that each step costs by itself.
 
     path_m: optical path (m) from each pixel's level to its neighbour, (frame, modulator, y, x); 0 on continuous
     modulators. curvature: s·κ of each laser at each modulator, (laser, modulator).

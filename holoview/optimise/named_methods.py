@@ -8,10 +8,10 @@ would find in closed form.
 Double phase   the target's amplitude T at the middle plane, with a flat phase, is carried back to the pixels. The field
                U = A⁺T there, with A⁺ the adjoint, is shown by two phases in turn, as a checkerboard:
                U/|U|max = (exp(iθ₊) + exp(iθ₋))/2,  θ± = arg U ± arccos(|U|/|U|max)
-Gerchberg–     at each plane the field gets the target's amplitude, G = T·E/|E|; the pixels become the phase of what is
-Saxton         carried back. A isn't unitary behind stops, hence u = p + Σ_k w_k·A_k⁺(G_k − A_k p)/(Σ_k w_k·u²), which
-               is A⁺G where it is. The squared amplitude error never rises, as for Fienup's error reduction, because
-               |Ap − G|² ≤ u²·|p − u|² + a constant, with equality at the present p.
+Gerchberg–     at each plane the field gets the target's amplitude, G = T·E/|E|; the pixels get the phase of the field
+Saxton         that is carried back. A isn't unitary behind stops, hence u = p + Σ_k w_k·A_k⁺(G_k − A_k p)/(Σ_k w_k·u²),
+               which is A⁺G where A is unitary. The squared amplitude error never rises, as in Fienup's error reduction,
+               because |Ap − G|² ≤ u²·|p − u|² + a constant, with equality at the present p.
 
 C. K. Hsueh & A. A. Sawchuk, Appl. Opt. 17, 3874 (1978); A. Maimone et al., ACM TOG 36, 85 (2017); R. W. Gerchberg & W.
 O. Saxton, Optik 35, 237 (1972); J. R. Fienup, Appl. Opt. 21, 2758 (1982).
@@ -59,9 +59,9 @@ def iterate_named(
 ) -> Iterator[IterationState]:
     """The states of a named method, as `iterate` yields them; arguments as there.
 
-    method: "double-phase", which yields one state, or "gerchberg-saxton", which yields `settings.iterations` + 1. Of
-    the latter's states, those of every `settings.amplitudes_every`-th iteration and of the last one have amplitudes,
-    loss and hologram of their own; the others repeat those before.
+    method: "double-phase", which yields one state, or "gerchberg-saxton", which yields `settings.iterations` + 1
+    states. Of these, every `settings.amplitudes_every`-th state and the last have amplitudes, loss and hologram of
+    their own; the others repeat those before.
 
     Raises UserError as `iterate` does, and for effects that change the light of the modulators.
     """
@@ -80,7 +80,7 @@ def iterate_named(
 
 
 def describe_method(method: str, system: System) -> str:
-    """What a user should know about the pattern that a method finds on a system."""
+    """A sentence for the user on the pattern that a method finds on a system."""
     text = "Gerchberg–Saxton: targets of the lasers count alike"
     if method == "double-phase":
         wavelengths = dict.fromkeys(λ for _, λ in chosen_lasers(make_plan(system)))
@@ -90,7 +90,7 @@ def describe_method(method: str, system: System) -> str:
 
 
 def chosen_lasers(plan: Plan) -> list[Laser]:
-    """The lasers for which double phase is computed: in each frame with light, that of the greatest luminance."""
+    """The lasers for which double phase is computed: in each frame with light, the laser of greatest luminance."""
     luminance = np.where(plan.weights > 0, plan.system.amplitudes * plan.colour_weights[:, 1], -1.0)
     return [(frame, int(λ)) for frame, λ in enumerate(np.argmax(luminance, axis=1)) if luminance[frame, λ] >= 0]
 
@@ -128,7 +128,7 @@ def _states(problem: Problem, drives: Iterator[Tensor], last: int) -> Iterator[I
 
 
 def _evaluate(problem: Problem, drive: Tensor) -> tuple[LossEvaluation, NDArray[np.float64]]:
-    """The evaluation of a drive with the amplitudes that suit it best, and these."""
+    """The evaluation of a drive with the amplitudes that suit it best, and these amplitudes."""
     path_m = drive * _strokes_m(problem.system, drive)
     given = np.array(problem.system.amplitudes)
     solved = problem.evaluate(path_m, given, EvaluationRequest(optimal_amplitudes=True)).optimal_amplitudes
@@ -275,7 +275,7 @@ class AlternatingProjections:
         return weight * float(error)
 
     def _nearest_drive(self, wanted: Tensor, wavelengths_m: Tensor) -> Tensor:
-        """The levels (y, x) whose fields are nearest to those wanted, (laser, y, x): of greatest Σ Re(conj(u)·p)."""
+        """The levels (y, x) whose fields are nearest to the wanted ones, (laser, y, x): of greatest Σ Re(conj(u)·p)."""
         path_m = self._levels * self._problem.system.modulators[0].stroke_m
         fields = torch.view_as_real(phasor(path_m, wavelengths_m[:, None], wanted.dtype))  # (laser, level, 2)
         table = fields.movedim(1, 0).flatten(1)

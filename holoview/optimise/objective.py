@@ -41,9 +41,9 @@ class PlaneLoss:
 
 @dataclass(frozen=True)
 class ResidualSums:
-    """Norms over some rows, numbers on the device: of the residuals, and of the errors that the PSNR is made of.
+    """Norms over some rows, numbers on the device: of the residuals, and of the errors from which the PSNR follows.
 
-    Of a structural loss, the squared residuals include its weight times 1 − MS-SSIM for each number of the image.
+    The squared residuals of a structural loss include its weight times 1 − MS-SSIM for each number of the image.
     """
 
     residual_norm: Tensor
@@ -109,7 +109,7 @@ class Objective:
         return ResidualSums(*norms)
 
     def _replace_by_slopes(self, plane: int, cropped: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-        """Replaces an image by ∂L/∂image, for losses of any kind; the norms of `ResidualSums`."""
+        """Replaces an image by ∂L/∂image, for losses of any kind; returns the norms of `ResidualSums`."""
         error_norm = self._error_norm(cropped, target)
         derivative = torch_srgb_encode_derivative(cropped) if self.loss.is_encoded else None
         if self.loss.is_encoded:
@@ -161,11 +161,11 @@ class Objective:
         return image.movedim(0, -1).cpu().numpy().copy()
 
     def slope_of_residual(self, plane: int) -> float:
-        """∂L/∂image over image − target, of a plain loss."""
+        """The factor from image − target to ∂L/∂image, of a plain loss."""
         return 2 * self._sample_weight(plane)
 
     def _sample_weight(self, plane: int) -> float:
-        """What a squared residual of one channel of one sample adds to the loss."""
+        """The part of the loss of one squared residual, of one channel of one sample."""
         rows, columns = self.region_slices
         samples = (rows.stop - rows.start) * (columns.stop - columns.start)
         return float(self.plane_weights[plane]) / (len(self.target) * self.target.shape[1] * samples)
@@ -188,7 +188,7 @@ class _StructuralPart:
 def _structural_part(image: Tensor, target: Tensor, weight: float) -> _StructuralPart | None:
     """The structural part of a loss of images (channel, y, x) with the weight s; None where that is 0.
 
-    Channel by channel, because what a slope needs takes some hundred images of memory.
+    Channel by channel, because the slopes take some hundred images of memory.
     """
     if weight == 0:
         return None
@@ -285,7 +285,7 @@ def torch_srgb_encode_derivative(light: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class RowResult:
-    """What a block of rows adds to an evaluation; None where it wasn't requested.
+    """The part of a block of rows in an evaluation; None where it wasn't requested.
 
     image_products: Σ ∂L/∂image·intensity (channel, own laser), float64.
     """
@@ -340,7 +340,7 @@ class RowEvaluation:
 
     @property
     def is_plain(self) -> bool:
-        """Whether `evaluate_lines` computes all that is wanted: the image's squared errors and their gradients."""
+        """Whether `evaluate_lines` computes everything wanted: the image's squared errors and their gradients."""
         objective = self.objective
         wants_intensity = self.least_squares is not None or self.needs_image_products
         return objective.is_plain and objective.is_whole and not wants_intensity and self.group.size == 1
@@ -414,7 +414,8 @@ class AmplitudeLeastSquares:
         self._gram, self._right_hand_side = np.zeros((count, count)), np.zeros(count)
 
     def normal_equations(self, intensity: Tensor, target: Tensor) -> NormalEquations:
-        """What samples add: intensity (own laser, …) at unit amplitude, target (channel, …) of equal trailing shape."""
+        """The part of some samples: intensity (own laser, …) at unit amplitude, target (channel, …) of equal trailing
+        shape."""
         own_images, target_channels = intensity.flatten(1), target.flatten(1)
         gram = np.zeros((len(own_images), len(self._laser_channels)))
         for columns, images in self._group.broadcast_shards(own_images, len(self._laser_channels)):

@@ -1,4 +1,4 @@
-"""Where an optimisation computes: processes or GPUs that share its lasers, threads of the CPU, the torch device.
+"""The hardware of an optimisation: processes or GPUs that share its lasers, threads of the CPU, the torch device.
 
 The image is the sum of the lasers' intensities, so that no process needs the fields of another (torch.distributed). The
 processes sum their images at each plane, then the gradients of the patterns and the light in the eyebox. To solve for
@@ -167,14 +167,15 @@ class ThreadTeam:
 
 
 def _single_threaded_pool(size: int) -> ThreadPoolExecutor:
-    """Threads in which torch uses no others. They are all started here, since torch's setting is also that of new ones.
+    """Threads in which torch uses no further threads. All are started here, since torch's setting also holds for new
+    threads.
 
-    The threads end when the pool is no longer referred to.
+    They end when the pool is no longer referred to.
     """
     pool, barrier, before = ThreadPoolExecutor(size), Barrier(size), torch.get_num_threads()
 
     def set_up() -> None:
-        torch.get_num_threads()  # a thread's first question sets its number to the common one; ours comes after it
+        torch.get_num_threads()  # a thread's first call sets its number to the common one; only then can it be changed
         torch.set_num_threads(1)
         barrier.wait()  # so that no thread takes the task of another
 

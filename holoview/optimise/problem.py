@@ -46,11 +46,11 @@ _ROWS_TO_SEND = 128
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """What an evaluation computes beside loss and PSNR; the fields are those of `LossEvaluation`.
+    """The quantities that an evaluation computes beside loss and PSNR; the fields are those of `LossEvaluation`.
 
     amplitude_gradient, wavelength_gradient: only together with path_gradient. level_step_m: replace the path gradient
     by secants to the neighbouring levels, at this optical path from those shown (see `level_gradients`).
-    curvature_weight: the weight s of the secant's second term. planes: those that count, all when None; loss and
+    curvature_weight: the weight s of the secant's second term. planes: the planes that count, all when None; loss and
     gradient are then scaled by their share, so that the mean over all draws is that of all planes.
     """
 
@@ -65,7 +65,7 @@ class EvaluationRequest:
 
     @property
     def takes_all_planes(self) -> bool:
-        """Whether something is wanted that a part of the planes doesn't tell."""
+        """Whether a quantity is wanted that needs all planes."""
         wants_sums = self.optimal_amplitudes or self.eyebox_variation or self.wavelength_gradient
         return wants_sums or self.level_step_m is not None or not self.path_gradient
 
@@ -77,7 +77,7 @@ class EvaluationRequest:
 
 @dataclass(frozen=True)
 class LossEvaluation:
-    """The result of an evaluation; what wasn't requested is None.
+    """The result of an evaluation; quantities that weren't requested are None.
 
     loss: with the eyebox's penalty. psnr_db: mean over planes. picture(): the middle plane in linear sRGB, (y, x, 3).
     path_gradient: ∂L/∂opd (frame, modulator, y, x), 1/m. wavelength_gradient: ∂L/∂λ (wavelength,), 1/m.
@@ -100,7 +100,7 @@ class Problem:
 
     stack: a focal stack, or a complex target.
 
-    In a process group this process's model has only its own lasers, but `evaluate` returns the results of all.
+    In a process group this process's model has only its own lasers, but `evaluate` returns the results of all lasers.
     lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32. places_m: places of
     the eye's pupil, those of the settings when None. kernels: the fastest on this machine when None.
     Raises UserError for a target or settings that don't fit the system, and when memory is too small.
@@ -170,7 +170,7 @@ class Problem:
         self.eyebox = EyeboxPenalty(self.model)
 
     def see_from(self, places_m: Places, stack: NDArray[np.floating]) -> None:
-        """Changes to other places of the eye's pupil, as many as before, and what is to be seen from them.
+        """Changes to other places of the eye's pupil, as many as before, and to the stack to be seen from them.
 
         stack: (place · plane, y, x, 3). Raises UserError for a stack of another shape.
         """
@@ -234,7 +234,7 @@ class Problem:
     def _row_evaluation(
         self, weights: Tensor, least_squares: AmplitudeLeastSquares | None, request: EvaluationRequest
     ) -> ProcessRows[RowResult]:
-        """What evaluates rows of a plane. weights (own laser, channel): of unit intensities."""
+        """The function that evaluates rows of a plane. weights (own laser, channel): of unit intensities."""
         if self._fields is not None:
             return FieldEvaluation(
                 objective=self.objective,
@@ -338,7 +338,8 @@ class Problem:
         return self._per_frame_table(amplitudes)
 
     def _step_curvatures(self, laser_amplitudes: Floats) -> Tensor:
-        """κ (own laser, modulator), reduced by what stops absorb of the pixel's light and of the field it meets."""
+        """κ (own laser, modulator), reduced by the absorption of the pixel's light and of the field it meets in
+        stops."""
         grid = self.model.plan.grid
         samples = self.objective.target[0, 0][self.objective.region_slices].numel()
         squares = np.mean((self._laser_channels() * laser_amplitudes[:, None])[self._own_lasers] ** 2, axis=1)
@@ -355,7 +356,7 @@ class Problem:
         return self._transmittance_cache[wavelength]
 
     def _laser_channels(self) -> Floats:
-        """What a laser of unit amplitude and intensity adds to the mean over frames, (laser, channel)."""
+        """The part of a laser of unit amplitude and intensity in the mean over frames, (laser, channel)."""
         table = self.objective.wavelength_channels.cpu().double().numpy()
         return table[[λ for _, λ in self.lasers]] / self.system.frames
 

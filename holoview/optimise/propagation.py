@@ -36,8 +36,8 @@ class ModulatorLight:
         V = B·H_gap·F[s·p₁],  w = [F⁻¹V]·p₂,  W = F w          (one modulator: W = V)
         c_w = F c_W,  ∂L/∂opd₂ = −(2π/λ)·Im(c_w·w),  c_V = F⁻¹(c_w·p₂),  ∂L/∂opd₁ = −(2π/λ)·Im(s·p₁·F[B·H_gap·c_V])
 
-    with products c·w summed over the samples of each pixel. Transforms along x and along y alternate: those along x,
-    and all that lies between two of them, pass over blocks of rows, those along y over blocks of columns, so that a
+    with products c·w summed over the samples of each pixel. Transforms along x and along y alternate. Those along x,
+    and all operations between two of them, pass over blocks of rows, those along y over blocks of columns, so that a
     block stays in the cache from its first operation to its last.
     """
 
@@ -183,17 +183,17 @@ class ModulatorLight:
 
 
 class PlanePropagation:
-    """From the spectra behind the last modulator to the fields at a focal plane, and back: the part that planes repeat.
+    """From the spectra behind the last modulator to the fields at a focal plane, and back; repeated for every plane.
 
         E = [F⁻¹ H W],  c_W += H·F⁻¹c_E
 
-    Both ways are a multiplication by H, an FFT along y in blocks of columns, and one along x in blocks of rows. The
-    band lies at the first bins of the FFT, so that the zeros that pad it lie behind it. Transfer functions contain
-    1/(P_y·P_x), so that inverse FFTs aren't normalised.
+    Both ways are a multiplication by H, an FFT along y in blocks of columns, and an FFT along x in blocks of rows. The
+    band lies at the first bins of the FFT, with the padding zeros behind it. Transfer functions contain 1/(P_y·P_x), so
+    that inverse FFTs aren't normalised.
     """
 
     evaluates_lines = False
-    """Whether `evaluate_rows` is there, which goes from lines to the loss and back in one pass."""
+    """Whether `evaluate_rows`, which goes from lines to the loss and back in one pass, is implemented."""
 
     def __init__(self, axes: tuple[SpectralAxis, SpectralAxis]) -> None:
         self._y, self._x = (axis.last for axis in axes)

@@ -154,10 +154,10 @@ class _Optimiser:
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _request(self, iteration: int) -> EvaluationRequest:
-        """What to evaluate in an iteration, and in which planes.
+        """The quantities and the planes to evaluate in an iteration.
 
-        Early iterations take some planes, which come in turn, in an order that is drawn anew for each turn: the sum of
-        a turn's gradients is nearly that of all planes, which is not so of planes that are drawn independently.
+        Early iterations take some planes in turn, in an order that is drawn anew for each turn. The sum of a turn's
+        gradients is nearly that of all planes, unlike that of independently drawn planes.
         """
         request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
         count, few = len(self.problem.objective.target), self._planes_at_a_time
@@ -204,7 +204,7 @@ class _Optimiser:
 def _drawn_pupils(
     system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt | ComplexTarget
 ) -> DrawnPupils | None:
-    """The places that the settings want drawn; None for a fixed stack."""
+    """The places that the settings want drawn; None where none are drawn."""
     if callable(stack) != (settings.drawn_pupils > 0):
         found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")
         raise UserError("target", found, expected=f"{expected} with {settings.drawn_pupils} drawn pupils")

@@ -35,7 +35,7 @@ class TransferFunctions:
     gap_tiles: blocks of the spectrum of pixels, and the columns of the gap's band that each makes.
     gap (wavelength, k_y, k_x) for each of these columns: H × pupil between the modulators, 1 for one modulator, times
     the spectrum of a pixel's shape if there is only one source.
-    gap_storage (wavelength, k_y, tile, k_x): where compiled passes find `gap`; None for others.
+    gap_storage (wavelength, k_y, tile, k_x): the same numbers as `gap` for compiled passes; None otherwise.
     pixel_shapes, illumination: (wavelength, source, n) for each axis y, x. The spectra of the pixel's shape, None if
     `gap` holds them; the plane waves at the pixels, None if all sources lie on the axis.
 
@@ -95,7 +95,7 @@ class TransferFunctions:
     def set_eyes(self, plan: Plan) -> None:
         """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`).
 
-        Without a pupil function, only stops and displacements change: what light does in free space is kept.
+        Without a pupil function, only stops and displacements change: the factors of free space are kept.
         """
         self.plan = plan
         for i, λ in enumerate(self.wavelengths):
@@ -113,7 +113,7 @@ class TransferFunctions:
                 block[i, k] = transfer[:, columns]
 
     def _stop_planes(self, i: int, wavelength: int) -> None:
-        """The same without a pupil function, from what is kept of free space."""
+        """The same without a pupil function, from the kept factors of free space."""
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(1))
         if 0 in (len(ky), len(kx)):
             return

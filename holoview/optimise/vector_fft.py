@@ -10,7 +10,7 @@ A block of lines is an array (position, part, lane), flat; the parts are real an
 
 `fft` factors P into radices and transforms by decimation in frequency with constant geometry (Pease, J. ACM 15, 252
 (1968)): every stage reads positions p + j·P/r and writes r·p + j. Results lie in the order of reversed digits, which
-`FftPlan.order` lists; whoever reads them picks them by index.
+`FftPlan.order` lists; readers pick them by index.
 
 numba knows no vectors. `_Vector` adds them, with loads, stores, sums and products as instructions of LLVM, which
 chooses registers for the processor that it compiles for.
@@ -32,7 +32,7 @@ from holoview.optimise.machine_code import REORDERED, compiled
 
 types: Any = numba.core.types
 intrinsic: Any = extending.intrinsic
-"""A function whose instructions `generate` writes: numba's, untyped."""
+"""numba's decorator, untyped, of a function whose LLVM instructions are written by `generate`."""
 
 LANES = 16
 """Lines that are transformed side by side: 64 bytes of float32, a cache line and the widest register."""
@@ -235,10 +235,10 @@ def _exchanged(builder: Any, vectors: list[Any]) -> list[Any]:
 
 @dataclass(frozen=True)
 class FftPlan:
-    """All that `fft` needs for a length P.
+    """The tables that `fft` needs for a length P.
 
-    radices: factors of P. roots: the factors between the stages, (number, real and imaginary part), flat. starts: where
-    those of each stage begin. order: the index of each position of the result. places: the position of each index.
+    radices: factors of P. roots: the factors between the stages, (number, real and imaginary part), flat. starts: index
+    of each stage's first root. order: the index of each position of the result. places: the position of each index.
     """
 
     radices: NDArray[np.int64]
@@ -249,7 +249,7 @@ class FftPlan:
 
     @property
     def arguments(self) -> tuple[NDArray[Any], ...]:
-        """What `fft` is given."""
+        """The arguments of `fft` that follow from the plan."""
         return self.radices, self.roots, self.starts
 
 
@@ -379,7 +379,7 @@ def _stage_5(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
 
 @compiled
 def fft(block: Any, other: Any, radices: Any, roots: Any, starts: Any) -> Any:
-    """The transform of a block, which lies in one of the two afterwards: this is returned. Both are overwritten."""
+    """The transform of a block; returns whichever of the two buffers holds it. Both are overwritten."""
     length, group = block.size // BLOCK, np.int64(1)  # the literal 1 would be a type of its own, compiled as well
     for stage in range(radices.size):
         radix = radices[stage]

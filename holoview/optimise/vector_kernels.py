@@ -1,8 +1,8 @@
 """The passes of an iteration over fields, compiled by numba around `vector_fft`: each reads and writes memory once.
 
-Columns pass through a transform along y, and through all that precedes and follows it, `LANES` neighbouring columns at
-a time; rows through transforms along x, `LANES` rows at a time, which are turned over on the way. A block of lines
-stays in the core's cache from its first operation to its last.
+Columns pass through a transform along y, with the operations before and after it, `LANES` neighbouring columns at a
+time; rows through transforms along x, `LANES` rows at a time, which are transposed on the way. A block of lines stays
+in the core's cache from its first operation to its last.
 
 Arrays are flat, with the strides of their axes counted in real numbers. Rows end early enough that a vector that
 begins before their end belongs to no other row (`pitch_for`).
@@ -185,10 +185,10 @@ def move_columns(
     columns: Any,
     line: Any,
 ) -> None:
-    """c_W += H_before·F⁻¹c, and then lines of F⁻¹(H_after·W): from a plane back, and on to the next one.
+    """c_W += H_before·F⁻¹c, and then lines of F⁻¹(H_after·W): from a plane back, and on to the next plane.
 
     spectra, adjoints: W and c_W (laser, source, k, column), of equal strides. before, after: H (laser, k, column).
-    does: whether to do the first and the second. line: of `plane_line`.
+    does: whether to do the first part and the second. line: of `plane_line`.
     """
     radices, roots, starts, window, band, shown = line
     length = fft_length(radices)
@@ -299,7 +299,7 @@ def _compare_3(
 def _compare_1(
     fields: Any, places: Any, weights: Any, squares: Any, slopes: Any, x: Any, count: Any, line: Any, sums: Any
 ) -> None:
-    """The same of one channel."""
+    """`_compare_3` for one channel."""
     zero = splat(weights.dtype.type(0))
     residuals, errors = zero, zero
     for i in range(places.size):
