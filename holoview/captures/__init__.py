@@ -6,7 +6,7 @@ nominal_bench         the nominal bench as attributes of the file and as tables 
 capture_file          reads and writes the HDF5 capture file, version 1; imports a folder of images
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates captures of a bench with effects
-records               whether patterns, pictures and settings are recorded rightly
+records               whether patterns, pictures and settings belong together
 prepared_captures     images, masks and variances for a comparison with a model; sensitivity of pixels (PRNU)
 predictor             expected camera signals for any effects: the fast forward model; checks of users' effects
 camera_model          camera intensity in the near field, and in the back focal plane of a lens

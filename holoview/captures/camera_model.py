@@ -16,7 +16,7 @@ modulator's pixels is evaluated directly at the camera's pixels; a modulator pix
 (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A defocus d adds the optical path −d·|r|²/(2f²), in the
 paraxial approximation.
 
-Intensity on the camera's pixels of a field that is known by its spectrum, for any position of the camera.
+`sample_intensity` takes a field that is known by its spectrum to the camera's pixels, for any position of the camera.
 
 If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
 pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera

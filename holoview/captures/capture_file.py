@@ -73,7 +73,7 @@ _COUNTS = ("uint8", "uint16")
 _REAL = ("float64", "float32", "float16", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 
 LEVELS = tuple(ArraySchema(f"slm{n}/levels", _COUNTS, ("capture", "row", "column")) for n in (1, 2))
-"""Of each modulator; a file of a single one has the first only."""
+"""Of each modulator; a file of one modulator has only the first."""
 
 IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera column"))
 
@@ -267,7 +267,7 @@ def open_plain_hdf5(path: Path, expected: str, remedy: str) -> Iterator[h5py.Fil
 def plain_child(h5: h5py.File, name: str) -> h5py.Group | h5py.Dataset | None:
     """The group or dataset of a path such as "slm1/levels", None where there is none.
 
-    Raises UserError where a link on the way isn't a hard one.
+    Raises UserError where a link on the way isn't a hard link.
     """
     found: Any = h5
     for part in name.split("/"):

@@ -36,7 +36,7 @@ _UNDO: dict[str, Callable[[_Images], _Images]] = {
 }
 
 ORIENTATIONS = tuple(_UNDO)
-"""Their names; the first one changes nothing."""
+"""The names of the orientations; the first changes nothing."""
 
 SHAPE_KEEPING = ORIENTATIONS[:4]
 """The orientations that keep the numbers of rows and columns."""

@@ -4,8 +4,9 @@ The physics is that of `engine`: plan, transfer functions, modulators and effect
 computing only the frequencies that an iris passes, and by caching: a call that changes only parameters of a camera
 effect recomputes only the camera.
 
-A search takes a parameter value at which a hook raises UserError for an impossible bench and goes on, so that a mistake
-in an effect's file would stay unnoticed. `check_known_effects` and `check_user_effects` report it before a search.
+A search that meets a parameter value at which a hook raises UserError, as for an impossible bench, goes on, so that a
+mistake in an effect's file would stay unnoticed. `check_known_effects` and `check_user_effects` report it before a
+search.
 """
 
 from __future__ import annotations
@@ -74,13 +75,13 @@ class Prediction:
     ambient: Tensor | None = None
 
     def counts_without_lasers(self, nominal_black_level: float) -> NDArray[np.float32]:
-        """Counts beyond the nominal black level that don't depend on the lasers, (capture, y, x) or a single one."""
+        """Counts beyond the nominal black level without the lasers' light, (capture, y, x) or a single number."""
         offset = np.float32(self.black_level - nominal_black_level)
         return np.asarray(offset) if self.ambient is None else offset + self.ambient.numpy().astype(np.float32)
 
 
 CACHE_BYTES = (_CACHE_MB + _IMAGE_CACHE_MB + _DRIVE_CACHE_MB) * _MB
-"""Most memory of the results that a `Predictor` keeps for later calls, unless it is told otherwise."""
+"""Default for the memory of the results that a `Predictor` keeps for later calls."""
 
 
 def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:

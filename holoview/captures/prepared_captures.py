@@ -1,4 +1,4 @@
-"""Captures as a comparison with a model needs them: images without black level, usable pixels, variances, fit quality.
+"""Captures prepared for a comparison with a model: images without black level, usable pixels, variances, fit quality.
 
 If each candidate model were weighted with the variance of its own prediction, candidates that predict more light would
 win. All candidates of a comparison therefore share the same weights: from the images themselves (`neighbour_variance`)
@@ -34,7 +34,7 @@ _WINDOW = 3  # pixels, side of the mean that is subtracted as the smooth part of
 
 @dataclass(frozen=True)
 class PreparedCaptures:
-    """Captures with the images as a comparison needs them.
+    """Captures with their images prepared for a comparison.
 
     light: (capture, y, x), counts above the nominal black level.
     usable: (capture, y, x), False for pixels that a comparison must leave out.
@@ -124,9 +124,9 @@ def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[
     In each set the residuals of every pixel are regressed on its expected signal, and the smooth part of the slopes is
     removed. The covariance of the two maps is the variance of the fixed pattern: errors of the model differ from
     capture to capture and don't correlate. The result is 0 unless the covariance exceeds 5 σ of unrelated maps.
-    Frequencies that stand out are left out: sensitivities that differ from pixel to pixel have no preferred one, but
-    interference fringes do, which are no noise. σ² of the mean covariance of n independent frequencies with the power
-    spectra P₁ and P₂ is ⟨P₁P₂⟩/n.
+    Frequencies that stand out are left out: sensitivities that differ from pixel to pixel have no preferred frequency,
+    but interference fringes, which are no noise, do. σ² of the mean covariance of n independent frequencies with the
+    power spectra P₁ and P₂ is ⟨P₁P₂⟩/n.
     """
     maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
     known = np.isfinite(maps[0]) & np.isfinite(maps[1])
@@ -135,7 +135,7 @@ def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[
     window = known * np.outer(*(taper(n, _TAPERED) for n in known.shape))
     first, second = (_spectrum(m, window) for m in maps)
     ordinary = _without_peaks((first * second.conj()).real)
-    # Pixels that aren't known scatter a wave over all frequencies: without its peak it is gone from the known ones.
+    # Unknown pixels scatter a wave over all frequencies; without its peak it is gone from the known pixels.
     first, second = (np.fft.fft2(known * np.fft.ifft2(s * ordinary))[ordinary] for s in (first, second))
     covariance = float((first * second.conj()).real.mean())
     count = np.square(np.square(window).sum()) / np.square(np.square(window)).sum()  # of independent pixels

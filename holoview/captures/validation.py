@@ -140,7 +140,7 @@ def _check_spread(captures: Captures) -> None:
 
 
 def _unit_hint(value: float, low: float, high: float) -> str:
-    """Which unit would bring the value within the limits, in words; empty if none would."""
+    """The unit, in words, in which the value would be within the limits; empty if there is none."""
     fitting = [name for factor, name in _UNITS.items() if low <= value * factor <= high and value * factor > 1e-9]
     return f"it looks like {fitting[0]}: lengths are in metres" if fitting else ""
 

@@ -26,8 +26,8 @@ class Propagation(Protocol[Field]):
     """The stages that light passes: the elements of the bench.
 
     A `Field` covers the modulator's area in space. As a spectrum it has the frequencies of `Plan.band` of the relay
-    that follows: no others pass that relay's stops. The field behind the first modulator may be kept as one sample for
-    each pixel, from which the others follow.
+    that follows; no others pass that relay's stops. The field behind the first modulator may be kept as one sample for
+    each pixel, from which the other samples follow.
 
     Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes.
     A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane.

@@ -18,8 +18,8 @@ a relay passes (`fused_kernels: FrameLayout`). H is the transfer function.
 `DeviceTables` holds the inputs of the kernels in device buffers, with fingerprints that tell when a result is stale.
 
 The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
-if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes, and
-nothing else decides what an edit makes stale.
+if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes,
+which alone decide what an edit makes stale.
 """
 
 from __future__ import annotations
@@ -207,7 +207,8 @@ class DeviceTables:
             del self._tables[key], self._digests[key]
 
     def _refill(self, key: Key, items: list[bytes]) -> None:
-        """Fill a table that every plan states anew, if its items have changed; to compare is faster than to digest."""
+        """Fill a table that every plan states anew, if its items have changed; comparing them is faster than a
+        digest."""
         if self._items.get(key) != items:
             self._fill(key, items)
             self._items[key] = items
@@ -232,7 +233,7 @@ _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 
 @dataclass(frozen=True)
 class WavelengthSpan:
-    """`count` successive wavelengths of one frame and source, from index `wavelength`: what one dispatch computes."""
+    """`count` successive wavelengths of one frame and source, from index `wavelength`, which one dispatch computes."""
 
     frame: int
     source: int
@@ -242,7 +243,7 @@ class WavelengthSpan:
 
 @dataclass(frozen=True)
 class BufferRegion:
-    """The fields or intensities of a span: their buffer, and the index of the first one in it."""
+    """The fields or intensities of a span: their buffer, and the index of the first of them in it."""
 
     buffer: Buffer
     first: int = 0
@@ -281,12 +282,12 @@ class FusedFrame:
 
     @property
     def layout(self) -> FrameLayout:
-        """What is stored between the kernels."""
+        """The rows that are stored between the kernels."""
         return self.fused_kernels.layout(self.strategy)
 
     @property
     def kept(self) -> StoredRows:
-        """What `record_second_modulator` gives: the second rows, or the spectrum."""
+        """The rows that `record_second_modulator` gives: the second rows, or the spectrum."""
         return self.layout.spectrum if self.layout.keeps_spectrum else self.layout.second
 
     def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
@@ -358,7 +359,7 @@ class FusedFrame:
     def record_second_modulator(
         self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Record the kernels of what is kept for all planes: the second rows, or the spectrum.
+        """Record the kernels of the rows that are kept for all planes: the second rows, or the spectrum.
 
         With one modulator nothing is recorded, and `first` is returned.
         """
@@ -393,7 +394,7 @@ class FusedFrame:
     ) -> None:
         """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`.
 
-        second: what `record_second_modulator` gave.
+        second: the result of `record_second_modulator`.
         """
         at_plane = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
         last = "image" if self.layout.keeps_spectrum else "propagate"
@@ -480,7 +481,7 @@ def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> li
 
 
 FieldName = Literal["first", "second"]
-"""The field behind the first modulator, or what is kept behind the last one."""
+"""The field behind the first modulator, or the field or spectrum that is kept behind the last modulator."""
 FIELD_NAMES: tuple[FieldName, ...] = ("first", "second")
 FrameWavelength = tuple[int, int]
 """Index of a frame and index of a wavelength."""
@@ -510,7 +511,7 @@ class FieldMemory:
         return BufferRegion(self._buffers[key], first)
 
     def has_room_for(self, fields: int) -> bool:
-        """Whether this many first fields and as many second ones would fit an empty cache."""
+        """Whether this many first fields and as many second fields would fit an empty cache."""
         buffers = ceil_div(fields, self._frame.max_wavelengths)
         return buffers * sum(self._buffer_bytes(name) for name in FIELD_NAMES) <= self._budget_bytes
 
@@ -539,7 +540,7 @@ class IntensityMemory:
     """Intensities by frame and wavelength at unit amplitude, in few large buffers that compositing reads as a whole.
 
     Resident intensities, as many as fit `budget_bytes` in the given order, have a region of their own. The others are
-    transient: they share one region and have to be added to XYZ before the next one overwrites it. The
+    transient: they share one region, and each has to be added to XYZ before the next overwrites it. The
     `max_wavelengths` successive wavelengths that a dispatch may compute are adjacent.
     """
 
@@ -573,7 +574,7 @@ class IntensityMemory:
         return BufferRegion(region.buffer, region.first + key[1] % self._max_wavelengths)
 
     def blend_terms(self, weights: Mapping[FrameWavelength, XyzWeight], buffer: Buffer) -> list[WeightedIntensity]:
-        """Those of the weighted intensities that are stored in `buffer`."""
+        """The weighted intensities that are stored in `buffer`."""
         regions = ((self.region(key), weight) for key, weight in weights.items())
         return [(region.first, weight) for region, weight in regions if region.buffer is buffer]
 

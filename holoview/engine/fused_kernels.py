@@ -1,13 +1,12 @@
 """Generates the fused kernels, which are FFTs along one axis with hooks, and lists the variants that a plan needs.
 
 Numbers that depend on the shape of a frame only are constants in the shader. Each optional part makes a variant: a
-kernel, its switches (boolean override constants), and whether it reads one buffer and writes another.
-`shaders/frame/` holds the hooks.
+kernel, its switches (boolean override constants), and whether it reads one buffer and writes another. `shaders/frame/`
+holds the hooks.
 
-What the fused kernels store between them: how many rows and columns of numbers, and in which order.
-
-Along x and along y only the frequencies of the relays' bands are stored. The field behind the first modulator follows
-from one sample for each pixel, and its spectrum, which repeats itself, from as many numbers as there are pixels.
+`FrameLayout` states the rows and columns that the kernels store between them, and their order. Along x and along y only
+the frequencies of the relays' bands are stored. The field behind the first modulator follows from one sample for each
+pixel, and its spectrum, which repeats itself, from as many numbers as there are pixels.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ Bands = tuple[tuple[Range, Range], tuple[Range, Range]]
 
 @dataclass(frozen=True)
 class FrameShape:
-    """All of a plan that the code of the kernels depends on.
+    """The properties of a plan on which the code of the kernels depends.
 
     bands: contain what the relays pass. modulators: their number. has_plain_pixels: whether the field behind the first
     modulator follows from one sample for each of its pixels.
@@ -63,7 +62,7 @@ class FrameShape:
     has_plain_pixels: bool = True
 
     def contains(self, other: FrameShape) -> bool:
-        """Whether kernels of this shape compute frames of the other one: its bands lie inside."""
+        """Whether kernels of this shape compute frames of the other shape, whose bands lie inside."""
         pairs = zip(sum(self.bands, ()), sum(other.bands, ()), strict=True)
         is_inside = all(mine[0] <= theirs[0] and theirs[1] <= mine[1] for mine, theirs in pairs)
         rest = (self.grid, self.modulators, self.has_plain_pixels)
@@ -86,7 +85,7 @@ def frame_shape(plan: Plan, *, has_plain_pixels: bool = True) -> FrameShape:
 
 
 def _outwards(band: Range, n: int) -> Range:
-    """A band that ends at multiples of n/8 and contains the given one, which may be empty."""
+    """A band that ends at multiples of n/8 and contains a given band, which may be empty."""
     if band[0] > band[1]:
         return 0, 0
     lowest = band[0] * _PARTS // n * n // _PARTS
@@ -240,7 +239,7 @@ class FusedKernels:
 
     @classmethod
     def kept(cls, device: Device, shape: FrameShape, *, half: bool = False) -> FusedKernels:
-        """Those that were made last for this shape, with all that they have generated, or new ones."""
+        """The kernels that were made last for this shape, with all that they have generated, or new kernels."""
         key, generated = (cls, shape, half, device.largest_radix), device.generated
         kernels: FusedKernels = generated.pop(key, None) or cls(device, shape, half=half)
         generated[key] = kernels
@@ -338,7 +337,7 @@ def lines_of(layout: FrameLayout, kernel: str, relay: int) -> int:
 
 
 def rows_of(layout: FrameLayout, kernel: str, relay: int) -> tuple[StoredRows, StoredRows]:
-    """The rows that a kernel reads and those that it writes; twice the same if it does only one of both."""
+    """The rows that a kernel reads and the rows that it writes; equal if it only reads or only writes rows."""
     behind = layout.gap if relay == 0 else layout.plane
     return {
         "light": (layout.first, layout.first),
@@ -390,7 +389,7 @@ def _holds_whole_lines(layout: FrameLayout, kernel: str, relay: int) -> bool:
 
 
 def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) -> str:
-    """WGSL constants of the grid and of the memory layout, so that the compiler evaluates what depends on them."""
+    """WGSL constants of the grid and of the memory layout, so that the compiler evaluates expressions of them."""
     pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
     source, target = rows_of(layout, kernel, relay)
     whole, reads_pixels = layout.shape.grid, kernel == "propagate" and _reads_pixels(layout, relay)

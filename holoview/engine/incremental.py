@@ -5,7 +5,7 @@
 
 The first and second rows are the fields behind the first and the last modulator, transformed along x (see `fused`).
 Each result is stored on the device with a fingerprint of its inputs. It is stale if the fingerprint differs from that
-of the present bench; there are no other rules. It follows that these edits recompute:
+of the present bench; there are no other rules. These edits therefore recompute:
 
     exposure                    the sRGB image
     observer, amplitudes        XYZ and the sRGB image, since intensities are stored at unit amplitude
@@ -76,9 +76,9 @@ class IncrementalRenderer:
 
     drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1. plane_m: None for the system's first plane.
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
-    a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with one that
-    is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
-    called regularly.
+    a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with a
+    strategy that is ready immediately, and changes to the fastest once that is compiled in the background, if
+    `poll_strategy` is called regularly.
 
     progress: share of the present or last update that is done. step_s: running mean of the time for one of the
     `steps`, which is known where these wait; None before the first. update_s: duration of the last update, from its
@@ -187,7 +187,7 @@ class IncrementalRenderer:
         """Change to a faster FFT strategy if one has become ready, and return whether this happened; never waits.
 
         Call it regularly, for example for each drawn frame. If the strategy is "auto", the first call starts the search
-        for a faster one in another process. Results stay valid, and iterators from `steps` continue.
+        for a faster strategy in another process. Results stay valid, and iterators from `steps` continue.
         """
         return self._apply_strategy(self._selector.poll(self._plan.grid.padded, self._frame))
 
@@ -340,10 +340,10 @@ class IncrementalRenderer:
         return self._frame.tables.field_fingerprints(frame, 0, wavelength)
 
     def _is_gap_edit(self, before: tuple[Fingerprint, Fingerprint]) -> bool:
-        """Whether an edit changed the second rows but not the first ones, and all of these fit the budget.
+        """Whether an edit changed the second rows but not the first, and all first rows fit the budget.
 
-        After such an edit the first rows are stored. They aren't from the start, because the kernels that follow then
-        can't work in place, which is slower.
+        After such an edit the first rows are stored. They aren't stored from the start, because the kernels that follow
+        then can't work in place, which is slower.
         """
         first, second = self._example_fingerprints()
         fields = len(self._frame.tables.plan.slopes) * int(np.count_nonzero(self._frame.tables.plan.weights))
@@ -393,7 +393,7 @@ class IncrementalRenderer:
         self._remember({"sRGB": fingerprint}, recorder)
 
     def _record_second_rows(self, span: WavelengthSpan, recorder: CommandRecorder) -> BufferRegion:
-        """The field behind the last modulator: the stored one, else recomputed from the latest stored field."""
+        """The field behind the last modulator: stored, or else recomputed from the latest stored field."""
         wavelengths = range(span.wavelength, span.wavelength + span.count)
         pairs = [self._frame.tables.field_fingerprints(span.frame, span.source, w) for w in wavelengths]
         firsts = dict(zip(field_keys("first", span), (first for first, _ in pairs), strict=True))
@@ -418,7 +418,7 @@ class IncrementalRenderer:
         fingerprints: Mapping[Hashable, Fingerprint],
         uncached_target: BufferRegion | None,
     ) -> BufferRegion:
-        """The field behind the first of two modulators: the stored one, else recomputed.
+        """The field behind the first of two modulators: stored, or else recomputed.
 
         It is written to the cache, or to `uncached_target` if the cache has no room or isn't used.
         """
@@ -431,7 +431,8 @@ class IncrementalRenderer:
         return self._frame.record_first_modulator(recorder, span, cached)
 
     def _remember_fields(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
-        """As `_remember`, unless the strategy changes in between: the spectra are in the order of the old one."""
+        """As `_remember`, unless the strategy changes in between, because the spectra are in the order of the old
+        one."""
         self._forget(fingerprints)
         strategy = self._frame.strategy
 
@@ -456,12 +457,13 @@ class IncrementalRenderer:
         return kernels
 
     def _kernels_fit(self, plan: Plan, inputs: ShaderInputs) -> bool:
-        """Whether the present kernels compute all that the stops of a plan pass, as they do when stops are narrowed."""
+        """Whether the present kernels compute all frequencies that a plan's stops pass, as after stops were
+        narrowed."""
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
         return self._frame.fused_kernels.shape.contains(shape)
 
     def _allocate(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> None:
-        """Empty device memory for the results of a plan; other kernels take the place of those that don't fit.
+        """Empty device memory for the results of a plan; kernels that don't suit the plan are replaced.
 
         Raises UserError if the grid exceeds the device's limits; then the former results stay.
         """
@@ -492,7 +494,7 @@ class IncrementalRenderer:
     def _apply_strategy(self, strategy: Strategy) -> bool:
         """Use a strategy from now on; return whether it differs from the previous one.
 
-        Fields become stale, since their spectra are in the order of the previous one.
+        Fields become stale, since their spectra are in the order of the previous strategy.
         """
         if strategy == self.strategy:
             return False

@@ -1,10 +1,10 @@
-"""The light through one point of the image: sections along the axis, its directions, and where it comes from.
+"""The light through one point of the image: sections along the axis, its directions, and its origins.
 
 `section_steps`     the light in the planes x–z and y–z through the point
-`point_steps`       which angles reach it, and which lasers, diffraction orders and areas of the modulators lit it
+`point_steps`       the angles that reach the point; the lasers, diffraction orders and areas of modulators that lit it
 
 The field of a laser at a sample p is linear in the field v behind each modulator, u(p) = Σ_q w(q)·v(q). The weights w
-are a row of the matrix of propagation, which is the transposed propagation of a 1 at p:
+are a row of the matrix of propagation, and follow from the transposed propagation of a 1 at p:
 
     w₂ = Fᵀ·(H₂·F⁻ᵀ·δ_p),   w₁ = F₁ᵀ·(H₁·F₁⁻ᵀ·(t₂·w₂))
 
@@ -73,7 +73,7 @@ class Sections:
     """The light in the planes x–z and y–z through a sample, as far as it is computed.
 
     planes_m: (plane,) distances, rising. xz: (plane, x, 3) and yz: (plane, y, 3), XYZ of the intensity. A plane that
-    isn't computed yet shows the nearest one that is. share: of the planes that are computed; 0: nothing to show yet.
+    isn't computed yet shows the nearest computed plane. share: of the planes that are computed; 0: nothing to show yet.
     """
 
     planes_m: NDArray[np.float64]
@@ -85,7 +85,7 @@ class Sections:
 def section_steps(
     system: System, drive: Any, planes_m: NDArray[np.float64], place: Place, lasers: Sequence[int]
 ) -> Iterator[Sections]:
-    """The sections through a sample, after each plane of which they are better: first every 2ⁿ-th, then those between.
+    """The sections through a sample, better after each plane: first every 2ⁿ-th plane, then the planes between.
 
     planes_m: (plane,) rising. lasers: indices of those that are on. Each plane takes two lines of a transform only.
     Raises UserError as `make_plan` and `FrameInputs` do, and when memory doesn't suffice for the spectra.
@@ -121,7 +121,7 @@ def _executor(plan: Plan, drive: Any, *, double: bool = False) -> TorchExecutor:
 
 
 def _coarse_to_fine(count: int) -> list[int]:
-    """All indices below a count: every 2ⁿ-th one, then those in the middle between, and so on."""
+    """All indices below a count: every 2ⁿ-th index, then the middles between, and so on."""
     stride = 1 << max(count - 1, 1).bit_length()
     order: list[int] = []
     while stride:
@@ -159,8 +159,8 @@ class PointLight:
     """The light of a sample of the image, as far as it is computed; intensities are means over frames and directions.
 
     wavelengths_m, intensities: (laser,) of the nominal system, and their light there; xyz: (3,) its colour.
-    orders: {(y, x): share of the field there} that each diffraction order of the last modulator's pixels brings. Shares
-    add up to 1; one below 0 cancels others. A mean over beams, weighted by their intensity.
+    orders: {(y, x): share of the field there} of each diffraction order of the last modulator's pixels. Shares add up
+    to 1; a share below 0 cancels others. They are means over beams, weighted by their intensity.
     areas: for each modulator XYZ (y, x, 3) of |w·v|², the power of the contributions of its samples.
     directions: XYZ (v, v, 3) of the power spectrum of the field around the sample in a Hann window `window` samples
     wide, by spatial frequency; 0 is in the middle, one step is `frequency_step`, 1/m.
@@ -237,7 +237,7 @@ class BeamAtPoint:
 
 
 def beam_at_point(executor: TorchExecutor, beam: Beam, plane_m: float, place: Place) -> BeamAtPoint:
-    """The light of a beam at a sample (row, column) of a focal plane, and where it comes from."""
+    """The light of a beam at a sample (row, column) of a focal plane, with its parts and contributions."""
     fields, wavelength = _fields(executor, beam), beam.wavelength
     last = _last(executor.plan)
     transform = executor.transforms[1]

@@ -1,8 +1,7 @@
 """The reference executor: the stages of a frame in PyTorch, complex64 or complex128, on the CPU or a torch device.
 
-The complex field at each of `System.stages`, by the reference executor.
-
-Fields have no carrier exp(2πi·z/λ). The powers of the lasers aren't in them.
+`stage_field` gives the complex field at each of `System.stages`, without the carrier exp(2πi·z/λ) and the powers of the
+lasers.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class TorchField:
 
 
 class ModulatorInputs(Protocol):
-    """What the patterns are: the part of `FrameInputs` that the modulators need."""
+    """The patterns of the modulators: the part of `FrameInputs` that the stages need."""
 
     def path_m(self, frame: int, modulator: int) -> torch.Tensor:
         """Optical path (y, x) of a modulator's pixels, m, without effects on modulators."""

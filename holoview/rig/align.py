@@ -3,7 +3,7 @@
 find_geometry    the whole alignment
 PictureTaker     takes its pictures: patterns in, light per second out
 find_roughly     orientation and rough place of a modulator on the camera, from single dots, without prior knowledge
-stage_settings   the settings to which the stage goes
+stage_settings   the stage's settings at which dots are measured
 registration_of  the registration of the devices that follows from the geometry; sentences: the findings, for people
 check_plan       a few captures, by which the registration is checked
 """
@@ -97,8 +97,7 @@ def find_geometry(
 ) -> FoundGeometry:
     """Finds where modulators and camera are. The caller closes the devices.
 
-    rig: as described, without a registration. devices: its open ones, as they are. Raises DeviceError where dots aren't
-    seen.
+    rig: as described, without a registration. devices: its open devices. Raises DeviceError where dots aren't seen.
     """
     total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
     return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress)).run()
@@ -160,7 +159,7 @@ class _Alignment:
 
     @property
     def _picture_shape(self) -> tuple[int, int]:
-        """Of the picture turned back."""
+        """Shape of the picture turned back."""
         return oriented_shape(self._raw_shape, inverse_orientation(self._pictures.camera_turn))
 
     def _rough_values(self, setting: float) -> Floats:

@@ -1,7 +1,7 @@
 """Pictures that measurements can rely on: well exposed, checked, and dark ones for comparison.
 
 take_exposed     an exposure time that uses the camera's range without saturation, found from picture to picture
-CheckedCamera    takes pictures again that a camera can't have taken: of another shape or range, repeated, or torn
+CheckedCamera    takes a picture again that a camera can't have taken: of another shape or range, repeated, or torn
 DarkFrame        the mean of pictures with all lasers off, compared with the black level and read noise that are stated
 
 Noise makes two pictures of the same scene differ, which tells repeated and torn pictures apart. Whole counts of two

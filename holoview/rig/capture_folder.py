@@ -4,8 +4,8 @@ CaptureFolder    captures one by one; at the end all together as one capture fil
 CaptureStore     the captures of a plan: which are missing, and the record of the bench beside them
 BenchRecord      dark frames, settling and notes; in a capture file, readers of captures ignore them
 
-Each capture is a capture file of its own, written whole or not at all. Whatever ends the program, at most the capture
-in flight is lost, and everything that reads capture files can read the others.
+Each capture is a capture file of its own, written whole or not at all. However the program ends, at most the capture in
+flight is lost, and everything that reads capture files can read the others.
 """
 
 from __future__ import annotations

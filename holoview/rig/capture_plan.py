@@ -1,4 +1,4 @@
-"""Which captures are taken: the default set, a plan in TOML, or a table; and how long that takes on the bench.
+"""The captures that are taken: the default set, a plan in TOML, or a table; and the time that they take on the bench.
 
 each = 8                          # captures of every wavelength and distance
 wavelengths = ["450 nm"]          # default: all lasers
@@ -61,7 +61,7 @@ _HELD = 3.0  # times of the data that are in memory while captures are joined, c
 
 @dataclass(frozen=True)
 class CaptureRequest:
-    """One capture. sigma_px: blur of its random patterns, drawn with `seed`. exposure_s: None where it is searched."""
+    """A planned capture. sigma_px: blur of its random patterns, drawn with `seed`. exposure_s: None: it is searched."""
 
     wavelength_m: float
     distance_m: float
@@ -122,7 +122,7 @@ def read_plan(path: str | os.PathLike[str], rig: RigDescription) -> CapturePlan:
 
 
 def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
-    """The captures of a table of values; a missing key has its default."""
+    """The captures of a table of values; missing keys have their defaults."""
     seed, each = int(values.get("seed", 0)), int(values.get("each", 8))
     powers = values.get("power", np.array([0.5, 1.0]) * rig.limits.power)
     sigmas = values.get("blur", np.array(BLUR_SIGMAS_PX))
@@ -144,7 +144,7 @@ def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
 
 
 def _with_settings(plan: CapturePlan, settings: Mapping[float, LaserSetting]) -> CapturePlan:
-    """The captures of the lasers that have settings, with these."""
+    """The plan with the given settings for the captures of their lasers."""
     requests = (
         replace(request, power=own.power, exposure_s=own.exposure_s)
         for request in plan.requests

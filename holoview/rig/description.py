@@ -1,4 +1,4 @@
-"""Reads a rig's description: which devices it has, their facts, the safety limits, and the nominal bench.
+"""Reads a rig's description: its devices, their facts, the safety limits, and the nominal bench.
 
 rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devices' own keys, and three of its own:
 
@@ -29,7 +29,7 @@ rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devi
     [geometry]
     gap = "1 mm"
 
-Where camera and modulators are is written beside it by `holoview rig align` (`registration`), and read with it.
+`holoview rig align` writes the places of camera and modulators beside it (`registration`); they are read with it.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ _FACTS: dict[str, dict[str, ValueType]] = {
 class DeviceSpec:
     """A device that is to be opened. name: its table in rig.toml. kind: who drives it. options: of that kind.
 
-    measures_settling: whether the time that a modulator needs is to be measured; until then its option is a long one.
+    measures_settling: whether the time that a modulator needs is to be measured; until then its option is a long time.
     """
 
     name: str
@@ -147,8 +147,9 @@ class RigDescription:
     path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
     wavelengths_m: of the lasers, ascending. stage_m: the reach of the stage.
     devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
-    registration: where the devices are; None: where they should be. With one, camera_shape is that of the rectified
-    picture, bench has the measured pitch, and stage_m and limits are distances as measured. described: without it.
+    registration: the measured places of the devices; None: they are as described. With a registration, camera_shape is
+    that of the rectified picture, bench has the measured pitch, and stage_m and limits are measured distances.
+    described: the rig without it.
     """
 
     path: Path
@@ -166,11 +167,11 @@ class RigDescription:
 
     @property
     def as_described(self) -> RigDescription:
-        """As rig.toml says, without a registration."""
+        """The rig of rig.toml, without a registration."""
         return self.described or self
 
     def registered(self, registration: Registration) -> RigDescription:
-        """With the devices where they are. Raises UserError for a registration of other devices."""
+        """The rig with the measured places of its devices. Raises UserError for a registration of other devices."""
         described = self.as_described
         for name, found, own in (
             ("slm_shape", registration.slm_shape, described.slm_shape),

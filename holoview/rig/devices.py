@@ -1,12 +1,12 @@
-"""Modulators, cameras, lasers and stages, whoever made them: the methods that every device has.
+"""Modulators, cameras, lasers and stages of any maker: the methods that every device has.
 
 Every kind of device is a class with these methods. All quantities are in SI units; patterns are raw grey levels, never
 phases.
 
 protocols           ModulatorDevice, CameraDevice, LasersDevice, StageDevice, BenchClock
 Devices             the open devices of a rig, which are closed with the lasers off first
-Wrapped             a device in the place of another one, which it uses: base of limits, checks and safeguards
-call_device         what a vendor's library raises becomes a DeviceError
+Wrapped             a device in the place of another, which it uses: base of limits, checks and safeguards
+call_device         turns the exceptions of a vendor's library into a DeviceError
 limit_devices       lasers, camera and stage that can't leave the safety limits of a rig, whatever a plan asks for
 """
 
@@ -144,7 +144,7 @@ class Devices:
             stack.callback(self._switch_lasers_off)  # last in, first out
 
     def _switch_lasers_off(self) -> None:
-        """A signal that comes meanwhile ends the program afterwards; a second one ends it at once."""
+        """Switches the lasers off. A signal that comes meanwhile ends the program afterwards; a second one at once."""
         asked = Interruption()
 
         def handle(number: int) -> None:
@@ -163,12 +163,12 @@ Kind = TypeVar("Kind")
 
 @dataclass(eq=False)
 class Wrapped(Generic[Kind]):
-    """A device in the place of another one of its kind, `device`; subclasses change some of its methods."""
+    """A device in the place of another of its kind, `device`; subclasses change some of its methods."""
 
     device: Kind
 
     def __getattr__(self, name: str) -> Any:
-        """Methods and properties that aren't changed are those of the device."""
+        """The method or property of the device, unless it is changed here."""
         return getattr(self.device, name)
 
 

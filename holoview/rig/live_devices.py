@@ -1,4 +1,4 @@
-"""Devices that a window uses: no call of them holds it up, lasers go off at any time, and closing takes a bounded time.
+"""Devices that a window uses: no call holds it up, lasers go off at any time, and closing takes a bounded time.
 
 RigConnection     opens the devices, has a thread use them, and closes them
 DeviceWorker      the thread, which makes all calls, one after the other
@@ -27,7 +27,7 @@ _MAY_BE_ON = "the lasers may be on: switch them off by hand"
 
 OpenDevices = Callable[[RigDescription], Devices]
 Deliver = Callable[[Callable[[], None]], None]
-"""Has the owner's thread make a call."""
+"""Makes the owner's thread call a function."""
 
 
 class RigConnection:
@@ -65,7 +65,7 @@ class RigConnection:
         self._worker.submit(lambda: work(self._opened()), on_result, on_error, key=key, delay_s=delay_s)
 
     def lasers_off(self) -> None:
-        """Switches all lasers off, whatever the devices' thread does; nothing that was asked for before undoes it."""
+        """Switches all lasers off, whatever the devices' thread does; no earlier request switches them on again."""
         if self._lasers is None:
             return
         self._lasers.forbid(self._worker.count)
@@ -89,7 +89,7 @@ class RigConnection:
         return self._off is not None and not self._off.has_ended
 
     def abandon(self) -> None:
-        """Switches the lasers off and lets nothing more happen; the devices are still to be closed."""
+        """Switches the lasers off and drops all further calls; the devices are still to be closed."""
         self.lasers_off()
         self._worker.abandon()
 
@@ -134,7 +134,7 @@ class RigConnection:
 
 
 def _close_quietly(devices: Devices) -> None:
-    """Closes devices; a failure leaves nothing to be done."""
+    """Closes devices and ignores failures."""
     with suppress(Exception):  # whatever a device's library raises; the lasers were seen to before
         devices.close()
 
@@ -152,7 +152,7 @@ class _Call:
 
 
 class DeviceWorker:
-    """Makes calls in their order; a call that still waits is replaced by a later call of the same key.
+    """Makes calls in their order; a later call of the same key replaces a call that still waits.
 
     deliver: results and exceptions go to the owner by it. on_begin: called on the thread with the number of each call
     before it is made.
@@ -212,7 +212,7 @@ class DeviceWorker:
             self._on_begin(call.number)
             try:
                 result = call.work()
-            except BaseException as error:  # nobody else hears of it
+            except BaseException as error:  # else nobody would hear of it
                 self._hand_over(partial(call.on_error, error))
             else:
                 self._hand_over(partial(call.on_result, result))
@@ -284,7 +284,7 @@ class LaserInterlock(Wrapped[LasersDevice]):
 
 
 class LasersForbidden(DeviceError):
-    """A laser was to be switched on by something that was asked for before all were switched off."""
+    """A laser was to be switched on by a request from before all lasers were switched off."""
 
 
 class OffThread:
@@ -311,7 +311,7 @@ class OffThread:
     def _run(self) -> None:
         try:
             self._lasers.switch_off()
-        except Exception as error:  # whatever a device's library raises
+        except Exception as error:  # of any device's library
             self.problem = str(error) or type(error).__name__
 
 

@@ -1,4 +1,4 @@
-"""Takes the captures of a plan that are missing; whatever interrupts it, the same call goes on."""
+"""Takes the missing captures of a plan; after any interruption, the same call goes on."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _FIRST_DARK_PICTURES = 4
 
 
 class Measurement:
-    """Takes captures one after the other. devices: open ones, which the caller closes.
+    """Takes captures one after the other. devices: open devices, which the caller closes.
 
-    tell: called with news for a user, such as a picture that was taken again. notes: all of that.
+    tell: called with news for a user, such as a picture that was taken again. notes: all of this news.
     """
 
     def __init__(self, rig: RigDescription, devices: Devices, tell: TextCallback = lambda _: None) -> None:
@@ -99,7 +99,7 @@ class Measurement:
         devices.clock.wait(self._settle_s())
 
     def _settle_s(self) -> float:
-        """The longest time that a modulator needs, as measured where it was."""
+        """The longest time that a modulator needs: the measured time, if there is one."""
         waits = {f"slm{n}": modulator.settle_s for n, modulator in enumerate(self._devices.modulators, start=1)}
         return max((waits | {name: found.wait_s for name, found in self._settling.items()}).values())
 
@@ -117,7 +117,7 @@ class Measurement:
         return picture, exposure_s
 
     def _prepare(self, request: CaptureRequest, store: CaptureStore) -> None:
-        """Takes the first dark frame and measures how modulators settle, unless that is known by now."""
+        """Takes the first dark frame and measures how modulators settle, unless these are known."""
         if not store.record.dark:
             self._take_dark_frames(store, [self._allowed(_FIRST_EXPOSURE_S)], _FIRST_DARK_PICTURES)
         self._settling = dict(store.record.settling)
@@ -128,7 +128,7 @@ class Measurement:
                 store.keep(dataclasses.replace(store.record, settling=self._settling, notes=tuple(self.notes)))
 
     def _measure_settling(self, name: str, request: CaptureRequest) -> None:
-        """Of one modulator, in the light of a capture."""
+        """Measures how one modulator settles, in the light of a capture."""
         number, rig, devices = int(name.removeprefix("slm")) - 1, self._rig, self._devices
         levels = request.levels(rig)
         self._light_up(request, levels)
@@ -164,7 +164,7 @@ class Measurement:
             store.keep(dataclasses.replace(store.record, notes=tuple(self.notes)))
 
     def _note(self, text: str) -> None:
-        """Tells a note, and keeps it; once is enough."""
+        """Tells a note once, and keeps it."""
         if text not in self.notes:
             self.notes.append(text)
             self._tell(text)

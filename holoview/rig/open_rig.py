@@ -63,7 +63,7 @@ _NEED_NO_GUARD = ("virtual", "manual")  # the virtual bench has an interlock; a 
 _END_S = 30.0  # for the guard to end
 
 ALL_OFF = "off"
-"""The line that tells the guard that all lasers are off."""
+"""The line by which the guard learns that all lasers are off."""
 
 
 class SystemClock:
@@ -123,7 +123,7 @@ KINDS: Mapping[str, Opener] = {
     "micromanager": lambda opening, spec: open_micromanager(opening.rig, spec, opening.cores),
     "python": lambda opening, spec: open_python(opening.rig, spec, opening.modules),
 }
-"""Who drives a device, by the word that its table in rig.toml has for `device`."""
+"""How devices are opened, by the word `device` of their tables in rig.toml."""
 
 
 def _opener(rig: RigDescription, spec: DeviceSpec) -> Opener:
@@ -158,7 +158,7 @@ class GuardedLasers(Wrapped[LasersDevice]):
             self._dismiss()
 
     def _dismiss(self) -> None:
-        """Ends the guard, which has nothing to do if the lasers are off; twice is once."""
+        """Ends the guard, which has nothing to do once the lasers are off; a second call does nothing."""
         stdin = self._guard.stdin
         if stdin is None or stdin.closed:
             return

@@ -14,8 +14,8 @@ It stands in RIG.placement.toml beside rig.toml:
     [values]                          # each with its uncertainty, one standard deviation
     pitch = ["3.8835 um", "0.0001 um"]
 
-Turned and cropped pictures are exact. Other corrections would need resampling and aren't made: the rest of the
-displacement and the rotation are known effects, with which a diagnosis begins.
+Turning and cropping pictures is exact. Other corrections would need resampling and aren't made: the remaining
+displacement and rotation are known effects, with which a diagnosis begins.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Registration:
-    """Where a rig's devices are.
+    """The measured places of a rig's devices.
 
-    camera_turn, slm2_turn: of the raw picture, and of the picture on modulator 2, against that on modulator 1;
-    slm2_turn is None with one modulator. first, shape: row and column, and numbers of them, of the rectified picture in
-    the raw one turned back. slm_shape, camera_shape: of the devices it was found for.
+    camera_turn, slm2_turn: of the raw picture, and of the picture on modulator 2, against the picture on modulator 1;
+    slm2_turn is None with one modulator. first, shape: first row and column, and numbers of rows and columns, of the
+    rectified picture in the raw picture turned back. slm_shape, camera_shape: of the devices of the alignment.
     values: by the names of the file. `pitch` is the camera's, referred to the modulators; shift, rotation and walk are
     those of the rectified picture; a distance is stage_offset + (1 + stage_scale)·setting.
     """
@@ -103,7 +103,7 @@ class Registration:
         return (distance_m - self["stage_offset"]) / (1 + self["stage_scale"])
 
     def known_effects(self) -> dict[str, dict[str, float]]:
-        """Effects that rectified pictures still have, {effect: {parameter: value}}; without values that may be zero."""
+        """Effects that rectified pictures still have, {effect: {parameter: value}}, without insignificant values."""
         known: dict[str, dict[str, float]] = {}
         for name, effect in _EFFECTS.items():
             found = self.values.get(name)
@@ -113,7 +113,7 @@ class Registration:
         return known
 
     def uncertain_effects(self) -> dict[str, dict[str, float]]:
-        """How well the registration is known, {effect: {parameter: standard deviation}}, in SI units."""
+        """Standard deviations of the registration's values, {effect: {parameter: standard deviation}}, in SI units."""
         sigmas = {effect: self.values[name].uncertainty for name, effect in _MEASURED.items() if name in self.values}
         if "pitch" in self.values:
             sigmas["camera_alignment.magnification"] = self.values["pitch"].uncertainty / self["pitch"]

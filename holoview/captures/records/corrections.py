@@ -1,6 +1,6 @@
-"""Which records of captures can be wrong, and how each wrong record is put right.
+"""The records of captures that can be wrong, and their corrections.
 
-A correction names one wrong record and makes the captures as they should have been recorded:
+A correction names one wrong record and puts the captures right:
 
     SlmExchange, SlmInversion            patterns of the other modulator; inverted levels
     SlmOrientation, CameraOrientation    patterns or pictures that are mirrored or turned
@@ -10,8 +10,8 @@ A correction names one wrong record and makes the captures as they should have b
     `power_order.PowerOrder`             powers of other captures
 
 Corrections are applied together in the order of `ORDER`: the exchange of the modulators' patterns is undone first, so
-that "modulator 1" means modulator 1 of the bench in every other correction. At the end of the file: which corrections
-are tried for given captures, alone and in pairs.
+that "modulator 1" means modulator 1 of the bench in every other correction. `single_corrections` and `pairs` list the
+corrections that are tried for given captures.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Correction(ABC):
 
     @abstractmethod
     def words(self) -> Words:
-        """How the wrong record is named."""
+        """The name of the wrong record."""
 
     @abstractmethod
     def apply(self, captures: Captures) -> Captures:
-        """The captures with this record as it should have been."""
+        """The captures with this record put right."""
 
     @property
     def effect(self) -> str:
@@ -159,8 +159,8 @@ class CameraOrientation(Correction):
 def orientation_candidates(captures: Captures) -> list[Correction]:
     """All orientations that the shapes allow.
 
-    A modulator's patterns can be turned by 90° if they are square. The pictures can be if they are, or the modulators,
-    and on a Fourier bench, where the camera's shape has nothing to do with the modulator's.
+    A modulator's patterns can be turned by 90° if they are square. The pictures can be turned if they or the modulators
+    are square, and on a Fourier bench, where the camera's shape is independent of the modulator's.
     """
     rows, columns = captures.levels.shape[2:]
     of_slms = ORIENTATIONS[1:] if rows == columns else SHAPE_KEEPING[1:]
@@ -181,7 +181,7 @@ class SlmExchange(Correction):
         return dataclasses.replace(captures, levels=captures.levels[:, ::-1])
 
     def fits(self, captures: Captures) -> bool:
-        """Not where a modulator lacks the levels of the other's patterns."""
+        """False where a modulator lacks the levels of the other's patterns."""
         highest = captures.levels.max(axis=(0, 2, 3))[::-1]
         levels = [slm.num_levels for slm in captures.slms]
         return len(levels) == 2 and all(h < n for h, n in zip(highest, levels, strict=True))
@@ -216,8 +216,8 @@ class PatternOffset(Correction):
     """Patterns are recorded `offset` captures after their pictures (before them if negative).
 
     slms: the modulators concerned, from 0. with_settings: wavelength, distance, power and exposure are out of step with
-    the pictures too. wraps: the captures at one end belong to the pictures at the other; otherwise those have no
-    pattern in the file, and are left out.
+    the pictures too. wraps: the captures at one end belong to the pictures at the other; otherwise these pictures have
+    no pattern in the file, and are left out.
     """
 
     offset: int
@@ -256,7 +256,7 @@ class PatternOffset(Correction):
         return (source < 0) | (source >= count)
 
     def without_ends(self) -> PatternOffset:
-        """The same, but the pictures at the end have no pattern."""
+        """The same offset, but with no pattern for the pictures at the end."""
         return dataclasses.replace(self, wraps=False)
 
 
@@ -381,7 +381,7 @@ def plausible_units(captures: Captures) -> tuple[WrongUnit, ...]:
 
 
 def units_of_lengths(captures: Captures) -> tuple[WrongUnit, ...]:
-    """The same, where lengths alone are checked. Raises UserError for lengths that no unit makes plausible."""
+    """As `plausible_units`, for lengths alone. Raises UserError for lengths that no unit makes plausible."""
     units: tuple[WrongUnit, ...] = ()
     if not _has_plausible_lengths(captures):
         of_columns = [[None, *(WrongUnit(column, *each) for each in _UNITS[column])] for column in _UNITS]
@@ -403,7 +403,7 @@ def _has_plausible_lengths(captures: Captures) -> bool:
 
 
 def cyclic_orders(captures: Captures, column: Column) -> list[ValueOrder]:
-    """The cyclic permutations of a column's values, the identity first: together they pair every value with every."""
+    """The cyclic permutations of a column's values, the identity first; together they pair each value with each."""
     values = tuple(column_values(captures, column).tolist())
     n = len(values)
     return [ValueOrder(column, tuple((i + step) % n for i in range(n)), values) for step in range(n)]
@@ -432,7 +432,7 @@ LARGEST_OFFSET = 8
 """[captures] Largest offset between patterns and pictures that is tried. Evidence: none recorded."""
 
 PAIRED_OFFSET = 3
-"""[captures] … together with another correction, where it isn't of all patterns alone. Evidence: the cost."""
+"""[captures] … together with another correction, unless it moves all patterns alone. Evidence: the cost."""
 
 COLUMNS: tuple[Column, ...] = ("wavelength", "distance")
 
@@ -448,7 +448,7 @@ def single_corrections(captures: Captures, screened: Sequence[int]) -> list[Corr
 
 
 def pairs(singles: Sequence[Correction]) -> list[Hypothesis]:
-    """Two corrections of different kinds; of the offsets only those of all patterns together, and small ones."""
+    """Two corrections of different kinds; of the offsets only small ones, and those of all patterns together."""
     most = PAIRED_OFFSET
     few = [c for c in singles if not isinstance(c, PatternOffset) or c.is_plain or abs(c.offset) <= most]
     return [hypothesis(pair) for pair in combinations(few, 2) if pair[0].effect != pair[1].effect]

@@ -18,8 +18,8 @@ small ones.
 
 In the near field light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much
 margin around the compared pixels, a crop is predicted like the whole. On a Fourier bench every camera pixel sees all of
-the modulator: its levels can't be cut, and not be binned either, since phases wrap. But a Fourier sum is computed at
-any window of the camera alone, so that a crop of the picture is predicted exactly.
+the modulator, whose levels can't be cut, nor binned, since phases wrap. But a Fourier sum is computed at any window of
+the camera alone, so that a crop of the picture is predicted exactly.
 
 Crops are centred on the axis, so that mirrored or turned records stay mirrored or turned.
 """
@@ -80,7 +80,7 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
 def speckle_px(captures: Captures) -> tuple[float, float]:
     """Width (y, x) of a speckle of the longest wavelength on a Fourier bench, λf/(width of the modulator), in pixels.
 
-    At least 1: a smaller one is seen by one pixel.
+    At least 1, because one pixel sees a smaller speckle.
     """
     light = float(captures.wavelength_m.max()) * (captures.focal_length_m or 0.0) / captures.camera.pitch_m
     y, x = (max(1.0, light / (n * captures.slms[0].pitch_m)) for n in captures.levels.shape[2:])
@@ -121,7 +121,7 @@ def _walk_off_m(captures: Captures) -> float:
 
 
 def _kept(n: int, wanted: int) -> int:
-    """At most `wanted` of n pixels, as many left out on either side."""
+    """At most `wanted` of n pixels, with as many left out on either side."""
     return n if wanted >= n else wanted + (n - wanted) % 2
 
 
@@ -158,8 +158,8 @@ TAPER = 0.08
 compares inside."""
 
 FALSE_ALARMS = 1e-6
-"""[1] Probability that pictures without any relation to the patterns show one correction as better, of all that are
-tried. Evidence: a thousand sets of captures a day for a year give less than one."""
+"""[1] Probability that pictures without any relation to the patterns show one of all tried corrections as better.
+Evidence: a thousand sets of captures a day for a year give less than one."""
 
 _MAX_CORRELATION = 0.9999  # atanh of 1 is infinite
 _CACHE_MB = 64  # of each thread's predictor
@@ -418,7 +418,7 @@ def _at_common_shift(hypothesis: Hypothesis, matches: Sequence[Match]) -> TrialS
 
 
 def _without_stuck_pixels(light: NDArray[np.float32], stuck: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Dead and hot pixels get the mean of the picture's others: their contrast would be in every picture."""
+    """The picture with dead and hot pixels at the mean of the others; their contrast would be in every picture."""
     if stuck.any() and not stuck.all():
         light = light.copy()
         light[:, stuck] = light[:, ~stuck].mean(axis=1, keepdims=True)

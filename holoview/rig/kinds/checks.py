@@ -27,7 +27,7 @@ Parse = Callable[[Any, str], Any]
 
 
 def option_place(rig: RigDescription, spec: DeviceSpec) -> str:
-    """How errors name a device's table."""
+    """The name of a device's table, for errors."""
     return f"{rig.path}: {spec.name}"
 
 
@@ -169,7 +169,7 @@ class StageAxis:
         return cls(options.get("zero", 0.0), sign, options.get("tolerance", cls.tolerance_m))
 
     def position_m(self, distance_m: float) -> float:
-        """Where the stage is at this distance."""
+        """The stage's position at this distance."""
         return self.zero_m + self.sign * distance_m
 
     def distance_m(self, position_m: float) -> float:

@@ -78,8 +78,8 @@ class Connection:
     def ask(self, message: Message) -> Message:
         """Sends a message and waits for the answer to it, which has the same number. Raises Disconnected.
 
-        An answer that nobody waited for, because Ctrl-C ended an earlier call, isn't taken for this one's: lasers would
-        pass as switched off when it is their switching on that was confirmed.
+        An answer that is left over, because Ctrl-C ended an earlier call, isn't taken for this one's: lasers could pass
+        as switched off when an earlier request to switch them on was confirmed.
         """
         self._asked += 1
         number = self._asked

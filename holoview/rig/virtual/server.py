@@ -1,7 +1,7 @@
 """The process of a virtual bench: `python -m holoview.rig.virtual.server RIG.toml`.
 
-It reads a token from stdin, prints the port of a local socket that it listens on, and serves whoever sends the token
-first. It ends when stdin is closed, which is when the process that started it ends, however that ended.
+It reads a token from stdin, prints the port of its local socket, and serves the first client that sends the token. It
+ends when stdin is closed, which happens when the process that started it ends in any way.
 
 `VirtualBench` computes the light from patterns, lasers, stage and camera to counts, with its hidden effects.
 
@@ -74,7 +74,7 @@ _TURNED = ("slm1", "slm2", "camera")
 _SHARE, _SECONDS, _SMALL = Number(low=0.0, high=1.0), Number(low=0.0, high=100.0), Number("um", low=0.0, high=1e-3)
 _HOUR_S = 3600.0
 _BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
-_MIN_SHARE, _MAX_SHARE = 1e-4, 0.95  # of a pattern before: below it is gone; the most that the effect takes
+_MIN_SHARE, _MAX_SHARE = 1e-4, 0.95  # of an earlier pattern: below it none is left; the most that the effect takes
 _STAGE_SPEED = 5e-3  # m/s
 _LASER_LOG = re.compile(r"lasers[A-Za-z0-9_-]{0,40}\.txt")
 
@@ -93,7 +93,7 @@ class OrientationTable:
 
 
 class LaserLogName:
-    """Field type of the log of the lasers, which is written: a stranger's bench mustn't choose another file."""
+    """Field type of the name of the lasers' log, which is written: a stranger's bench mustn't choose another file."""
 
     def parse(self, value: Any, where: str) -> str | None:
         if value is None:

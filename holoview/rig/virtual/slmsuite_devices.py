@@ -4,9 +4,9 @@
     camera = VirtualCamera("rig.toml", address=slm.address, token=slm.token)
     FourierSLM(camera, slm).fourier_calibrate(array_shape=5, array_pitch=5)
 
-slmsuite knows no lasers, no stage and no clock of its own. The modulator switches a laser on while it is open, and time
-on the bench goes on with the time that passes between calls, so that slmsuite's waits end; computing the
-light takes no time there. With `live=False` only exposures and `wait` take time.
+slmsuite knows no lasers, no stage and no clock of its own. The modulator switches a laser on while it is open, and the
+bench's clock advances with the time that passes between calls, so that slmsuite's waits end; computing the light takes
+no time there. With `live=False` only exposures and `wait` take time.
 """
 
 from __future__ import annotations
