@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from holoview.cli import main
 from holoview.commands.console import PrintableStream, SafeStream, console_streams
 from holoview.util.text import printable_lines
-from tests.explored import explored
 from tests.patience import PATIENCE_S
 
 SMALL = ["--set", "shape=[24,32]"]
@@ -73,16 +72,13 @@ def test_the_streams_are_as_before_afterwards() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX shell")
 @pytest.mark.parametrize(
     ("redirection", "code", "told"),
-    explored(
-        [
-            ("| head -1", 0, ""),
-            (">&- 2>&-", 0, ""),
-            (">/dev/full", 2, "holoview: output: No space left on device\n"),
-            (">&-", 0, ""),
-            ("2>&-", 0, ""),
-        ],
-        3,
-    ),
+    [
+        ("| head -1", 0, ""),
+        (">&- 2>&-", 0, ""),
+        (">/dev/full", 2, "holoview: output: No space left on device\n"),
+        pytest.param(">&-", 0, "", marks=pytest.mark.explores),
+        pytest.param("2>&-", 0, "", marks=pytest.mark.explores),
+    ],
 )
 def test_output_that_goes_nowhere_makes_no_traceback(redirection: str, code: int, told: str) -> None:
     if "full" in redirection and not Path("/dev/full").exists():
