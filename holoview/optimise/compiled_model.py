@@ -135,23 +135,22 @@ class CompiledPlanePropagation(PlanePropagation):
         self._lines = [plane_line(axis.last, double=dtype == torch.complex128) for axis in axes]
         self._number = np.float64 if dtype == torch.complex128 else np.float32
 
-    def move(self, fields: BeamFields, block: int, before: Tensor | None, after: Tensor | None) -> None:
+    def move(
+        self, fields: BeamFields, block: int, transfers: TransferFunctions, before: int | None, after: int | None
+    ) -> None:
         """Carries a block of columns back from a plane and on to the next, in one pass."""
-        first, second = (before, before if after is None else after) if before is not None else (after, after)
-        assert first is not None and second is not None
-        adjoints, spectra = _view(fields.adjoint_spectra.blocks[block]), _view(fields.spectra.blocks[block])
-        does = (before is not None, after is not None)
-        shape, columns = fields.group.shape, self._x.frequencies
-        lines = _view(fields.plane_lines)
+        stored, does = transfers.planes[block][fields.group.wavelengths], (before is not None, after is not None)
+        first, second = (stored[:, 0 if plane is None else plane] for plane in (before, after))
         move_columns(
-            *lines,
-            spectra[0],
-            *adjoints,
-            *_view(first[:, 0]),
-            *_view(second[:, 0]),
+            *_view(fields.plane_lines),
+            _view(fields.spectra.blocks[block])[0],
+            *_view(fields.adjoint_spectra.blocks[block]),
+            *_view(first),
+            *_view(second),
+            transfers.plane_rows.numpy(),
             does,
-            shape,
-            columns,
+            fields.group.shape,
+            self._x.frequencies,
             self._lines[0],
         )
 

@@ -224,18 +224,17 @@ class ForwardModel:
     def _process_columns(self, before: int | None, plane: int | None, chosen: tuple[int, int]) -> None:
         """Carries a block of columns back from the plane before, and on to the next plane, if these are given."""
         index, block = chosen
-        fields, transfers = self._fields[index], self.transfer_functions.planes[block]
-        last, following = (
-            None if number is None else transfers[fields.group.wavelengths, number, None] for number in (before, plane)
-        )
+        fields, transfers = self._fields[index], self.transfer_functions
         if not self._z_weighted_adjoints:
-            self._propagation.move(fields, block, last, following)
+            self._propagation.move(fields, block, transfers, before, plane)
             return
-        if before is not None and last is not None:
+        if before is not None:
+            last = transfers.of_plane(block, fields.group.wavelengths, before)[:, None]
             adjoint = self._propagation.carry_back(fields, block, last)
             weighted = self._z_weighted_adjoints[index].blocks[block]
             weighted.addcmul_(adjoint, last, value=float(self.plan.planes_m[before]))
-        if following is not None:
+        if plane is not None:
+            following = transfers.of_plane(block, fields.group.wavelengths, plane)[:, None]
             self._propagation.to_plane(fields, block, following)
 
     def _process_rows(

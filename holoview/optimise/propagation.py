@@ -200,12 +200,14 @@ class PlanePropagation:
         assert self._y.lowest == self._x.lowest == 0
         self._zero_tails = ZeroTails()
 
-    def move(self, fields: BeamFields, block: int, before: Tensor | None, after: Tensor | None) -> None:
-        """Carries a block of columns back from a plane with its H, and on to another, where these are given."""
+    def move(
+        self, fields: BeamFields, block: int, transfers: TransferFunctions, before: int | None, after: int | None
+    ) -> None:
+        """Carries a block of columns back from a plane, and on to another, where these are given."""
         if before is not None:
-            self.carry_back(fields, block, before)
+            self.carry_back(fields, block, transfers.of_plane(block, fields.group.wavelengths, before)[:, None])
         if after is not None:
-            self.to_plane(fields, block, after)
+            self.to_plane(fields, block, transfers.of_plane(block, fields.group.wavelengths, after)[:, None])
 
     def to_plane(self, fields: BeamFields, block: int, transfer: Tensor) -> None:
         """Writes a block of columns of a plane's lines. transfer (laser, 1, k_y, k_x): H in this block."""

@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan
@@ -30,8 +32,9 @@ class TransferFunctions:
 
     column_width: of the blocks in which factors are stored, as `BeamFields` stores spectra. by_rows: for compiled
     passes, one block whose rows are contiguous.
-    columns: these blocks behind the last modulator. planes (wavelength, plane, k_y, k_x) in each of them: H × pupil
-    from the last modulator to a focal plane, divided by the length P_y·P_x of the FFT.
+    columns: these blocks behind the last modulator. planes (wavelength, plane, row, k_x) in each of them: H × pupil
+    from the last modulator to a focal plane, divided by the length P_y·P_x of the FFT. plane_rows (k_y,): the row of a
+    frequency. For compiled passes, frequencies ±k_y share a row if H is even, which takes half the memory.
     gap_tiles: blocks of the spectrum of pixels, and the columns of the gap's band that each makes.
     gap (wavelength, k_y, k_x) for each of these columns: H × pupil between the modulators, 1 for one modulator, times
     the spectrum of a pixel's shape if there is only one source.
@@ -62,7 +65,8 @@ class TransferFunctions:
         self.gap_tiles = axes[1].tiles_of_blocks(column_width)
         self._gap_columns = [columns for _, tiles in self.gap_tiles for columns, _ in tiles]
         count = len(self.wavelengths)
-        self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), axes[0].last.frequencies)
+        self._stored_rows, self.plane_rows = self._find_rows()
+        self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), len(self._stored_rows))
         self.gap = self._empty_gap(count)
         for i, λ in enumerate(self.wavelengths):
             self._fill(i, λ)
@@ -74,6 +78,28 @@ class TransferFunctions:
             for block, columns in zip(self.gap, self._gap_columns, strict=True):
                 block.mul_(y.mT).mul_(x[..., columns])
             self.pixel_shapes = None
+
+    def of_plane(self, block: int, wavelengths: slice, plane: int) -> Tensor:
+        """H × pupil to a plane in a block of columns, (wavelength, k_y, k_x)."""
+        stored = self.planes[block][wavelengths, plane]
+        return stored if len(self._stored_rows) == len(self.plane_rows) else stored[:, self.plane_rows]
+
+    def _find_rows(self) -> tuple[Tensor, Tensor]:
+        """The frequencies k_y whose rows of H are stored, as indices, and the row of each frequency."""
+        signed = self._frequencies(1)[0].cpu().numpy()
+        every = torch.arange(len(signed))
+        if not (self._by_rows and self.wavelengths and self._is_even_in_y(signed)):
+            return every, every
+        _, stored, rows = np.unique(np.abs(signed), return_index=True, return_inverse=True)
+        return torch.from_numpy(stored), torch.from_numpy(rows)
+
+    def _is_even_in_y(self, ky: NDArray[np.int64]) -> bool:
+        """Whether H × pupil is the same at ±k_y in all planes: in free space it is."""
+        plan = self.plan
+        if plan.nominal.eye is not None or pupil_with_effects(plan, 1, self.wavelengths[0]) is not None:
+            return False
+        supports = (plan.transfer(1, λ, float(plan.planes_m[0])).support for λ in self.wavelengths)
+        return all(np.array_equal(rows[ky % len(rows)], rows[-ky % len(rows)]) for rows in map(np.asarray, supports))
 
     def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
         *outer, rows = sizes
@@ -108,7 +134,7 @@ class TransferFunctions:
         """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane."""
         padded = math.prod(self.plan.grid.padded)
         for k, z in enumerate(self.plan.planes_m):
-            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k)) / padded
+            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k))[self._stored_rows] / padded
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
 

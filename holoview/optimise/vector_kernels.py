@@ -180,6 +180,7 @@ def move_columns(
     before_strides: Any,
     after: Any,
     after_strides: Any,
+    rows: Any,
     does: Any,
     beams: Any,
     columns: Any,
@@ -187,8 +188,8 @@ def move_columns(
 ) -> None:
     """c_W += H_before·F⁻¹c, and then lines of F⁻¹(H_after·W): from a plane back, and on to the next plane.
 
-    spectra, adjoints: W and c_W (laser, source, k, column), of equal strides. before, after: H (laser, k, column).
-    does: whether to do the first part and the second. line: of `plane_line`.
+    spectra, adjoints: W and c_W (laser, source, k, column), of equal strides. before, after: H (laser, row, column).
+    rows (k,): those of H. does: whether to do the first part and the second. line: of `plane_line`.
     """
     radices, roots, starts, window, band, shown = line
     length = fft_length(radices)
@@ -202,21 +203,21 @@ def move_columns(
                     _load_columns(a, lines, at + 2 * column, line_strides[2], window)
                     done = fft(a, b, radices, roots, starts)
                     h = laser * before_strides[0] + 2 * column
-                    _add_products(done, band, before, h, before_strides[1], adjoints, to + 2 * column, strides[2])
+                    _add_products(done, band, before, h, before_strides[1], rows, adjoints, to + 2 * column, strides[2])
                 if does[1]:
                     h = laser * after_strides[0] + 2 * column
-                    _load_products(a, band.size, spectra, to + 2 * column, strides[2], after, h, after_strides[1])
+                    _load_products(a, rows, spectra, to + 2 * column, strides[2], after, h, after_strides[1])
                     done = fft(a, b, radices, roots, starts)
                     _store_columns(done, lines, at + 2 * column, line_strides[2], shown, one, LANES)
 
 
 @compiled
 def _add_products(
-    block: Any, results: Any, factors: Any, h: Any, factor_stride: Any, sums: Any, at: Any, stride: Any
+    block: Any, results: Any, factors: Any, h: Any, factor_stride: Any, rows: Any, sums: Any, at: Any, stride: Any
 ) -> None:
     for k in range(results.size):
         real, imaginary = load(block, results[k] * BLOCK), load(block, results[k] * BLOCK + LANES)
-        u, v = load_complex(factors, h + k * factor_stride)
+        u, v = load_complex(factors, h + rows[k] * factor_stride)
         x, y = load_complex(sums, at + k * stride)
         x = add(x, subtract(multiply(real, u), multiply(imaginary, v)))
         y = add(y, add(multiply(real, v), multiply(imaginary, u)))
@@ -225,13 +226,13 @@ def _add_products(
 
 @compiled
 def _load_products(
-    block: Any, count: Any, values: Any, at: Any, stride: Any, factors: Any, h: Any, factor_stride: Any
+    block: Any, rows: Any, values: Any, at: Any, stride: Any, factors: Any, h: Any, factor_stride: Any
 ) -> None:
-    if count * BLOCK < block.size:
-        block[count * BLOCK :] = 0
-    for k in range(count):
+    if rows.size * BLOCK < block.size:
+        block[rows.size * BLOCK :] = 0
+    for k in range(rows.size):
         real, imaginary = load_complex(values, at + k * stride)
-        u, v = load_complex(factors, h + k * factor_stride)
+        u, v = load_complex(factors, h + rows[k] * factor_stride)
         store(block, k * BLOCK, subtract(multiply(real, u), multiply(imaginary, v)))
         store(block, k * BLOCK + LANES, add(multiply(real, v), multiply(imaginary, u)))
 

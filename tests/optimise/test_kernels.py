@@ -14,6 +14,7 @@ import torch
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise import kernel_choice as module
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.kernel_choice import choose_kernels, will_compile
 from holoview.optimise.kernels import TORCH_KERNELS, CompiledKernels
 from holoview.optimise.problem import EvaluationRequest, Problem
@@ -104,9 +105,28 @@ BENCHES: dict[str, dict[str, Any]] = {
     },
     "three samples a pixel": {"upsample": 3},
     "bands off the centre": {"relay1.square": "first order", "relay1.centre_na": [0, 0.01], "relay2.iris_na": 0.02},
+    "a last band off the centre": {"relay2.iris_na": 0.03, "relay2.centre_na": [0.01, -0.02]},
+    "glass": {"relay2": {"iris_na": 0.04, "apodisation_na": 0.03, "aberration": {"Z4": "70 nm", "Z8": "40 nm"}}},
     "an eye": {"eye": {"eyepiece": "5 mm", "pupil": "0.5 mm", "pupil_x": "0.1 mm", "accommodation": ["3 D", "9 D"]}},
     "rows that fill no vector": {"shape": (17, 19)},
 }
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_rows_of_a_transfer_function_that_are_equal_are_stored_once(
+    name: str, bench: Bench, compiled: CompiledKernels
+) -> None:
+    plan = make_plan(bench(**BENCHES[name]))
+    folded = ForwardModel(plan, kernels=compiled).transfer_functions
+    whole = ForwardModel(plan).transfer_functions
+    shares = [len(block[0, 0]) / len(folded.plane_rows) for block in folded.planes]
+    is_even = name not in ("a last band off the centre", "glass", "an eye")
+    assert all(0.5 <= share < 0.6 if is_even else share == 1 for share in shares)
+    every = slice(0, len(plan.system.wavelengths_m))
+    for plane in range(len(plan.planes_m)):
+        found = torch.cat([folded.of_plane(block, every, plane) for block in range(len(folded.planes))], dim=-1)
+        expected = torch.cat([whole.of_plane(block, every, plane) for block in range(len(whole.planes))], dim=-1)
+        assert torch.equal(found, expected)
 
 
 @pytest.mark.parametrize("loss", ["linear-srgb", "mono"])
