@@ -39,8 +39,8 @@ def check_effects(plan: Plan, settings: Settings) -> None:
     if names := [name for name, values in table.items() if changes_lasers(plan.nominal, {name: values})]:
         raise UserError(
             f"effects.{' and '.join(names)}",
-            "changes the lasers themselves, which patterns can't be optimised for",
-            expected="effects that change the light of each laser",
+            "splits lasers, or changes their frames or powers, which the optimiser can't take into account",
+            expected="effects that leave the lasers as they are",
             remedy="switch it off for the optimisation; rendering shows what it does",
         )
     if "wavelengths" in settings.free:
