@@ -17,6 +17,7 @@ from holoview.commands.arguments import (
     number,
     parse_assignment,
     parse_effects,
+    parse_lengths,
     system_from_args,
     whole,
     with_changes,
@@ -29,8 +30,15 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.wavefield.interpret.remembered import over, parse_order, parse_steps, remember, request_of_notes
-from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, ReadRequest, RecordingKind
+from holoview.wavefield.interpret.remembered import (
+    over,
+    parse_order,
+    parse_shift,
+    parse_steps,
+    remember,
+    request_of_notes,
+)
+from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, ReadRequest, RecordingKind, Viewpoint
 
 _NEGATIVE = re.compile(r"-\d*\.?\d+(,-?\d*\.?\d+)* ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
@@ -47,6 +55,8 @@ _OPTIONS = (
     "file_note",
     "aperture",
     "decimate",
+    "viewpoint",
+    "colour_shift",
     "steps",
     "order",
 )
@@ -70,18 +80,6 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
     group.add_argument(
         "--parts", metavar="A,B", help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…"
     )
-    group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
-    group.add_argument(
-        "--steps",
-        metavar="DEGREES",
-        help="of a phase-shifting set: 0,90,180,270 of the pictures' reference, equal (if absent), or unknown: found",
-    )
-    group.add_argument(
-        "--order",
-        metavar="FX,FY[,RADIUS]",
-        **several,
-        help="of an off-axis recording, in cycles a pixel, one for each wavelength or for all; found if absent",
-    )
     group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
     group.add_argument(
         "--propagation",
@@ -96,6 +94,30 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         **several,
         help="a key of the notes beside a file: phase_levels=255 colour_axis=last transposed=true …",
     )
+    _add_recording_options(group)
+    _add_part_options(group)
+    group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
+    group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
+
+
+def _add_recording_options(group: argparse._ArgumentGroup) -> None:
+    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
+    group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
+    group.add_argument(
+        "--steps",
+        metavar="DEGREES",
+        help="of a phase-shifting set: 0,90,180,270 of the pictures' reference, equal (if absent), or unknown: found",
+    )
+    group.add_argument(
+        "--order",
+        metavar="FX,FY[,RADIUS]",
+        **several,
+        help="of an off-axis recording, in cycles a pixel, one for each wavelength or for all; found if absent",
+    )
+
+
+def _add_part_options(group: argparse._ArgumentGroup) -> None:
+    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
     group.add_argument(
         "--aperture",
         metavar="PART",
@@ -103,10 +125,20 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         "the image, 2deg in the middle, 2deg,X,Y with its centre at X, Y degrees",
     )
     group.add_argument(
+        "--viewpoint",
+        metavar="X,Y,SIZE",
+        help="see it through a square part, the rest being dark: its place from -1 (left, upper edge) to 1, and its "
+        "side in samples or degrees as seen from the image: -1,0,2deg",
+    )
+    group.add_argument(
+        "--colour-shift",
+        metavar="X,Y",
+        **several,
+        help="move the field of each colour by these lengths, one pair for each: 0,0um 12,-3um 5,5um",
+    )
+    group.add_argument(
         "--decimate", metavar="N", type=whole(1), help="the mean of N × N samples becomes one: a view of a large whole"
     )
-    group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
-    group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
 
 
 def request_from_args(args: argparse.Namespace) -> ReadRequest:
@@ -137,6 +169,8 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         propagation=args.propagation,
         decimate=args.decimate or 1,
         most_samples=MOST_UNASKED,
+        viewpoint=None if args.viewpoint is None else _viewpoint(args.viewpoint),
+        colour_shifts_m=tuple(parse_shift(list(parse_lengths(t, "--colour-shift"))) for t in args.colour_shift or ()),
         **_aperture(args.aperture),
     )
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
@@ -148,6 +182,15 @@ def _numbers(text: str) -> Any:
         return [float(part.removesuffix("deg")) for part in text.replace(" ", "").split(",")]
     except ValueError:
         return text
+
+
+def _viewpoint(text: str) -> Viewpoint:
+    """The viewpoint that --viewpoint states. Raises UserError for other texts."""
+    numbers = _numbers(text)
+    if isinstance(numbers, str) or len(numbers) != 3:
+        expected = "x,y,size: places from -1 to 1, and a side of samples or degrees, such as -1,0,2deg"
+        raise UserError("--viewpoint", f'"{text}"', expected=expected)
+    return Viewpoint((numbers[0], numbers[1]), numbers[2], text.strip().endswith("deg"))
 
 
 def _aperture(text: str | None) -> dict[str, Any]:

@@ -158,6 +158,10 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
         field, notes = found.field, (*notes, *found.report)
         recorded = RecordedOrders(reading.recording, found.orders) if found.orders else None
     assert field is not None
+    if request.viewpoint is not None:
+        from holoview.wavefield.synthetic_aperture import seen_from  # slow start: it imports torch
+
+        field = seen_from(field, request.viewpoint)
     seen, moved = image_field(field, request.propagation)
     corners = corner_note(field, seen) if reading.recording is None else ""
     seen, resampled = with_square_pitch(seen)

@@ -22,7 +22,7 @@ from holoview.util.errors import UserError
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
 from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
 from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
-from holoview.wavefield.interpret.known_files import find_known_file
+from holoview.wavefield.interpret.known_files import find_alike, find_known_file
 from holoview.wavefield.interpret.properties import (
     Findings,
     Known,
@@ -37,7 +37,13 @@ from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.readers.tile_set import open_tiles
 from holoview.wavefield.request import BinaryLayout, Order, ReadRequest, RecordingKind, Steps
-from holoview.wavefield.wavefield import Provenance, Wavefield, samples_of_degrees, without_checkerboard
+from holoview.wavefield.wavefield import (
+    Provenance,
+    Wavefield,
+    samples_of_degrees,
+    shifted_colours,
+    without_checkerboard,
+)
 
 __all__ = [
     "BinaryLayout",
@@ -158,6 +164,8 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
     request, name = known.request, known.name
     is_field = not arrangement.is_recording
     _, colours, rows, columns = arrangement.sizes
+    variable = arrangement.groups[0][0][0].component.array.name
+    known = replace(known, alike=find_alike(variable, colours, (rows, columns)))
     pitch = find_pitch(known, not is_field, findings)
     wavelengths = find_wavelengths(known, colours, not is_field, findings)
     distance, radius = find_distance(known, findings), find_radius(known, findings)
@@ -170,7 +178,7 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
     values.flags.writeable = False
     field, recording = None, None
     if is_field:
-        final = _finished(values, request, arrangement)
+        final = _finished(values, request, arrangement, coarse)
         field = Wavefield(final, coarse, in_medium, distance, radius, name)
     else:
         chosen = request.steps or "equal", request.orders
@@ -219,8 +227,10 @@ def _region(
     return region
 
 
-def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangement) -> NDArray[Any]:
-    """The field of a bilevel pattern, with the stated sign of the phase, without a stated checkerboard."""
+def _finished(
+    values: NDArray[Any], request: ReadRequest, arrangement: Arrangement, pitch_m: tuple[float, float]
+) -> NDArray[Any]:
+    """The field of a bilevel pattern, with the stated sign of the phase and shifts, without a stated checkerboard."""
     if request.checkerboard and request.decimate > 1:
         raise UserError("decimate", "with a checkerboard", expected="1", remedy="read a region of it")
     if arrangement.quantity == "bilevel":
@@ -228,6 +238,8 @@ def _finished(values: NDArray[Any], request: ReadRequest, arrangement: Arrangeme
             raise UserError("decimate", "a bilevel pattern", expected="1", remedy="read a region of it")
         values = half_spectrum(values)
     values = np.conj(values) if request.conjugated else values
+    if request.colour_shifts_m:
+        values = shifted_colours(values, request.colour_shifts_m, pitch_m)
     return without_checkerboard(values) if request.checkerboard else values
 
 

@@ -57,6 +57,26 @@ class Order:
 
 
 @dataclass(frozen=True)
+class Viewpoint:
+    """A square part of a hologram through which it is seen, the rest being dark: a synthetic aperture.
+
+    place: of its centre (x, y): −1 touches the left or upper edge, 0 is the middle, 1 touches the right or lower edge.
+    size: of a side in samples, or in degrees as seen from the middle of the image if `in_degrees`.
+
+    Raises UserError for places and sizes that can't be.
+    """
+
+    place: tuple[float, float]
+    size: float
+    in_degrees: bool = False
+
+    def __post_init__(self) -> None:
+        if not (max(map(abs, self.place)) <= 1 and (0 < self.size < 180 if self.in_degrees else self.size >= 1)):
+            found = f"{self.place[0]:g}, {self.place[1]:g}, {self.size:g}{'deg' * self.in_degrees}"
+            raise UserError("viewpoint", found, expected="x and y from -1 to 1, and a size such as 512 or 2deg")
+
+
+@dataclass(frozen=True)
 class BinaryLayout:
     """The layout of a binary dump: a file of numbers without a description.
 
@@ -95,6 +115,8 @@ class ReadRequest:
     colour_axis: whether the colours are the file's first or last axis. transposed: whether y and x are exchanged.
     region: (x, y, width, height) in samples from the upper left; the rest isn't read where the format allows it.
     aperture_deg: (size, x, y) of a square region in degrees as seen from the image, its centre at x, y from the middle.
+    viewpoint: through which part of the field it is seen. colour_shifts_m: by how much the field of each colour is
+    moved along (y, x), m, where a camera took them one beside the other; light that leaves the field is lost.
     most_samples: of a field with more samples a colour only the middle is read, unless a part or `decimate` is stated.
     decimate: the mean of so many samples in both directions becomes one, which keeps the middle of the spectrum.
     binary: the layout of a file without a description.
@@ -122,6 +144,8 @@ class ReadRequest:
     transposed: bool | None = None
     region: Region | None = None
     aperture_deg: tuple[float, float, float] | None = None
+    viewpoint: Viewpoint | None = None
+    colour_shifts_m: tuple[tuple[float, float], ...] = ()
     most_samples: int | None = None
     decimate: int = 1
     binary: BinaryLayout | None = None

@@ -18,6 +18,7 @@ from PIL import Image
 from holoview.optics.free_space import Window
 from holoview.util.errors import UserError
 from holoview.wavefield.propagation import Method, PropagatedField, choose_method, propagate_field
+from holoview.wavefield.request import Viewpoint
 from holoview.wavefield.wavefield import Wavefield, samples_of_degrees
 
 Pair = tuple[float, float]
@@ -70,6 +71,13 @@ class SyntheticAperture:
         rows, columns = (slice(f, f + n) for f, n in zip(self.first, self.shape, strict=True))
         return replace(field, values=field.values[..., rows, columns])
 
+    def alone(self, field: Wavefield) -> Wavefield:
+        """The field, dark outside."""
+        values = np.zeros_like(field.values)
+        rows, columns = (slice(f, f + n) for f, n in zip(self.first, self.shape, strict=True))
+        values[..., rows, columns] = field.values[..., rows, columns]
+        return replace(field, values=values)
+
 
 def viewpoints(field: Wavefield, shape: tuple[int, int], count: tuple[int, int]) -> list[SyntheticAperture]:
     """Apertures of a shape at count (y, x) places, evenly from edge to edge of a hologram, rows first.
@@ -83,6 +91,20 @@ def viewpoints(field: Wavefield, shape: tuple[int, int], count: tuple[int, int])
         for n, size, k in zip(field.shape, shape, count, strict=True)
     ]
     return [SyntheticAperture.from_samples(field, shape, (float(y), float(x))) for y in places[0] for x in places[1]]
+
+
+def seen_from(field: Wavefield, viewpoint: Viewpoint) -> Wavefield:
+    """The field with the samples outside a viewpoint's aperture dark, so that its image stays where it is.
+
+    Raises UserError for an aperture that is larger than the field, and for degrees without a distance.
+    """
+    shape = (round(viewpoint.size),) * 2
+    if viewpoint.in_degrees:
+        shape = samples_of_degrees(field.distance_m, field.pitch_m, (viewpoint.size,) * 2, (0.0, 0.0))[0]
+    x, y = viewpoint.place
+    places = [place * (n - size) / 2 for place, n, size in zip((y, x), field.shape, shape, strict=True)]
+    aperture = SyntheticAperture.from_samples(field, (shape[0], shape[1]), (places[0], places[1]))
+    return aperture.alone(field)
 
 
 def seen_through(
@@ -103,10 +125,7 @@ def seen_through(
     """
     choice = choose_method(field, distance_m, method, window)
     if choice.method == "fourier":
-        dark = np.zeros_like(field.values)
-        rows, columns = (slice(f, f + n) for f, n in zip(aperture.first, aperture.shape, strict=True))
-        dark[..., rows, columns] = field.values[..., rows, columns]
-        return propagate_field(replace(field, values=dark), distance_m, choice.method, choice.window)
+        return propagate_field(aperture.alone(field), distance_m, choice.method, choice.window)
     beside = aperture.centre_m(field)
     y, x = (c - b for c, b in zip(choice.window.centre_m, beside, strict=True))
     shifted = replace(choice.window, centre_m=(y, x))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -123,3 +124,31 @@ def without_checkerboard(values: NDArray[Any]) -> NDArray[Any]:
     """Values (…, y, x) times (−1)^(row + column), which moves their spectrum by half its width along both axes."""
     rows, columns = (np.where(np.arange(n) % 2, np.float32(-1), np.float32(1)) for n in values.shape[-2:])
     return values * rows[:, None] * columns
+
+
+def shifted_colours(
+    values: NDArray[Any], shifts_m: Sequence[tuple[float, float]], pitch_m: tuple[float, float]
+) -> NDArray[np.complex64]:
+    """Values (frame, colour, y, x), each colour moved by its shift (y, x), m, by its spectrum; the rim becomes dark.
+
+    Raises UserError for another number of shifts than of colours, and for shifts by more than the field.
+    """
+    if len(shifts_m) != values.shape[1]:
+        raise UserError("colour shifts", f"{len(shifts_m)}", expected=f"{values.shape[1]}, one for each colour")
+    moved = np.zeros(values.shape, np.complex64)
+    for colour, shift_m in enumerate(shifts_m):
+        shift = [length / pitch for length, pitch in zip(shift_m, pitch_m, strict=True)]
+        if any(abs(s) >= n for s, n in zip(shift, values.shape[-2:], strict=True)):
+            found = " × ".join(f"{s:.4g}" for s in shift)
+            raise UserError("colour shifts", f"{found} samples", expected=f"fewer than {values.shape[-2:]}")
+        y, x = (_kept(s, n) for s, n in zip(shift, values.shape[-2:], strict=True))
+        ramps = [np.exp(-2j * np.pi * np.fft.fftfreq(n) * s) for s, n in zip(shift, values.shape[-2:], strict=True)]
+        for frame in range(len(values)):
+            spectrum = np.fft.fft2(values[frame, colour]) * ramps[0][:, None] * ramps[1]
+            moved[frame, colour, y, x] = np.fft.ifft2(spectrum)[y, x]
+    return moved
+
+
+def _kept(shift: float, count: int) -> slice:
+    """The samples of a line that a shift fills from inside the line."""
+    return slice(math.ceil(shift), count) if shift > 0 else slice(0, count + math.floor(shift))

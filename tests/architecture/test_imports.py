@@ -56,6 +56,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.render", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.focus"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
+    ("holoview.io.load_field", "holoview.wavefield.synthetic_aperture"): SLOW,
     ("holoview.io.hologram", "holoview.wavefield.field_target"): SLOW,
     ("holoview.document.target_builder", "holoview.optimise.field_loss"): SLOW,
     ("holoview.io.hologram", "holoview.wavefield.imaging"): SLOW,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import holoview as hv
+from holoview.wavefield.request import Viewpoint
 from tests.cli.conftest import Outcome
 
 Run = Callable[..., Outcome]
@@ -103,6 +104,29 @@ def test_an_order_that_is_given_is_taken_and_remembered(holoview: Run) -> None:
     assert refused.code == 2 and "order: at 0.7, 0.1" in refused.err
     refused = holoview("render", "fringes.npy", "--order", "left", *TORCH, "-o", "again.png")
     assert refused.code == 2 and "f_x,f_y" in refused.err
+
+
+def test_from_a_viewpoint_the_image_stays_and_the_rest_is_dark(holoview: Run) -> None:
+    np.save("lens.npy", _lens())
+    seen = ("render", "lens.npy", *KNOWN, "--plane", "1cm", *TORCH, "-o", "seen.png")
+    assert holoview(*seen, "--viewpoint=-1,0,16").code == 0
+    # 16 samples of 8 µm focus to λz/(16·8 µm) = 42 µm, 5 samples
+    assert np.abs(np.subtract(_brightest("seen.png"), POINT)).max() <= 5
+    behind = hv.load_field("lens.npy", pitch="8um", wavelengths="532nm", viewpoint=Viewpoint((-1.0, 0.0), 16.0))
+    lit = np.abs(behind.drive[0, 0]) > 0
+    assert lit[24:40, :16].all() and lit.sum() == 256
+    for wrong, words in (("2,0,16", "viewpoint"), ("left", "--viewpoint"), ("0,0,3.2deg", "70 × 70 samples")):
+        refused = holoview(*seen, f"--viewpoint={wrong}")  # 3.2° at 1 cm are 70 samples
+        assert refused.code == 2 and words in refused.err
+
+
+def test_colours_that_a_camera_took_beside_each_other_are_moved_and_remembered(holoview: Run) -> None:
+    np.save("two.npy", np.stack([_lens(), np.roll(_lens(), 3, axis=1)]))
+    shifts = ("--colour-shift", "0,0um", "-24,0um")
+    known = ("--pitch", "8um", "--wavelength", "532nm", "532nm", "--plane", "1cm")
+    assert holoview("info", "two.npy", *known[:-2], *shifts, "--remember").code == 0
+    drive = hv.load_field("two.npy").drive[0]
+    np.testing.assert_allclose(drive[0, :, :58], drive[1, :, :58], atol=1e-3 * np.abs(drive).max())
 
 
 def test_notes_say_what_a_dump_of_bare_numbers_is(holoview: Run) -> None:

@@ -21,7 +21,9 @@ from PIL import Image
 from safetensors.numpy import save_file
 
 from holoview.util.errors import UserError
+from holoview.wavefield.interpret.known_files import AlikeFiles, find_alike
 from holoview.wavefield.readers import registry
+from holoview.wavefield.readers.contents import Facts
 from holoview.wavefield.reading import BinaryLayout, Reading, ReadRequest, read_wavefield
 
 WAVES = (640e-9, 532e-9, 473e-9)
@@ -123,6 +125,20 @@ def test_a_file_of_the_jpeg_pleno_set_is_known_by_its_name(tmp_path: Path) -> No
     squirrel = read_wavefield(tmp_path / "opt_Squirrel.mat").wavefield
     assert squirrel is not None
     assert squirrel.reference_radius_m == 0.5
+
+
+def test_an_array_like_those_of_the_jpeg_pleno_set_gives_better_guesses(tmp_path: Path) -> None:
+    """`dh` of one colour is that of twelve holograms of one pitch and several wavelengths; `Hol` needs its size too."""
+    scipy.io.savemat(tmp_path / "mine.mat", {"dh": _complex(16, 24)})
+    reading = read_wavefield(tmp_path / "mine.mat", ReadRequest(accept_guesses=True))
+    guesses = {question.key: (question.guess, question.reason) for question in reading.questions}
+    assert guesses["pitch"][0] == "3.45 um" and "interfereIV" in guesses["pitch"][1]
+    assert guesses["wavelengths"][1] == "the most usual laser of holograms"
+    with pytest.raises(UserError, match=r"--pitch 3\.45um"):
+        read_wavefield(tmp_path / "mine.mat")
+    assert find_alike("Hol", 1, (1920, 1080)).facts == Facts((8e-6, 8e-6), (632.8e-9,))
+    assert find_alike("Hol", 1, (24, 16)) == find_alike("U", 1, (1080, 1920)) == AlikeFiles()
+    assert find_alike("data", 3, (8192, 8192)).facts.pitch_m == (0.4e-6, 0.4e-6)
 
 
 @pytest.mark.parametrize("name", ["dices200k_{}_{}.bmp", "P00_{:02}{:02}.tif"])

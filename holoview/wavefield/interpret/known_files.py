@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
@@ -43,6 +43,42 @@ class KnownFile:
         distances = ", ".join(units.format_rounded(d, "mm") for d in self.distances_m) or "none"
         doubt = "; its file's name is published nowhere, so that this may be another hologram" * self.is_name_inferred
         return f"JPEG Pleno, {self.name}: published distances {distances}, by {self.method}{doubt}"
+
+
+_PLAIN_NAMES = ("data", "h", "hol")  # of arrays, which tell nothing without a size
+
+
+@dataclass(frozen=True)
+class AlikeFiles:
+    """The properties that agree in all published holograms whose array has the name and the sizes of a file's."""
+
+    facts: Facts = field(default_factory=Facts)
+    reason: str = ""
+
+
+def find_alike(variable: str, colours: int, shape: tuple[int, int]) -> AlikeFiles:
+    """What the holograms of the test set share whose array is like this one; nothing where there is none.
+
+    variable: name of the array. shape: its rows and columns, in either order, because files differ in it.
+    """
+    found = [entry for entry in _entries() if _is_alike(entry, variable.lower(), colours, shape)]
+    if not found:
+        return AlikeFiles()
+    pitches, lasers = {e["pitch_um"] for e in found}, {tuple(e["wavelengths_nm"]) for e in found}
+    pitch_m = next(iter(pitches)) * 1e-6
+    names = ", ".join(entry["name"] for entry in found[:3]) + " …" * (len(found) > 3)
+    facts = Facts(
+        pitch_m=(pitch_m, pitch_m) if len(pitches) == 1 else None,
+        wavelengths_m=tuple(nm * 1e-9 for nm in next(iter(lasers))) if len(lasers) == 1 else (),
+    )
+    return AlikeFiles(facts, f'its array "{variable}" is like that of the JPEG Pleno holograms {names}')
+
+
+def _is_alike(entry: dict[str, Any], variable: str, colours: int, shape: tuple[int, int]) -> bool:
+    if variable not in (name.lower() for name in entry.get("variables", ())):
+        return False
+    has_sizes = sorted(entry["shape"]) == sorted(shape) if "shape" in entry else variable not in _PLAIN_NAMES
+    return has_sizes and len(entry["wavelengths_nm"]) == colours
 
 
 def find_known_file(name: str) -> KnownFile | None:

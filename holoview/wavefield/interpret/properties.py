@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.wavefield.interpret.known_files import AlikeFiles
 from holoview.wavefield.readers.contents import Facts
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin, Provenance
@@ -68,7 +69,7 @@ class Known:
 
     request: given and remembered properties together. given: the given ones alone. facts, numbers: of the file. table:
     published properties of a file of this name. name: of the first file. named_wavelengths_m: stated by the files'
-    names, by falling length.
+    names, by falling length. alike: published holograms with such an array, for better guesses.
     """
 
     request: ReadRequest
@@ -79,6 +80,7 @@ class Known:
     table_reason: str
     name: str
     named_wavelengths_m: tuple[float, ...] = ()
+    alike: AlikeFiles = field(default_factory=AlikeFiles)
 
     def origin(self, key: str) -> Origin:
         """Whether a property of the request was given now or is remembered."""
@@ -145,15 +147,20 @@ def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: F
         if guess.origin in ("given", "remembered"):
             found = f"{len(guess.value)} of them ({_nm(guess.value)})"
             raise UserError(f"{known.name}: wavelengths", found, expected=f"{colours}, one for each colour")
-    value: tuple[float, ...]
-    if colours == 3:
-        value, reason = (638e-9, 520e-9, 450e-9), "usual laser diodes in red, green and blue"
-    elif colours == 1 and is_recording:
-        value, reason = (632.8e-9,), "most recordings are made with a helium-neon laser"
-    else:
-        value, reason = (532e-9,) * colours, "the most usual laser of holograms"
+    value, reason = known.alike.facts.wavelengths_m, known.alike.reason
+    if not value:
+        value, reason = _usual_lasers(colours, is_recording)
     findings.ask("wavelengths", "--wavelength", _nm(value), reason)
     return value
+
+
+def _usual_lasers(colours: int, is_recording: bool) -> tuple[tuple[float, ...], str]:
+    """Wavelengths that are usual for so many colours, and why."""
+    if colours == 3:
+        return (638e-9, 520e-9, 450e-9), "usual laser diodes in red, green and blue"
+    if colours == 1 and is_recording:
+        return (632.8e-9,), "most recordings are made with a helium-neon laser"
+    return (532e-9,) * colours, "the most usual laser of holograms"
 
 
 def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[float, float]:
@@ -162,6 +169,10 @@ def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[fl
         pitch = guess.value[0], guess.value[1] if len(guess.value) > 1 else guess.value[0]
         findings.add("pitch", _um(pitch), guess.origin, guess.reason)
         return pitch
+    pair = known.alike.facts.pitch_m
+    if pair is not None:
+        findings.ask("pitch", "--pitch", _um(pair), known.alike.reason)
+        return pair
     value, reason = 8e-6, "the most usual pitch of phase modulators"
     if is_recording:
         value, reason = 3.45e-6, "the most usual pitch of cameras for holograms"

@@ -33,6 +33,7 @@ _PLAIN: dict[str, type | tuple[type, ...]] = {
     "recording": str,
     "steps": (list, str),
     "orders": list,
+    "colour_shifts_m": list,
     "refractive_index": (int, float),
     "conjugated": bool,
     "checkerboard": bool,
@@ -60,7 +61,9 @@ def read_notes(path: Path) -> ReadRequest:
 
 def request_of_notes(table: dict[str, Any], where: str) -> ReadRequest:
     """What a table of notes says of a file; `where` names the table in errors. Raises UserError for wrong notes."""
-    names = {name: key for key, (name, _) in _LENGTHS.items()} | {key: key for key in (*_PLAIN, "binary")}
+    names = {name: key for key, (name, _) in _LENGTHS.items()} | {
+        key.removesuffix("_m"): key for key in (*_PLAIN, "binary")
+    }
     check_keys(table, names, where)
     try:
         return ReadRequest(**{names[name]: _parse(names[name], value) for name, value in table.items()})
@@ -85,7 +88,7 @@ def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
     for key in _PLAIN:
         value = getattr(merged, key)
         if value is not None and value != ():
-            table[key] = _TO_NOTES.get(key, _plain)(value)
+            table[key.removesuffix("_m")] = _TO_NOTES.get(key, _plain)(value)
     if merged.binary is not None:
         entries = dataclasses.asdict(merged.binary).items()
         table["binary"] = {k: list(v) if isinstance(v, tuple) else v for k, v in entries if v is not None}
@@ -120,6 +123,8 @@ def _parse(key: str, value: Any) -> Any:
         return parse_steps(value)
     if key == "orders":
         return tuple(parse_order(order) for order in _each(key, value))
+    if key == "colour_shifts_m":
+        return tuple(parse_shift(shift) for shift in _each(key, value))
     return _typed(key, value, _PLAIN[key])
 
 
@@ -141,7 +146,15 @@ def _orders_as_numbers(orders: tuple[Order, ...]) -> list[list[float]]:
     return [[order.carrier[1], order.carrier[0], order.radius] for order in orders]
 
 
-_TO_NOTES: dict[str, Callable[[Any], Any]] = {"steps": _steps_in_degrees, "orders": _orders_as_numbers}
+def _shifts_as_lengths(shifts_m: tuple[tuple[float, float], ...]) -> list[list[str]]:
+    return [[units.format_exact(length, "um") for length in (x, y)] for y, x in shifts_m]
+
+
+_TO_NOTES: dict[str, Callable[[Any], Any]] = {
+    "steps": _steps_in_degrees,
+    "orders": _orders_as_numbers,
+    "colour_shifts_m": _shifts_as_lengths,
+}
 
 
 def parse_steps(value: Any) -> Steps:
@@ -162,6 +175,14 @@ def parse_order(value: Any) -> Order:
         raise UserError("order", f"{value!r}", expected="f_x,f_y or f_x,f_y,radius in cycles a pixel: 0.25,0.2")
     x, y, *radius = value
     return Order((float(y), float(x)), float(radius[0]) if radius else math.hypot(x, y) / 2)
+
+
+def parse_shift(value: Any) -> tuple[float, float]:
+    """The shift (y, x), m, that a list of lengths along x and y states. Raises UserError for anything else."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise UserError("colour shift", f"{value!r}", expected="two lengths, along x and y, such as 12,-3um")
+    x, y = (units.parse(length, "colour shift") for length in value)
+    return y, x
 
 
 def _are_numbers(value: Any, least: int, most: int) -> bool:
