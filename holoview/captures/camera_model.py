@@ -48,8 +48,8 @@ from holoview.model.plan import Grid, Plan
 from holoview.numerics.fourier import chirp_z_transform
 from holoview.numerics.resample import affine_warp, band_limited_warp, centred_indices
 from holoview.numerics.sampling import frequency_indices
-from holoview.optics.bench import PixelAxis, illuminated, plane_wave, relay_response, spectrum_of_pixels
-from holoview.optics.propagate import nominal_pupil
+from holoview.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
+from holoview.optics.propagate import nominal_pupil, transfer_function_at
 from holoview.optics.slm import phasor
 from holoview.optics.torch_effects import TorchEffects, modulator_context
 
@@ -416,13 +416,18 @@ class NearFieldModel(CameraModel):
         transfer, band = self._transfer(relay, component), self.band(relay, component)
         ky, kx = band.frequency_indices
 
+        stops = (transfer.wavelength_m, self.plan.relays[relay], band)
+
+        def pupil_without_effects() -> Tensor:
+            whole = nominal_pupil(self.plan, relay, component.wavelength, self.dtype, torch.device("cpu"))
+            return torch.ones((), dtype=self.dtype) if whole is None else whole[ky][:, kx]
+
         def without_effects() -> Tensor:
-            pupil = nominal_pupil(self.plan, relay, component.wavelength, torch.complex128, torch.device("cpu"))
-            return relay_response(transfer, ky, kx, pupil, torch.complex128)
+            free = transfer_function_at(transfer, ky, kx, torch.complex128)
+            return free * self.cache.get_invariant(("pupil", *stops), pupil_without_effects)
 
         def compute() -> Tensor:
-            key = ("nominal", relay, transfer.wavelength_m, transfer.distance_m, self.plan.relays[relay], band)
-            response = self.cache.get_invariant(key, without_effects)
+            response = self.cache.get_invariant(("nominal", relay, transfer.distance_m, *stops), without_effects)
             sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
             λ, nominal = transfer.wavelength_m, self.relays[relay]
             radius = nominal.pupil_radius_sine(λ, self.plan.nominal.modulators[0].pitch_m)

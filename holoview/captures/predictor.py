@@ -100,6 +100,7 @@ class Predictor:
     padding: size of the padded grid over that of the modulators.
     propagation: as of `Sampling`, for a padding of 2.
     points: points along each axis at which a camera pixel averages the intensity; None: the pixel's samples.
+    has_weighted_stops: as of `make_plan`.
     fields_requested: how many fields the calls so far have summed, including those that came from the cache.
     """
 
@@ -114,8 +115,10 @@ class Predictor:
         padding: int = 2,
         points: int | None = None,
         propagation: str = "linear",
+        has_weighted_stops: bool = False,
     ) -> None:
         self.captures, self.extra_effects = captures, tuple(extra_effects)
+        self._has_weighted_stops = has_weighted_stops
         self._sampling: dict[str, Any] = {"upsample": finer * captures.upsample} if finer > 1 else {}
         self._sampling |= {"padding": padding} if padding > 2 else {"propagation": propagation}
         needed = prediction_bytes(captures, finer=finer, padding=padding, double_precision=double_precision)
@@ -206,7 +209,7 @@ class Predictor:
             nominal = nominal.edit(self._sampling)
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            plan = make_plan(active.actual_system(nominal))
+            plan = make_plan(active.actual_system(nominal), has_weighted_stops=self._has_weighted_stops)
             self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
         return self._plans[key]
 

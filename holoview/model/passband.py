@@ -58,26 +58,35 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
 
 @lru_cache(maxsize=256)  # edits of a bench ask for the same stops again and again
 def stop_rows(
-    padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float, limits: RowsColumns | None = None
+    padded: RowsColumns,
+    upsample: int,
+    pitch_m: float,
+    relay: Relay,
+    λ: float,
+    limits: RowsColumns | None = None,
+    *,
+    is_weighted: bool = False,
 ) -> Integers:
     """The frequencies of light that propagates and that the stops of a relay pass at a wavelength.
 
     padded: samples (y, x) of the grid. upsample: samples along each side of a pixel. pitch_m: of the pixels. limits:
-    the highest |k_y| and |k_x| that pass; None for no limit.
+    the highest |k_y| and |k_x| that pass; None for no limit. is_weighted: with all frequencies of which a part of the
+    cell passes (`stop_weights`).
 
     Returns (P_y, 3) int32: for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
     highest k_x that pass. Where nothing passes, the lowest lies above the highest. The array can't be written to.
     """
-    step_y, step_x = (λ * (1.0 / (n * (pitch_m / upsample))) for n in padded)
+    step_y, step_x = _sine_steps(padded, upsample, pitch_m, λ)
     ky, kx = frequency_indices(padded[0]), np.arange(-(padded[1] // 2), (padded[1] + 1) // 2)
+    margin = 0.5 * math.hypot(step_y, step_x) if is_weighted else 0.0
     squares_x = (step_x * np.arange(padded[1] // 2 + 1)) ** 2
     edge = np.searchsorted(squares_x, 1.0 - (step_y * ky) ** 2, side="left") - 1  # A < 1: no evanescent waves
     low, high = np.maximum(-edge, kx[0]), np.minimum(edge, kx[-1])
     if relay.iris_na is not None:
-        disc = _disc_rows(relay.iris_na, relay.centre_na, step_y * ky, step_x * kx)
+        disc = _disc_rows(relay.iris_na + margin, relay.centre_na, step_y * ky, step_x * kx)
         low, high = np.maximum(low, disc[0] + kx[0]), np.minimum(high, disc[1] + kx[0])
     if relay.square is not None:
-        heights, columns = _square_bounds(relay, padded, upsample, pitch_m, λ)
+        heights, columns = _square_bounds(relay, padded, upsample, pitch_m, λ, 0.5 if is_weighted else 0.0)
         inside = (ky >= heights[0]) & (ky <= heights[1])
         low = np.where(inside, np.maximum(low, columns[0]), _BEYOND)
         high = np.minimum(high, columns[1])
@@ -85,8 +94,8 @@ def stop_rows(
         low = np.where(np.abs(ky) <= limits[0], np.maximum(low, -limits[1]), _BEYOND)
         high = np.minimum(high, limits[1])
     smallest = np.zeros_like(low)
-    if relay.dc_block_na is not None:
-        smallest = np.searchsorted(squares_x, relay.dc_block_na**2 - (step_y * ky) ** 2, side="right")
+    if relay.dc_block_na is not None and (blocked := relay.dc_block_na - margin) >= 0.0:
+        smallest = np.searchsorted(squares_x, blocked**2 - (step_y * ky) ** 2, side="right")
     rows = rows_with_bounds(smallest, low, high)
     rows.setflags(write=False)
     return rows
@@ -166,10 +175,15 @@ def _disc_rows(
     return np.where(squared < 0, _BEYOND, first), np.where(squared < 0, -_BEYOND, last)
 
 
+def _sine_steps(padded: RowsColumns, upsample: int, pitch_m: float, λ: float) -> tuple[float, float]:
+    """Direction sines (y, x) between neighbouring frequencies."""
+    return λ * (1.0 / (padded[0] * (pitch_m / upsample))), λ * (1.0 / (padded[1] * (pitch_m / upsample)))
+
+
 def _square_bounds(
-    relay: Relay, padded: RowsColumns, upsample: int, pitch_m: float, λ: float
+    relay: Relay, padded: RowsColumns, upsample: int, pitch_m: float, λ: float, margin: float
 ) -> tuple[RowsColumns, RowsColumns]:
-    """Lowest and highest k_y, lowest and highest k_x inside a square stop.
+    """Lowest and highest k_y, lowest and highest k_x inside a square stop, or up to `margin` steps outside.
 
     Its edges are left out, a hair inwards, so that rounding doesn't decide about a frequency on an edge.
     """
@@ -178,9 +192,69 @@ def _square_bounds(
     bounds = []
     for centre, n in zip(relay.centre_na, padded, strict=True):
         middle = centre * n * (pitch_m / upsample) / λ
-        half = square.half_side_bins(λ, n, upsample, pitch_m) * (1 - _HAIR)
+        half = square.half_side_bins(λ, n, upsample, pitch_m) * (1 - _HAIR) + margin
         bounds.append((math.floor(middle - half) + 1, math.ceil(middle + half) - 1))
     return bounds[0], bounds[1]
+
+
+# --- stops whose edges lie between frequencies ------------------------------------------------------------------------
+
+
+def stop_weights(
+    padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float
+) -> NDArray[np.float64] | None:
+    """The share of each frequency's cell that the stops of a relay pass, (P_y, P_x) in `fftfreq` order; None without.
+
+    Arguments as of `stop_rows`. Frequencies that pass whole or not at all give a stop a jagged edge, another one on
+    each grid: behind irises of 473 frequencies across, pictures of rough patterns on two grids differ by 1.8 % of the
+    light, and weighted by 0.8 %. Of stops whose edges meet in a cell the shares are multiplied.
+    """
+    if not (relay.has_aperture or relay.dc_block_na is not None):
+        return None
+    steps = _sine_steps(padded, upsample, pitch_m, λ)
+    sines = [step * frequency_indices(n) for step, n in zip(steps, padded, strict=True)]
+    weights = np.ones(padded)
+    if relay.iris_na is not None:
+        weights *= _disc_weights(relay.iris_na, relay.centre_na, sines, steps)
+    if relay.square is not None:
+        for axis, (n, centre, step) in enumerate(zip(padded, relay.centre_na, steps, strict=True)):
+            half = relay.square.half_side_bins(λ, n, upsample, pitch_m)
+            depth = half - np.abs(sines[axis] - centre) / step
+            weights *= np.clip(depth + 0.5, 0.0, 1.0)[:, None] if axis == 0 else np.clip(depth + 0.5, 0.0, 1.0)
+    if relay.dc_block_na is not None:
+        weights *= 1.0 - _disc_weights(relay.dc_block_na, (0.0, 0.0), sines, steps)
+    return weights
+
+
+def _disc_weights(
+    radius: float, centre: tuple[float, float], sines: Sequence[NDArray[np.float64]], steps: tuple[float, float]
+) -> NDArray[np.float64]:
+    """The share of each cell within a disc, whose edge is taken for straight across a cell."""
+    y, x = (values - middle for values, middle in zip(sines, centre, strict=True))
+    squared = (y * y)[:, None] + (x * x)[None, :]
+    weights = (squared < radius * radius).astype(np.float64)
+    reach = 0.5 * math.hypot(*steps)
+    rows, columns = np.nonzero((squared > max(radius - reach, 0.0) ** 2) & (squared < (radius + reach) ** 2))
+    distance = np.sqrt(squared[rows, columns])
+    widths = np.abs(y[rows]) * steps[0] / distance, np.abs(x[columns]) * steps[1] / distance
+    weights[rows, columns] = _share_within(radius - distance, *widths)
+    return weights
+
+
+def _share_within(
+    depth: NDArray[np.float64], width_y: NDArray[np.float64], width_x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The share of a rectangle on one side of a line.
+
+    depth: of the centre beyond the line. width_y, width_x: of the sides, projected onto the line's normal. Along it the
+    rectangle is a trapezoid, the convolution of the two.
+    """
+    wide, narrow = np.maximum(width_y, width_x), np.minimum(width_y, width_x)
+    flat = (wide - narrow) / 2
+    within = np.minimum(np.abs(depth), flat)
+    slope = np.clip(np.abs(depth) - flat, 0.0, narrow)
+    within = within + slope - slope**2 / np.maximum(2 * narrow, np.finfo(float).tiny)
+    return np.clip(0.5 + np.sign(depth) * within / wide, 0.0, 1.0)
 
 
 # --- propagation over a distance --------------------------------------------------------------------------------------

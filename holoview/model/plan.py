@@ -29,6 +29,7 @@ from holoview.model.passband import (
     check_eye_sampled,
     rows_in_disc,
     stop_rows,
+    stop_weights,
 )
 from holoview.model.system import System
 from holoview.numerics.sampling import is_fast_length, next_fast_length
@@ -84,6 +85,7 @@ class Plan:
     eyes: (plane,) the eye that sees each plane, with its pupil at its place; empty without an eye.
     moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
     f·M + m of `system` shows frame f of the drive with factor m.
+    has_weighted_stops: whether frequencies on the edge of a relay's stop pass in part, as pupils say then.
 
     >>> import holoview as hv
     >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]), ["5 mm"])
@@ -101,6 +103,7 @@ class Plan:
     focus_shift_m: NDArray[np.float64]
     eyes: tuple[Eye, ...] = ()
     moments: tuple[float, ...] = (1.0,)
+    has_weighted_stops: bool = False
     _transfers: dict[tuple[float, int, int, Eye | None], Transfer] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -221,7 +224,25 @@ class Plan:
     def _passing_rows(self, relay: int, wavelength: int, limits: tuple[int, int] | None = None) -> NDArray[np.int32]:
         """The frequencies that the stops of a relay pass, up to the highest |k_y| and |k_x| of `limits`."""
         λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
-        return stop_rows(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ, limits)
+        grid, is_weighted = self.grid, self.has_weighted_stops
+        return stop_rows(grid.padded, grid.upsample, pitch_m, self.relays[relay], λ, limits, is_weighted=is_weighted)
+
+    def stop_weights(self, relay: int, wavelength: int) -> NDArray[np.float64] | None:
+        """The share of each frequency's cell that passes the stops of a relay, (P_y, P_x) in `fftfreq` order.
+
+        relay: 0 for the gap, 1 for the way to the planes. wavelength: index of the wavelength in `system`. None where
+        frequencies pass whole or not at all.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").edit({"shape": [48, 64], "relay2.iris_na": 0.02})
+        >>> weights = hv.make_plan(system, has_weighted_stops=True).stop_weights(1, 0)
+        >>> weights.shape, float(weights.max()), float(weights.min())
+        ((192, 256), 1.0, 0.0)
+        """
+        if not self.has_weighted_stops:
+            return None
+        λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
+        return stop_weights(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ)
 
     def lit(self, wavelength: int) -> list[int]:
         """Indices of the frames of `system` in which a laser is on.
@@ -239,6 +260,8 @@ def make_plan(
     system: System,
     planes: Sequence[float | str] | NDArray[np.float64] | None = None,
     places_m: Sequence[tuple[float, float]] = (),
+    *,
+    has_weighted_stops: bool = False,
 ) -> Plan:
     """The numbers of a simulation, derived from a system.
 
@@ -247,6 +270,8 @@ def make_plan(
     when None, or with an eye those on which it is focused. Distances of a field may be negative: before its plane.
     places_m: places (y, x) of the eye's pupil, from each of which all planes are seen, in this order; its own place
     when empty.
+    has_weighted_stops: let frequencies on the edge of a relay's stop pass in proportion to the share of their cell that
+    is within, which is nearer to continuous light; otherwise they pass whole or not at all. An eye's pupil is sharp.
 
     Returns a `Plan`. `holoview.model.validity` tells whether the model is true of it; a plan that leaves nothing to see
     is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range (0 to
@@ -281,6 +306,7 @@ def make_plan(
         focus_shift_m=shift_m,
         eyes=eyes,
         moments=moments,
+        has_weighted_stops=has_weighted_stops,
     )
 
 

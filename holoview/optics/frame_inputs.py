@@ -52,7 +52,7 @@ class FrameInputs:
 
     @cached_property
     def pupils(self) -> tuple[tuple[torch.Tensor | None, ...], ...]:
-        """pupils[relay][wavelength], (P_y, P_x) complex128, or None without aberration and apodisation."""
+        """pupils[relay][wavelength], (P_y, P_x) complex128, or None where light is only stopped."""
         wavelengths = range(len(self.plan.system.wavelengths_m))
         if not _has_pupils(self.plan):
             return ((None,) * len(wavelengths),) * 2
@@ -141,7 +141,9 @@ def _check_field(field: Any, expected: tuple[int, ...]) -> None:
 
 
 def _has_pupils(plan: Plan) -> bool:
-    """Whether a relay, the eye or an effect may have a pupil that does more than stop light."""
+    """Whether a relay, the eye or an effect may have a pupil that does more than stop light whole."""
     relays, eye = (plan.nominal.relay1, plan.nominal.relay2), plan.nominal.eye
-    has_pupils = any(relay.aberration_m or relay.apodisation_na is not None for relay in relays)
+    has_pupils = plan.has_weighted_stops or any(
+        relay.aberration_m or relay.apodisation_na is not None for relay in relays
+    )
     return has_pupils or bool(plan.nominal.effects) or (eye is not None and eye.has_pupil_function)

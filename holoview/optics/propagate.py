@@ -115,24 +115,26 @@ _STILES_CRAWFORD = 0.05e6  # 1/m²
 def nominal_pupil(
     plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device
 ) -> torch.Tensor | None:
-    """The pupil (P_y, P_x) of a relay without effects, in `fftfreq` order; None without aberration and apodisation.
+    """The pupil (P_y, P_x) of a relay without effects, in `fftfreq` order; None where light is only stopped.
 
-    pupil = exp(−(s/na)²)·exp(2πi·opd/λ) with opd = Σ_j c_j·Z_j over the pupil, the direction sine s = |λu|, the
+    pupil = w·exp(−(s/na)²)·exp(2πi·opd/λ) with opd = Σ_j c_j·Z_j over the pupil, the direction sine s = |λu|, the
     aperture `na` of the apodisation, and Zernike terms Z_j with unit r.m.s. over the pupil in Noll's order (J. Opt.
-    Soc. Am. 66, 207 (1976)). Stops are in the plan's support.
+    Soc. Am. 66, 207 (1976)). Stops are in the plan's support; w is 1, or with `Plan.has_weighted_stops` the share of a
+    frequency's cell that passes.
 
     It is fixed in direction sines: in frequency its radius shrinks with the wavelength. Its optical path, in metres,
     doesn't depend on the wavelength.
     """
-    description = plan.relays[relay]
-    if not description.aberration_m and description.apodisation_na is None:
-        return None
+    description, weights = plan.relays[relay], plan.stop_weights(relay, wavelength)
+    has_glass = bool(description.aberration_m) or description.apodisation_na is not None
+    if not has_glass:
+        return None if weights is None else torch.from_numpy(weights).to(device).to(dtype)
     λ = float(plan.system.wavelengths_m[wavelength])
     sine_y, sine_x = direction_sines(plan.grid, λ, device)
     sine = torch.hypot(sine_y, sine_x)
-    amplitude = torch.ones_like(sine)
+    amplitude = torch.ones_like(sine) if weights is None else torch.from_numpy(weights).to(device)
     if description.apodisation_na is not None:
-        amplitude = torch.exp(-((sine / description.apodisation_na) ** 2))
+        amplitude = amplitude * torch.exp(-((sine / description.apodisation_na) ** 2))
     radius = description.pupil_radius_sine(λ, plan.system.modulators[0].pitch_m)
     sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), description.centre_na, strict=True))
     opd = zernike_sum(description.aberration_m, torch.hypot(sine_y, sine_x) / radius, torch.atan2(sine_y, sine_x))

@@ -94,6 +94,16 @@ def test_one_modulator_too(name: str) -> None:
     np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
 
 
+def test_weighted_stops_depend_less_on_the_grid() -> None:
+    """Sharp stops cut at other frequencies on each grid; what is left is light that a larger grid holds."""
+    differences = []
+    for has_weighted_stops in (False, True):
+        predictors = [Predictor(_captures(), padding=n, has_weighted_stops=has_weighted_stops) for n in (4, 6)]
+        first, second = (predict([1], {}).signal[0].numpy() for predict in predictors)
+        differences.append(np.linalg.norm(first - second) / np.linalg.norm(second))
+    assert differences[1] < 0.5 * differences[0]
+
+
 STOPS = {
     "square": Relay(square=0.025),
     "first order": Relay(square="first order"),

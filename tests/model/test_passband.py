@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Relay
-from holoview.model.passband import Band, band_of_rows, column_support, stop_rows
+from holoview.model.passband import Band, band_of_rows, column_support, stop_rows, stop_weights
 from holoview.model.stops import SquareStop
 from holoview.numerics.sampling import frequency_indices
 from holoview.util.errors import UserError
@@ -67,6 +67,42 @@ def test_the_band_is_the_smallest_rectangle_around_what_passes(
     ky, kx = frequency_indices(padded[0])[ky], frequency_indices(padded[1])[kx]
     expected = Band((int(ky.min()), int(kx.min())), (int(ky.max()), int(kx.max())))
     assert band_of_rows([rows]) == expected
+
+
+@settings(deadline=None)
+@given(
+    iris_na=st.floats(0.01, 0.03),
+    centre=st.tuples(st.floats(-0.002, 0.002), st.floats(-0.002, 0.002)),
+    padded=st.tuples(st.integers(40, 90), st.integers(40, 90)),
+)
+def test_weighted_cells_have_the_area_of_an_iris(
+    iris_na: float, centre: tuple[float, float], padded: tuple[int, int]
+) -> None:
+    """An arc of chord c on a radius R differs from its chord by c³/(12·R) in area. With cells of diagonal d the arcs'
+    sum is at most 2πR·d²/(12·R), d²/(6·R²) of the disc."""
+    weights = stop_weights(padded, 1, PITCH_M, Relay(iris_na=iris_na, centre_na=centre), λ)
+    assert weights is not None
+    steps = [λ / (n * PITCH_M) for n in padded]
+    area = weights.sum() * steps[0] * steps[1]
+    allowed = (steps[0] ** 2 + steps[1] ** 2) / (6 * iris_na**2)
+    assert area == pytest.approx(np.pi * iris_na**2, rel=allowed)
+
+
+@settings(deadline=None)
+@given(relay=_relays, pixels=_sizes, upsample=st.integers(1, 3))
+def test_rows_hold_all_cells_of_which_a_part_passes(relay: Relay, pixels: tuple[int, int], upsample: int) -> None:
+    padded = (pixels[0] * upsample, pixels[1] * upsample)
+    weights = stop_weights(padded, upsample, PITCH_M, relay, λ)
+    if weights is None:
+        assert not relay.has_aperture and relay.dc_block_na is None
+        return
+    sharp, widened = (
+        _mask(stop_rows(padded, upsample, PITCH_M, relay, λ, is_weighted=is_weighted), padded[1])
+        for is_weighted in (False, True)
+    )
+    assert widened[weights > 1e-9].all() and widened[sharp].all()
+    assert (weights >= 0).all() and (weights <= 1).all()
+    assert (weights[sharp & (weights < 1)] > 0).all()
 
 
 @pytest.mark.parametrize("pixels", [(30, 48), (45, 50), (31, 7)], ids=str)

@@ -13,6 +13,7 @@ from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
+from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.line_fft import supported_strategies
 from holoview.model.plan import make_plan
 from holoview.optics.frame_inputs import FrameInputs
@@ -117,6 +118,20 @@ def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, d
         renderer = IncrementalRenderer(system, drive, device, plane_m=3e-3, strategy=strategy)
         renderer.update()
         assert _error(renderer.xyz(), expected) <= TOLERANCE, strategy
+
+
+@pytest.mark.parametrize("case", STOPS)
+def test_a_frame_behind_weighted_stops_is_that_of_torch(bench: Opened, device: Any, case: str) -> None:
+    system = bench(**{"shape": [64, 128], "propagation": "periodic"} | STOPS[case])
+    plan, drive = make_plan(system, [3e-3], has_weighted_stops=True), random_drive(system)
+    expected, found = (
+        compute_focal_stack(executor)[1]
+        for executor in (
+            TorchExecutor(plan, FrameInputs(plan, drive), double=True),
+            WgpuExecutor(plan, FrameInputs(plan, drive), device),
+        )
+    )
+    assert _error(found, expected) <= TOLERANCE
 
 
 def test_a_frame_computed_twice_is_the_same_bit_for_bit(both: Opened, bench: Opened) -> None:
