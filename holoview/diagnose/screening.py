@@ -72,6 +72,9 @@ TANGENT_MAX_ERROR = 0.05
 LOCAL_MAX_ERROR = 0.35
 """[error] Below it every effect is fitted from its identity before any scan. Evidence: the screening study: tangents
 ranked the cause first for 26 of 31 faults at 0.5, for 8 of 31 at 1."""
+_BLOCK = 1 << 18  # [pixels] Whose derivatives are orthogonalised at a time.
+_MIN_INDEPENDENCE = 1e-10
+"""[1] Of the largest squared length, below which a direction is rounding. Evidence: derivation: single precision."""
 _TANGENT_FITS = 8
 """[effects] The best by their tangents are fitted. Evidence: the screening study: on smooth captures the cause was
 among the first 5; 3 more as a margin."""
@@ -341,10 +344,9 @@ class _EffectFitter:
         residual, slopes = self.comparison.residual(self.base), [np.empty((0, 0), np.float32)]
         for effect in self._base_effects():
             slopes.append(effect_jacobian(effect, self.base, self.comparison, residual))
-        found = [row for rows in slopes for row in rows if row.any()]
-        if not found:
+        if not any(len(rows) for rows in slopes):
             return np.empty((0, residual.size), np.float32)
-        return np.asarray(np.linalg.qr(np.array(found, dtype=np.float32).T)[0].T, dtype=np.float32)
+        return _orthonormal(np.concatenate([rows for rows in slopes if len(rows)]))
 
     def tangent_gain(self, residual: NDArray[np.float32], base: NDArray[np.float32], effect: Effect) -> float:
         """The fall of Σ residual² by the effect, and the base with it, if residuals depend on them linearly.
@@ -356,10 +358,10 @@ class _EffectFitter:
         start = {**self.base, effect.id: identity_values(effect)}
         factor = _COSTLY_STEP_FACTOR if self._is_costly(effect) else 1.0
         slopes = effect_jacobian(effect, start, self.comparison, residual, step_factor=factor)
-        slopes = np.asarray(slopes - (slopes @ base.T) @ base, dtype=np.float32)
-        left = residual - base.T @ (base @ residual)
+        shared = slopes @ base.T
+        slopes -= shared @ base
         normal = (slopes @ slopes.T).astype(np.float64)
-        right = (slopes @ left).astype(np.float64)
+        right = (slopes @ residual).astype(np.float64)  # the part of the residual along the base is orthogonal to them
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
     def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
@@ -375,6 +377,23 @@ class _EffectFitter:
             return CandidateFit((*self.base, effect.id), scan[0].values, float("inf"))
         fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, max_starts=1)
         return replace(fit, cost=cost_or_inf(self.comparison, fit.values))
+
+
+def _orthonormal(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Orthonormal rows that span the given ones, which are overwritten: derivatives of large pictures take gigabytes.
+
+    From the eigenvectors of their Gram matrix, in float64, of rows of length 1; some thousand columns at a time.
+    """
+    blocks = [slice(first, first + _BLOCK) for first in range(0, rows.shape[1], _BLOCK)]
+    gram = sum(np.float64(part) @ np.float64(part).T for part in (rows[:, block] for block in blocks))
+    lengths = np.sqrt(np.diag(gram))
+    inverse = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
+    squares, vectors = np.linalg.eigh(gram * np.outer(inverse, inverse))
+    kept = squares > _MIN_INDEPENDENCE * squares[-1]
+    turn = (vectors[:, kept] / np.sqrt(squares[kept])).T * inverse
+    for block in blocks:
+        rows[: len(turn), block] = turn @ rows[:, block]
+    return rows[: len(turn)]
 
 
 class _Screening:
