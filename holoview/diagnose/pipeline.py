@@ -21,14 +21,25 @@ from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
 from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.correct.wrong_records import CheckedRecords, check_records
-from holoview.diagnose.crop import describe_middle, measure_missing_light, middle_of_context, within_limits
+from holoview.diagnose.crop import (
+    MAX_TIME_SHARE,
+    describe_middle,
+    measure_missing_light,
+    middle_of_context,
+    with_fitting_stops,
+    within_limits,
+    without_light_from_beyond,
+)
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
+from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
+from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.diagnose.report.diagnosis import Diagnosis
+from holoview.diagnose.screening import LOCAL_MAX_ERROR
 from holoview.diagnose.search import InitialCandidates
 from holoview.diagnose.search_context import (
     BestSoFar,
@@ -156,13 +167,15 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
 @dataclass(frozen=True)
 class _Preparation:
-    """The contexts of a diagnosis before its search. whole: of whole pictures. middle: of the middle of large pictures;
-    None where it would save little. count: number of all captures. useless: captures that are left out. only: the other
-    captures. notes: on effects that the captures can't show.
+    """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
+    of large pictures; None where it would save little. weighted: predicts whole pictures with weighted stops. count: of
+    all captures. useless: captures that are left out. only: the other captures. notes: on effects that the captures
+    can't show.
     """
 
     whole: SearchContext
     middle: SearchContext | None
+    weighted: PerThreadPredictor
     count: int
     useless: Sequence[BadCapture]
     only: set[int]
@@ -177,17 +190,21 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     middle = middle_of_context(whole)
+    weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         whole, notes = with_one_picture(whole, min(only)), [*notes, ONE_PICTURE_NOTE]
         middle = None if middle is None else with_one_picture(middle, min(only))
-    shared = {} if middle is None else {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
+    shared: dict[str, object] = {}
+    if middle is not None:
+        shared = {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
+        shared["predictor with weighted stops"] = weighted
     prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
     needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding) + CACHE_BYTES
     pool.share(shared | whole.shared_objects(), prepare, needed)
     if pool.workers < request.workers:
         cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
-    return _Preparation(whole, middle, len(captures), useless, only, [*notes, *cut_notes])
+    return _Preparation(whole, middle, weighted, len(captures), useless, only, [*notes, *cut_notes])
 
 
 def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
@@ -245,25 +262,49 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
     if whole.end.was_asked:
         outcome = judge(middle, found, search)
         return dataclasses.replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
+    if whole.data.captures.slm_frame is not None:  # cut too: its error is at most that of a smaller part
+        whole = dataclasses.replace(whole, missing_light=missing)
+    is_corrected = not whole.data.captures.is_fourier and len(prepared.only) > 1
+    if is_corrected:
+        progress(0, 1, "light from beyond the middle, as predicted")
+        whole = with_fitting_stops(whole, prepared.weighted, found.decision.values)
+        found = _found_without_light_from_beyond(whole, found, prepared.middle.field_budget, progress)
     whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
-    whole = dataclasses.replace(
-        whole,
-        missing_light=None if whole.data.captures.slm_frame is None else missing,  # at most as much as a smaller part
-        prnu=found.context.prnu,
-        has_camera_jitter=found.context.has_camera_jitter,
-    )
-    named = (found.decision.best, *found.decision.rivals)
-    fits = tuple(score.fit for score in named if score is not None)
-    refine = partial(
-        search_once, whole, progress=progress, initial=InitialCandidates(fits, found.decision.verdict not in _OPEN)
-    )
+    whole = dataclasses.replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+    explains = found.decision.verdict not in _OPEN
+    initial = InitialCandidates(_named_fits(found), explains, over_field_only=is_corrected)
+    refine = partial(search_once, whole, progress=progress, initial=initial)
     outcome = judge(whole, refine(found.context.left_out), refine)
     if outcome.result.best.causes == found.result.best.causes:
         unseen = found.result.unseen_rivals
         outcome = dataclasses.replace(outcome, result=dataclasses.replace(outcome.result, unseen_rivals=unseen))
     notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
     return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
+
+
+def _found_without_light_from_beyond(
+    whole: SearchContext, found: SearchOutcome, field_budget: float, progress: ProgressCallback
+) -> SearchOutcome:
+    """The outcome of a search in the middle, and of a further one that starts from it, without the light from beyond
+    the middle, which hides weak faults. As it was where its causes are too far from the truth to predict that light.
+    """
+    values = found.decision.values
+    if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
+        return found
+    corrected = detect_nuisances(without_light_from_beyond(whole, found.context, values), values)
+    corrected = dataclasses.replace(corrected, field_budget=field_budget, end=whole.end.after_share(MAX_TIME_SHARE))
+    initial = InitialCandidates(_named_fits(found), are_searched=True)
+    again = search_once(corrected, found.context.left_out, progress, initial)
+    unseen = found.result.unseen_rivals if again.result.best.causes == found.result.best.causes else ()
+    notes = list(dict.fromkeys([*found.notes, *again.notes]))
+    return dataclasses.replace(again, result=dataclasses.replace(again.result, unseen_rivals=unseen), notes=notes)
+
+
+def _named_fits(found: SearchOutcome) -> tuple[CandidateFit, ...]:
+    """The best candidate of a search and its rivals."""
+    named = (found.decision.best, *found.decision.rivals)
+    return tuple(score.fit for score in named if score is not None)
 
 
 def _prepare_worker(effect_files: Sequence[str]) -> None:

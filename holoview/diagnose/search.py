@@ -89,12 +89,13 @@ _RERANKED_EXCESS = 0.1  # [χ²/n] … plus this.
 
 @dataclass(frozen=True)
 class InitialCandidates:
-    """The causes that the middle of the pictures suggests for whole pictures. fits: the best first, then its rivals.
-    explains: whether the middle needs no further cause.
+    """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
+    whether effects are searched beside them. over_field_only: only those that vary over the field.
     """
 
     fits: tuple[CandidateFit, ...]
-    explains: bool
+    are_searched: bool
+    over_field_only: bool = False
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
@@ -122,17 +123,18 @@ def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
 
 
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
-    """The causes that the middle of large pictures suggests, fitted to whole pictures.
+    """The causes that a first search suggests, fitted to the captures of another context.
 
-    If these explain the middle but not whole pictures, effects that vary over the field, or whose search takes few
-    fields, are searched beside them: in the middle, light from beyond it counts as noise, which hides weak faults.
+    If these don't explain them, effects are searched beside them that vary over the field, or whose search takes few
+    fields.
     """
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return nothing
-    effects = _visible_effects(context) if initial.explains else []
-    further = [e for e in effects if e.varies_over_field or not is_dear(context, e)]
-    progress(0, 1, "whole pictures")
+    effects = _visible_effects(context) if initial.are_searched else []
+    may_be_cheap = not initial.over_field_only
+    further = [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
+    progress(0, 1, "causes of the first search")
     result = rank_on_held_out(context, initial.fits)
     if initial.fits:
         refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])

@@ -17,12 +17,18 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.trials import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, RegionConfig, SearchConfig
-from holoview.diagnose.crop import MAX_TIME_SHARE, middle_of_context
+from holoview.diagnose.config import MIN_FIELDS, PLAIN, BudgetConfig, RegionConfig, SearchConfig
+from holoview.diagnose.crop import (
+    MAX_TIME_SHARE,
+    measure_missing_light,
+    middle_of_context,
+    with_fitting_stops,
+    without_light_from_beyond,
+)
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit import identity_values, local_fit
 from holoview.diagnose.judge import Verdict, rank_on_held_out
-from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.pipeline import diagnose, prepare_search
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.diagnose.screening import is_dear
 from holoview.diagnose.search import InitialCandidates, refine_candidates
@@ -33,6 +39,7 @@ from holoview.diagnose.search_context import (
     SearchEnd,
     SearchEnded,
 )
+from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
@@ -137,6 +144,36 @@ def test_a_weak_fault_that_the_middle_hides_is_searched_in_whole_pictures(make_c
     for explains, causes in ((False, {"gap"}), (True, set(truth))):
         found = refine_candidates(context, InitialCandidates((fit,), explains), lambda *_: None)
         assert {*found.best.causes} == causes
+
+
+def test_without_light_from_beyond_the_middle_shows_the_noise_alone() -> None:
+    """χ²/n of n pixels scatters by √(2/n); 6 of these are exceeded by chance once in 10⁹ times."""
+    captures, truth = _session("gap", "gap_error", 1e-4), {"gap": {"gap_error": 1e-4}}
+    whole, _ = prepare_search(captures, (), EFFECTS, {}, PLAIN, CONFIG, WorkerPool(1))
+    middle = middle_of_context(whole)
+    assert middle is not None
+    middle = replace(middle, missing_light=measure_missing_light(whole, middle))
+    corrected = without_light_from_beyond(whole, middle, truth)
+    seen, left = (
+        replace(one, missing_light=None).model_weighted_comparison(one.split.held_out, truth)
+        for one in (middle, corrected)
+    )
+    assert seen.chi2_per_pixel(truth) > 1.2
+    assert left.chi2_per_pixel(truth) == pytest.approx(1.0, abs=6 * (2 / left.pixel_count) ** 0.5)
+    assert middle.missing_light is not None and corrected.missing_light is not None
+    used = sorted(middle.split.used)
+    assert (corrected.missing_light[used] < 0.2 * middle.missing_light[used]).all()
+
+
+def test_whole_pictures_take_the_stops_that_fit() -> None:
+    """The captures are those of sharp stops on the model's own grid."""
+    captures, truth = _session("gap", "gap_error", 1e-4), {"gap": {"gap_error": 1e-4}}
+    sharp, _ = prepare_search(captures, (), EFFECTS, {}, PLAIN, CONFIG, WorkerPool(1))
+    weighted = PerThreadPredictor(partial(sharp.predictor.create, has_weighted_stops=True))
+    assert with_fitting_stops(sharp, weighted, truth) is sharp
+    chosen = with_fitting_stops(replace(sharp, predictor=weighted), sharp.predictor, truth)
+    assert chosen.predictor is sharp.predictor and chosen.missing_light is not None
+    assert (chosen.missing_light > 0).all() and (chosen.missing_light < 0.05).all()
 
 
 def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], SearchContext]) -> None:
