@@ -385,7 +385,10 @@ def _orthonormal(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     From the eigenvectors of their Gram matrix, in float64, of rows of length 1; some thousand columns at a time.
     """
     blocks = [slice(first, first + _BLOCK) for first in range(0, rows.shape[1], _BLOCK)]
-    gram = sum(np.float64(part) @ np.float64(part).T for part in (rows[:, block] for block in blocks))
+    gram = np.zeros((len(rows), len(rows)))
+    for block in blocks:
+        part = rows[:, block].astype(np.float64)
+        gram += part @ part.T
     lengths = np.sqrt(np.diag(gram))
     inverse = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
     squares, vectors = np.linalg.eigh(gram * np.outer(inverse, inverse))

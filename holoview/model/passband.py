@@ -212,7 +212,7 @@ def stop_weights(
     if not (relay.has_aperture or relay.dc_block_na is not None):
         return None
     steps = _sine_steps(padded, upsample, pitch_m, λ)
-    sines = [step * frequency_indices(n) for step, n in zip(steps, padded, strict=True)]
+    sines = [np.asarray(step * frequency_indices(n), np.float64) for step, n in zip(steps, padded, strict=True)]
     weights = np.ones(padded)
     if relay.iris_na is not None:
         weights *= _disc_weights(relay.iris_na, relay.centre_na, sines, steps)
