@@ -123,7 +123,7 @@ class Checkpoint:
     tensors: dict[str, NDArray[np.floating]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file; an existing one is replaced only by a complete one."""
+        """Writes the file; only a complete file replaces an existing one."""
         texts = {
             "system": preset.dumps(self.system),
             "settings": json.dumps(dataclasses.asdict(self.settings)),
@@ -133,9 +133,9 @@ class Checkpoint:
         _FORMAT.write(path, self.tensors, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
-        """Raises UserError that names what differs, unless the checkpoint is of this system, settings and target.
+        """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.
 
-        where: how the error names the checkpoint.
+        where: the name of the checkpoint, for the error.
         """
         stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
         differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]

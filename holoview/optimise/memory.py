@@ -1,4 +1,4 @@
-"""Estimate of the memory that an optimisation needs, and an error that says what to reduce."""
+"""Estimate of the memory that an optimisation needs, and an error that names the options to lower."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
 _BLOCKS_A_MODULATOR = 2  # blocks at a time, beside one for each modulator: inputs and results of FFTs, and squares
 _IMAGES_A_PLANE, _IMAGES = 6, 16  # targets; the image of a plane, the drive, its moments and gradients
-_STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 30, 2  # what slopes of a channel's MS-SSIM need; a plane's fields and squares
+_STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 30, 2  # for slopes of a channel's MS-SSIM; a plane's fields and squares
 
 _TARGET_BYTES = 48  # of a sample of a plane of the target, while it is made
 _REMEDY = "lower shape, upsample, frames, sources, or the number of planes or wavelengths"
 
 CPU_BLOCK_BYTES = 1 << 20
-"""Size of a block of complex numbers on the CPU: what a core's second-level cache holds."""
+"""Size of a block of complex numbers on the CPU: a core's second-level cache holds it."""
 
 
 def with_compact_grid(system: System) -> System:
@@ -58,7 +58,7 @@ def memory_guard(
 ) -> Iterator[None]:
     """Raises UserError if the machine has too little memory for an optimisation, or if it runs out inside the block.
 
-    drawn_pupils: how many places of the plan's planes are drawn anew; what they have in common is kept as well.
+    drawn_pupils: how many places of the plan's planes are drawn anew; factors that they share are kept as well.
     The error says how much is needed and which options to lower.
     """
     needed = _estimate_bytes(plan, free_wavelengths, whole_planes, drawn_pupils)

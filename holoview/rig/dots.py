@@ -1,14 +1,14 @@
-"""Patterns that make dots whose place tells the geometry, and dots in pictures.
+"""Patterns that make dots whose places tell the geometry, and dots in pictures.
 
 A probe is a block of pixels at r with the phase of a lens that focuses at the distance L and of a grating of spatial
-frequency ν (the carrier). In the near field its dot lies at r + L·λν: its place tells where the modulator is, and how
-it moves with ν tells L. On a Fourier bench with focal length f and defocus z it lies at f·λν − (z/f)·r. Where the dot
-lies doesn't depend on how the modulator's phase follows its levels, only how bright it is.
+frequency ν (the carrier). In the near field its dot lies at r + L·λν: its place tells where the modulator is, and its
+movement with ν tells L. On a Fourier bench with focal length f and defocus z it lies at f·λν − (z/f)·r. The relation of
+the modulator's phase to its levels changes only how bright the dot is, not its place.
 
-Neighbouring dots, orders of the pixels and stops move the centroid of a dot by some tenths of a pixel. The same
-pattern, simulated by the model of captures on the bench as it was found, moves its dots by the same (`dot_bias`).
+Neighbouring dots, orders of the pixels and stops move the centroid of a dot by some tenths of a pixel. Simulating the
+same pattern by the model of captures, on the bench as found, moves its dots by as much (`dot_bias`).
 
-`predicted_px` tells where dots fall on the camera, as a function of all that is unknown; `fit_geometry` fits it, with
+`predicted_px` gives the places of dots on the camera as a function of all unknowns; `fit_geometry` fits these, with
 uncertainties.
 
     r' = (1 + m₂)·R(ρ₂)·T₂·r + d₂           place of a block of modulator 2, r in what it displays (modulator 1: r' = r)
@@ -18,7 +18,8 @@ uncertainties.
     Fourier bench:  q = f·λν − (z/f)·r
     pixel           = R(ρ)·q / pitch + walk·z / pitch + centre
 
-T₂ and the camera's own turn are whole turns, which are known before; pixels are those of the picture turned back.
+T₂ and the camera's turn are among `captures.dataset: ORIENTATIONS`, and known before the fit; pixels are those of the
+picture turned back.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ NAMES = (
     "centre_y", "centre_x", "log_pitch", "rotation", "offset", "scale", "walk_y", "walk_x",
     "shift2_y", "shift2_x", "rotation2", "magnification2", "gap",
 )  # fmt: skip
-"""All that may be unknown, in SI units; the centre in pixels."""
+"""All unknowns, in SI units; the centre in pixels."""
 
 _UNITS = np.array([1, 1, 1e-3, 1e-3, 1e-4, 1e-2, 1e-3, 1e-3, 1e-6, 1e-6, 1e-3, 1e-3, 1e-4])
 _COMMON_COUNT = 16
@@ -129,12 +130,12 @@ def predicted_px(
 
 @dataclass(frozen=True)
 class DotErrors:
-    """How well the places of dots are known, standard deviations in pixels.
+    """The accuracy of the places of dots, standard deviations in pixels.
 
     common_px: of an error that neighbouring dots share, which more dots don't average out: the error counts as if only
-    16 coordinates had been measured. noise_px: the scatter by noise and unequal pixels of dots whose pictures are as
-    the model has them. More scatter means that modulators or camera aren't as described, which moves dots together by
-    several times their scatter.
+    16 coordinates had been measured. noise_px: the scatter, by noise and unequal pixels, of dots that look as in the
+    model. More scatter means that modulators or camera aren't as described, which moves dots together by several times
+    their scatter.
     """
 
     common_px: float = 0.0
@@ -145,7 +146,7 @@ class DotErrors:
         return float(np.hypot(self.common_px, _SHARED_PER_EXCESS * self.excess_px(residual_px)))
 
     def excess_px(self, residual_px: float) -> float:
-        """How much of a residual noise doesn't explain."""
+        """The part of a residual that noise doesn't explain."""
         return max(residual_px - self.noise_px, 0.0)
 
 

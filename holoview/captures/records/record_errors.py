@@ -2,11 +2,11 @@
 
 choose    a few captures with smooth pictures, and others that confirm the findings
 screen    every correction alone, on two smooth captures
-compare   the best ones on several captures, with the best order of columns that are mixed up
+compare   the best corrections on several captures, with the best order of columns that are mixed up
 decide    a correction is named only if it beats the records as they are beyond chance, and no other capture contradicts
 pairs     are tried where one correction leaves the captures badly predicted
 repeat    on the corrected records, until nothing more is found
-exchange  where nothing more is found, a close second takes the place of the corrections found, with one more beside it
+exchange  where nothing more is found, corrections that came close are tried in place of those found, with one more each
 
 Units come first (`units_of_lengths`) and the order of the powers last (`find_power_order`): pictures show neither. The
 gain of a capture is the light seen over the light predicted for its recorded power and exposure. All gains of one
@@ -65,15 +65,15 @@ laser's power keeps the order, and half of the spread is more than it leaves by 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
 _STARTS = 256  # of sorting: 16 find every order of 18 powers at three wavelengths, 256 nearly all of 128 at eight
 _CACHE_MB = 64
-_DARK = 0.01  # of the light of most captures: less tells nothing of the laser
+_DARK = 0.01  # of the light of most captures: less says nothing about the laser
 
 
 @dataclass(frozen=True)
 class PowerOrder(Correction):
     """The powers are recorded for the wrong captures.
 
-    source: for each capture, the index of the capture whose record holds its power. way: how that came about.
-    spreads: r.m.s. of the logarithm of the gains about those of their wavelength, as recorded and as corrected.
+    source: for each capture, the index of the capture whose record holds its power. way: the mistake, in words.
+    spreads: r.m.s. of the logarithm of the gains about the mean of their wavelength, as recorded and as corrected.
     """
 
     source: tuple[int, ...]
@@ -149,8 +149,8 @@ def _sorted_order(implied: Floats, log_power: Floats, groups: NDArray[np.intp]) 
     """The order of least spread, and the logarithm of the number of different orders.
 
     Sorting pairs implied and recorded powers best for given numbers of the wavelengths; both are found in turns. The
-    turns end in a local optimum, mostly not the best where records are far from the truth: they begin as recorded, and
-    from random orders.
+    turns end in a local optimum, which is mostly not the best where records are far from the truth: so they begin from
+    the recorded order, and from random orders.
     """
     by_power, rng = np.argsort(log_power, kind="stable"), np.random.default_rng(0)
     best, least = np.arange(len(implied)), math.inf
@@ -179,12 +179,12 @@ _PREFIX = "Records: "
 
 @dataclass(frozen=True)
 class RecordFindings:
-    """Which records are wrong.
+    """The wrong records of a file.
 
-    corrections: of wrong records; empty where nothing was found. rivals: other corrections that predict the same.
-    correlation: of predicted and seen speckle on the captures compared, as recorded and as corrected. undecided:
-    corrections that these captures can't show, as ids with choices. captures: how many were compared. seconds: of the
-    search.
+    corrections: of wrong records; empty where none was found. rivals: other corrections that predict the same.
+    correlation: of predicted and measured speckle on the compared captures, as recorded and as corrected. undecided:
+    corrections that these captures can't show, as ids with choices. captures: number of compared captures. seconds: of
+    the search.
     """
 
     corrections: Hypothesis = ()
@@ -218,7 +218,7 @@ class RecordFindings:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        """The findings as JSON values."""
         return {
             "wrong": [{"effect": c.effect, "choice": c.choice, "sentence": c.sentence} for c in self.corrections],
             "rivals": [[{"effect": c.effect, "choice": c.choice} for c in rival] for rival in self.rivals],
@@ -236,21 +236,21 @@ class RecordFindings:
 
 
 TESTED = 8
-"""[captures] Most on which the best corrections are compared; more where there are more wavelengths. Evidence: the
-cost; eight smooth pictures have thousands of grains."""
+"""[captures] Most captures on which the best corrections are compared; more with more wavelengths. Evidence: the cost;
+eight smooth pictures have thousands of grains."""
 
 SCREENED = 2
 """[captures] On which every correction is tried first. Evidence: the cost; two, so that one bad picture doesn't
 decide."""
 
 CONFIRMED = 8
-"""[captures] Others, from smooth to rough, which a correction mustn't predict worse. Evidence: measured: with an
-aberration of 50 nm, exchanged modulators were better on smooth captures (0.97 → 0.996), worse on rough ones (0.6 →
-0.2)."""
+"""[captures] Other captures, from smooth to rough, which a correction mustn't predict worse. Evidence: measured: with
+an aberration of 50 nm, exchanged modulators were better on smooth captures (0.97 → 0.996), worse on rough captures (0.6
+→ 0.2)."""
 
 PROMISING = 96
-"""[corrections] Best on the first of the screened captures, which the others screen further. Evidence: the cost; as
-many as there are single corrections."""
+"""[corrections] The best on the first screened capture, which the other screens further. Evidence: the cost; as many as
+there are single corrections."""
 
 KEPT = 16
 """[corrections] Best of the screening, which are compared on all tested captures. Evidence: more than the number of
