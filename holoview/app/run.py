@@ -136,7 +136,7 @@ def run_on_screen(
     app = open_app(session, device, canvas, store, files, renderer, rig=rig, listen=listen)
     connect_desktop(app.context, glfw, canvas._window)
     if on_image is not None:
-        loop.add_task(_close_after_image, app, on_image, name="until image")
+        loop.add_task(_close_after_image, app, on_image, bool(files.names), name="until image")
     _run_loop(app, store, loop, loop.run)
 
 
@@ -291,9 +291,11 @@ async def compute_loop(app: App) -> None:
         app.window.end(error)
 
 
-async def _close_after_image(app: App, on_image: Callable[[], None]) -> None:
-    """Closes the window when it has shown an image."""
-    while not app.has_shown_image:
+async def _close_after_image(app: App, on_image: Callable[[], None], opens_files: bool) -> None:
+    """Closes the window when it has shown an image, that of the files if there are some."""
+    while app.context.loader.is_opening or not app.has_shown_image:
+        await sleep(_FRAME_POLL_S)
+    while opens_files and (app.context.side_renderers.is_busy or app.awaits_frame):
         await sleep(_FRAME_POLL_S)
     app.window.device.wait()
     on_image()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -23,7 +24,7 @@ from holoview.commands.arguments import (
     with_changes,
     with_effects,
 )
-from holoview.commands.console import print_stderr
+from holoview.commands.console import print_stderr, progress_bar
 from holoview.io.hologram import Hologram
 from holoview.io.load_field import OpenedHologram, open_hologram
 from holoview.model import preset
@@ -42,6 +43,7 @@ from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity
 
 _NEGATIVE = re.compile(r"-\d*\.?\d+(,-?\d*\.?\d+)* ?[a-zµ]*$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
+_LARGE_BYTES = 1 << 28  # of files: reading them is shown
 _OPTIONS = (
     "wavelength",
     "pitch",
@@ -257,7 +259,8 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     Raises UserError as `open_hologram` does.
     """
     request = request_from_args(args)
-    opened = open_hologram(names, request)
+    with progress_bar("reading") if _are_large(names) else nullcontext() as progress:
+        opened = open_hologram(names, request, None if progress is None else lambda n, of: progress(n, of, "rows"))
     for note in opened.notes:
         print_stderr(f"note: {note}")
     if opened.moved_m and getattr(args, "plane", None):
@@ -265,6 +268,11 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     if args.remember and opened.provenance:
         print_stderr(f"note: {remember(names[0], request)} remembers these options")
     return opened
+
+
+def _are_large(names: Sequence[str]) -> bool:
+    """Whether reading files may take seconds."""
+    return sum(Path(name).stat().st_size for name in names if Path(name).is_file()) > _LARGE_BYTES
 
 
 def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:

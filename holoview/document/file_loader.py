@@ -42,6 +42,7 @@ from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir, expand_home, read_text
+from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
 from holoview.view import random_drive, simulate
@@ -130,6 +131,7 @@ class FileLoader:
         self.optimises_new_targets = quick
         self._session, self._remember = session, remember
         self._watcher: FileWatcher | None = None
+        self._opening: BackgroundJob | None = None
         self._is_watching = True
         self._stop = session.add_listener(lambda change: self._update_watcher() if "drive" in change.kinds else None)
         self._update_watcher()
@@ -139,9 +141,16 @@ class FileLoader:
 
         request: the known properties of a field of another program; None where its content tells its kind.
         """
-        system = self._session.system
-        work = partial(read_content, names, system, request)
-        return self._session.jobs.start(f"Open {_title(names)}", lambda control: work(), self.apply)
+        work = partial(read_content, names, self._session.system, request)
+        self._opening = self._session.jobs.start(
+            f"Open {_title(names)}", lambda control: work(progress=control.report), self.apply
+        )
+        return self._opening
+
+    @property
+    def is_opening(self) -> bool:
+        """Whether the files that were opened last are still being read."""
+        return self._opening is not None and self._opening.is_active
 
     def open_field_as_target(self, path: Path) -> None:
         """Makes the light of a field, whose plane is that of the last modulator, the target. Raises UserError."""
@@ -326,11 +335,15 @@ NO_FILES = FilesToOpen()
 
 
 def read_content(
-    names: str | Path | Sequence[str | Path], system: System, request: ReadRequest | None = None
+    names: str | Path | Sequence[str | Path],
+    system: System,
+    request: ReadRequest | None = None,
+    progress: StepCallback | None = None,
 ) -> FileContent:
     """Reads one or several files, a folder, or the preset of a name; patterns must fit `system`.
 
     request: the known properties of the files, as parts of a field of another program; None where they may be anything.
+    progress: as of `open_hologram`.
 
     Raises UserError for an unknown format, a damaged file, and patterns that don't fit.
     """
@@ -339,7 +352,7 @@ def read_content(
         raise UserError("open", "nothing", expected=_EXPECTED)
     paths = [expand_home(name) for name in names_list]
     if request is not None:
-        return _field(paths, request)
+        return _field(paths, request, progress)
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
@@ -350,10 +363,10 @@ def read_content(
         return _page(page, state)
     if path.is_dir():
         return _folder(path, system)
-    return _file(path, system)
+    return _file(path, system, progress)
 
 
-def _file(path: Path, system: System) -> FileContent:
+def _file(path: Path, system: System, progress: StepCallback | None) -> FileContent:
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
@@ -376,13 +389,13 @@ def _file(path: Path, system: System) -> FileContent:
     if _is_toml(path):
         return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
     if is_readable(path):
-        return _field([path], ReadRequest())
+        return _field([path], ReadRequest(), progress)
     raise UserError(str(path), "isn't a file that can be opened", expected=_EXPECTED)
 
 
-def _field(paths: list[Path], request: ReadRequest) -> FileContent:
+def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | None) -> FileContent:
     """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
-    opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=MOST_UNASKED))
+    opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=MOST_UNASKED), progress)
     system, drive = opened.hologram.system, opened.hologram.drive
     stops = 0.0
     if drive.size <= _MOST_FITTED:

@@ -15,6 +15,7 @@ from holoview.io.hologram import FORMAT, Hologram, load_hologram
 from holoview.targets.image_reader import file_format
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.interpret.remembered import notes_path
@@ -137,10 +138,13 @@ def _field_of_array(
     return Wavefield(values[(None,) * (4 - values.ndim)], pitch_m, np.array(wavelengths_m), distance_m or 0.0)
 
 
-def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> OpenedHologram:
+def open_hologram(
+    paths: Sequence[str | os.PathLike[str]], request: ReadRequest, progress: StepCallback | None = None
+) -> OpenedHologram:
     """The hologram of a file of holoview or of another program, or of several files that are the parts of one.
 
     request: the user's statements on a file of another program; a file of holoview tells all but the distance.
+    progress: called while a large file is read, with rows read and rows in all; its exceptions end the reading.
 
     Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """
@@ -150,7 +154,7 @@ def open_hologram(paths: Sequence[str | os.PathLike[str]], request: ReadRequest)
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
     from holoview.wavefield.imaging import corner_note, image_field, with_square_pitch  # slow start: it imports torch
 
-    reading = read_wavefield(paths, request)
+    reading = read_wavefield(paths, request, progress)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field, recorded = reading.wavefield, None
     if reading.recording is not None:

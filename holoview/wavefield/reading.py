@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError
+from holoview.util.progress import StepCallback
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
 from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
 from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
@@ -102,12 +103,14 @@ class Reading:
 
 
 def read_wavefield(
-    paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str], request: ReadRequest | None = None
+    paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str],
+    request: ReadRequest | None = None,
+    progress: StepCallback | None = None,
 ) -> Reading:
     """Reads a field or a recording from a file, or from several files that are its parts.
 
     request: what the user knows and wants. It comes before the notes beside the first file, these before the file's own
-    statements, and guesses come last.
+    statements, and guesses come last. progress: as of `assemble`.
 
     Raises UserError for files that are wrong, when memory doesn't suffice, and when nothing states the pitch or the
     wavelengths, unless `request.accept_guesses`: the error names the options and the guesses.
@@ -131,7 +134,7 @@ def read_wavefield(
         known = _known(files[0], contents, merged, given, findings)
         arrangement = arrange_files(contents, known, findings)
         _describe_request(known, arrangement, findings)
-        return _read(known, arrangement, findings)
+        return _read(known, arrangement, findings, progress)
 
 
 def _with_kind(request: ReadRequest) -> ReadRequest:
@@ -160,7 +163,7 @@ def _known(
     return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name, named_wavelengths)
 
 
-def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading:
+def _read(known: Known, arrangement: Arrangement, findings: Findings, progress: StepCallback | None) -> Reading:
     request, name = known.request, known.name
     is_field = not arrangement.is_recording
     _, colours, rows, columns = arrangement.sizes
@@ -173,7 +176,7 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings) -> Reading
     index = request.refractive_index or 1.0
     in_medium = np.array(wavelengths) / index
     region = _region(request, (rows, columns), pitch, distance, findings)
-    values = assemble(arrangement.groups, region, request.decimate, name, is_field)
+    values = assemble(arrangement.groups, region, request.decimate, name, is_field, progress)
     coarse = pitch[0] * request.decimate, pitch[1] * request.decimate
     values.flags.writeable = False
     field, recording = None, None

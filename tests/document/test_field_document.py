@@ -23,6 +23,7 @@ from holoview.document.target_builder import TargetSpec, example_target
 from holoview.render.page_images import phase_turns
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError
+from holoview.wavefield.interpret import assemble
 from holoview.wavefield.request import Order, ReadRequest
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
@@ -54,6 +55,29 @@ def test_a_file_of_another_program_takes_the_place_of_the_bench(shown: EditingSe
     np.testing.assert_allclose(np.exp(2j * np.pi * turns), _values()[0], atol=1e-6)
     shown.undo()
     assert not shown.system.is_field and shown.drive.dtype == np.float32
+
+
+def test_a_file_that_is_being_read_can_be_cancelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The job is cancelled after the first strip; the others aren't read, and the document stays."""
+    monkeypatch.setattr(assemble, "_STRIP_BYTES", 4 * 16 * 32 * 2)  # four rows of two colours
+    np.save(tmp_path / "field.npy", _values())
+    session = EditingSession(small_system())
+    loader = FileLoader(session, quick=False)
+    before, strips = session.document, []
+    check_finite = assemble.check_finite
+
+    def checked(where: str, values: NDArray[Any], region: Any) -> None:
+        strips.append(region)
+        if len(strips) == 1:
+            session.jobs.active[0].cancel()
+        check_finite(where, values, region)
+
+    monkeypatch.setattr(assemble, "check_finite", checked)
+    loader.open(tmp_path / "field.npy", REQUEST)
+    assert loader.is_opening and session.wait_until_idle(PATIENCE_S)
+    assert len(strips) == 1 and not loader.is_opening and session.document is before
+    loader.close()
+    session.close()
 
 
 def test_what_nothing_tells_is_guessed_and_said(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.util.errors import UserError
+from holoview.wavefield.interpret import assemble
 from holoview.wavefield.interpret.candidates import name_role
 from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
 from holoview.wavefield.request import Order
@@ -57,6 +58,22 @@ def test_of_too_many_samples_the_middle_is_read_and_said(tmp_path: Path) -> None
     reading = read_wavefield([tmp_path / "u.npy"], ReadRequest((1e-6, 1e-6), (532e-9,), most_samples=1 << 20))
     assert reading.wavefield is not None and reading.wavefield.shape == (1024, 1024)
     assert any("--aperture" in note and "--decimate 2" in note for note in reading.notes)
+
+
+def test_a_large_file_tells_how_much_of_it_is_read_and_can_be_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assemble, "_STRIP_BYTES", 8 * 16 * 32 * 3)  # eight rows of three colours
+    np.save(tmp_path / "field.npy", _field(3, 20, 32))
+    told: list[tuple[int, int]] = []
+    read_wavefield(tmp_path / "field.npy", KNOWN, lambda done, total: told.append((done, total)))
+    assert told == [(8, 20), (16, 20), (20, 20)]
+
+    def cancel(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        read_wavefield(tmp_path / "field.npy", KNOWN, cancel)
 
 
 def test_pitch_and_wavelengths_that_nothing_tells_are_asked_for_with_a_guess(tmp_path: Path) -> None:

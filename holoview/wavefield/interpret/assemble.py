@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
+from holoview.util.progress import StepCallback
 from holoview.wavefield.interpret.axes import Axes
 from holoview.wavefield.interpret.candidates import Component
 
@@ -75,12 +76,18 @@ def check_region(region: Region | None, rows: int, columns: int, decimate: int) 
 
 
 def assemble(
-    groups: Sequence[Sequence[Sequence[PlacedArray]]], region: Region, decimate: int, where: str, as_field: bool
+    groups: Sequence[Sequence[Sequence[PlacedArray]]],
+    region: Region,
+    decimate: int,
+    where: str,
+    as_field: bool,
+    progress: StepCallback | None = None,
 ) -> NDArray[Any]:
     """The samples (frame, colour, y, x) of a region: complex64 amplitudes, or float32 as they stand in the file.
 
     groups: by frame and colour of separate files, the arrays that are parts of one field.
     decimate: the mean of so many samples in both directions becomes one.
+    progress: called after each strip of rows where there are several; its exceptions end the reading.
     Raises UserError for values that aren't finite, and when memory doesn't suffice.
     """
     _, _, width, height = region
@@ -94,6 +101,7 @@ def assemble(
     needed = 1.2 * size + _STRIP_COPIES * min(strip, height) * row_bytes + whole
     require_memory(where, needed, remedy="read a region of it, or decimate it")
     result = np.empty((frames, colours, height // decimate, width // decimate), dtype)
+    total, done = height * sum(len(row) for row in groups), 0
     for f, row in enumerate(groups):
         for c, parts in enumerate(row):
             target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
@@ -103,6 +111,9 @@ def assemble(
                 target[:, :, first // decimate : (first + part[3]) // decimate] = _narrowed(
                     where, values, decimate, dtype
                 )
+                done += part[3]
+                if progress is not None and total > strip:
+                    progress(done, total)
     return result
 
 
