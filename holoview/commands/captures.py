@@ -154,7 +154,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draws patterns and camera images of captures spread over the session; saturated pixels are red."""
+    """Draws patterns and camera images of captures spread over the file; saturated pixels are red."""
     captures = read_captures(args.captures)
     write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
     print(args.output)
