@@ -51,6 +51,8 @@ def main(arguments: list[str] | None = None) -> int:
         measure, report = SECTIONS[name]
         results[name] = measure(args)
         print(f"\n## {name}\n\n{report(results[name])}", flush=True)
+    if args.curves and "convergence" in results:
+        optimiser_convergence.draw_curves(results["convergence"], args.curves)
     if args.json:
         args.json.write_text(json.dumps(results, indent=2))
     return 0
@@ -85,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     scenes = optimiser_convergence.TARGETS
     parser.add_argument("--scenes", nargs="+", choices=scenes, default=list(scenes), help="targets (convergence)")
+    parser.add_argument("--curves", type=Path, metavar="PNG", help="where to draw the curves of convergence")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")
     return parser
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from benchmarks.common import markdown_table
@@ -11,6 +12,7 @@ from benchmarks.optimiser_work import STOPS, colour_work
 from holoview.benchmark.autograd_loop import Work
 from holoview.benchmark.frame_benchmark import torch_threads
 from holoview.benchmark.time_to_quality import QualityRun, time_to_quality
+from holoview.figures import png_figure
 
 TARGETS = ("still-life", "night", "resolution")
 
@@ -55,3 +57,27 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             ]
         )
     return markdown_table(header, cells)
+
+
+def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """A picture of PSNR over processor time: a chart for each choice of stops, a colour for each target."""
+    choices = list(dict.fromkeys(row["stops"] for row in rows))
+    targets = list(dict.fromkeys(row["target"] for row in rows))
+    with png_figure(path, (4.5 * len(choices), 3.6)) as figure:
+        charts = figure.subplots(1, len(choices), squeeze=False)[0]
+        for chart, has_stops in zip(charts, choices, strict=True):
+            chart.set_title("first order" if has_stops else "no stops")
+            chart.set_xlabel("processor time ÷ Adam's to the goal")
+            chart.set_ylabel("PSNR below the goal, dB")
+            chart.set(xlim=(0, 1.1), ylim=(-3, 0.4))
+            chart.axhline(0, color="0.5", linewidth=0.8)
+        for row in (row for row in rows if row["seed"] == 0):
+            chart, colour = charts[choices.index(row["stops"])], f"C{targets.index(row['target'])}"
+            for prefix, style in (("", "-"), ("adam_", ":")):
+                made, psnr_db = zip(*row[f"{prefix}curve"], strict=True)
+                end = row[f"{prefix}iterations"] or row["long"]
+                spent = [n / end * row[f"{prefix}cpu_seconds"] / row["adam_cpu_seconds"] for n in made]
+                below = [one - row["goal_db"] for one in psnr_db]
+                name = f"{row['target']}, {'Adam' if prefix else 'holoview'}"
+                chart.plot(spent, below, style, color=colour, label=name)
+        charts[0].legend(fontsize=7)

@@ -33,7 +33,7 @@ from holoview.util.progress import ProgressCallback, no_progress
 from holoview.view import random_drive
 
 MARGIN_DB = 0.2
-STEPS_RAD = (0.05, 0.1, 0.2)
+STEPS_RAD = (0.1, 0.2, 0.4)
 """Adam's steps, of which the best counts: phase at the middle wavelength."""
 _BETAS = (0.9, 0.999)
 _EVERY = 10  # iterations between two solutions for the amplitudes
@@ -130,9 +130,9 @@ def _watched(run: Iterator[tuple[int, float]], name: str, number: int, count: in
 
 
 def planned(work: Work, iterations: int) -> Iterator[tuple[int, float]]:
-    """The curve of a run of the optimiser that is planned for so many iterations."""
+    """The curve of a run of the optimiser that is planned for so many iterations: PSNR of the best hologram so far."""
     for state in iterate(work.system, work.stack, Settings(iterations=iterations), start=work.drive):
-        yield state.iteration, state.psnr_db
+        yield state.iteration, state.best_psnr_db
 
 
 def adam_curve(work: Work, step_rad: float, iterations: int) -> Iterator[tuple[int, float]]:

@@ -91,7 +91,7 @@ from holoview.wavefield.field_target import FieldTarget
 from holoview.wavefield.request import ReadRequest
 
 _DEFAULTS = Settings()
-_NEXT_ITERATIONS = 20
+_NEXT_ITERATIONS = 10
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
@@ -256,8 +256,8 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         "--drawn-planes",
         metavar="N",
         type=whole(0),
-        help="so many planes, drawn anew, count in an iteration until the last 40 %%, which takes less time; 0: all "
-        "(2 of four planes or more)",
+        help="so many planes, drawn anew, count in an iteration of the first 70 %%, which takes less time; 0: all "
+        "(1 of four or more in runs of 100 iterations or more without stops, else all)",
     )
     group.add_argument(
         "--chromatic",

@@ -29,9 +29,9 @@ from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
-_SETTLING_SHARE, _LEAST_SETTLING = 0.4, 30  # the last iterations, which take all planes: their share, and the fewest
+_DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes
 _WHOLE_EVERY = 10  # iterations of which one takes all planes
-_PLANES_AT_A_TIME, _FEWEST_PLANES = 2, 4  # by default: so many, where there are at least so many
+_FEWEST_PLANES, _LONG_RUN = 4, 100  # from which on one is drawn by default: in short runs noise doesn't average out
 
 
 def iterate(
@@ -161,7 +161,7 @@ class _Optimiser:
         """
         request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
         count, few = len(self.problem.objective.target), self._planes_at_a_time
-        settles = iterations - iteration <= max(_LEAST_SETTLING, _SETTLING_SHARE * iterations)
+        settles = iteration >= _DRAWN_SHARE * iterations
         if not 0 < few < count or settles or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
             return request
         turn, place = divmod(iteration, count // few)
@@ -175,7 +175,8 @@ class _Optimiser:
         if settings.drawn_planes is not None:
             return settings.drawn_planes
         is_plain = count == len(self.system.planes_m) and settings.plane_weights is None
-        return _PLANES_AT_A_TIME if is_plain and count >= _FEWEST_PLANES else 0
+        is_open = all(axis.last.frequencies == axis.last.padded for axis in self.problem.model.axes)
+        return 1 if is_plain and is_open and count >= _FEWEST_PLANES and settings.iterations >= _LONG_RUN else 0
 
     def _hologram(self, shown: torch.Tensor) -> Hologram:
         changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
