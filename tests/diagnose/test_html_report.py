@@ -116,5 +116,6 @@ def test_the_gain_on_the_display_is_shown_with_its_picture(tmp_path: Path, found
 
 
 @needs_chromium
+@pytest.mark.explores
 def test_a_browser_shows_it_without_an_error(tmp_path: Path, found: Diagnosis) -> None:
     check_document(write_report(tmp_path, "captures.h5", found))

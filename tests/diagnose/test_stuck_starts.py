@@ -39,7 +39,9 @@ def _starts(context: SearchContext) -> StuckStarts:
 @pytest.mark.parametrize(
     ("name", "true"),
     [
-        ("slm1_stuck", {"columns": (9, 10, 31), "column_levels": (0.8, 0.25, 0.6)}),
+        pytest.param(
+            "slm1_stuck", {"columns": (9, 10, 31), "column_levels": (0.8, 0.25, 0.6)}, marks=pytest.mark.explores
+        ),
         ("slm2_stuck", {"rows": (12,), "row_levels": (0.4,), "pixel_rows": (22,), "pixel_columns": (17,)}),
     ],
 )

@@ -1,4 +1,4 @@
-"""Small optimisations by a process group and by one process, for test_process_group.
+"""Small optimisations by a process group and by one process, for test_parallel.
 
 `python process_group_run.py FOLDER` writes FOLDER/RANK.npz.
 
@@ -63,23 +63,28 @@ def run(case: str, group: ProcessGroup, probe: int | None = None) -> dict[str, n
     }
 
 
-def both(name: str, case: str, group: ProcessGroup) -> dict[str, np.ndarray]:
-    """The results of the group, and those of one process if this is the main one."""
-    found = {f"{name}/{key}": value for key, value in run(case, group).items()}
-    alone = run(case, SINGLE_PROCESS) if group.is_main else {}
-    return found | {f"{name}/alone/{key}": value for key, value in alone.items()}
+def run_all(group: ProcessGroup, label: str) -> dict[str, np.ndarray]:
+    """The results of all cases, and of the first one in single precision."""
+    found: dict[str, np.ndarray] = {}
+    single = next(iter(CASES))
+    for name, case, double in [("single", single, False), *((case, case, True) for case in CASES)]:
+        torch.set_default_dtype(torch.float64 if double else torch.float32)
+        solve.Problem = partial(Problem, double=double)  # type: ignore[misc,assignment]
+        found |= {f"{name}{label}/{key}": value for key, value in run(case, group).items()}
+    return found
 
 
 def main(folder: Path) -> None:
     torch.set_num_threads(1)
+    found: dict[str, np.ndarray] = {}
     with torchrun_group("cpu") as group:
-        found = both("single", next(iter(CASES)), group)
-        torch.set_default_dtype(torch.float64)
-        solve.Problem = partial(Problem, double=True)  # type: ignore[misc,assignment]
-        for case in CASES:
-            found |= both(case, case, group)
-        for probe in range(PROBES if group.is_main else 0):
-            found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, SINGLE_PROCESS, probe).items()}
+        if group.is_main:
+            found |= run_all(SINGLE_PROCESS, "/alone")
+            for probe in range(PROBES):
+                found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, SINGLE_PROCESS, probe).items()}
+        torch.set_default_dtype(torch.float32)  # as the other process has it
+        group.any_rank(False)  # the other process waits, and reads what numba has compiled meanwhile
+        found |= run_all(group, "")
     np.savez(folder / f"{group.rank}.npz", **found)
 
 

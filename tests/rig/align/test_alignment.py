@@ -13,6 +13,7 @@ from holoview.rig import read_rig
 from holoview.rig.align import find_geometry, find_roughly, misfit_warning, registration_of, sentences
 from holoview.rig.devices import Counts, DeviceError, Devices
 from holoview.rig.dots import flat_levels, optics_of
+from tests.explored import explored
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 
 DEVIATIONS = 5.0  # as stated: 13 normal deviates exceed it once in 10⁵
@@ -30,7 +31,7 @@ def check(hidden: Hidden, folder: Path) -> None:
     assert len(sentences(registration)) == (8 if hidden.kind == "two" else 5)
 
 
-@pytest.mark.parametrize("kind", ["one", "two", "fourier"])
+@pytest.mark.parametrize("kind", explored(["two", "fourier", "one"], 2))
 def test_a_hidden_placement_is_found(kind: str, tmp_path: Path) -> None:
     check(draw(kind, 1, (40, 48)), tmp_path)
 

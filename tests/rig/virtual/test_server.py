@@ -177,8 +177,8 @@ def test_wrong_settings_are_told_when_it_starts(tmp_path: Path) -> None:
 def ends() -> Iterator[tuple[socket.socket, Connection]]:
     """A bare socket, and the connection at its other end."""
     one, other = socket.socketpair()
-    one.settimeout(10)
-    other.settimeout(10)
+    one.settimeout(PATIENCE_S)
+    other.settimeout(PATIENCE_S)
     connection = Connection(other)
     yield one, connection
     connection.close()
