@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,14 +81,6 @@ def started_browser() -> Iterator[Browser]:
         browser = Browser(driver)
         yield browser
         browser.close()
-
-
-def wait_until(is_so: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
-    """Waits for something; the test fails where it doesn't come about."""
-    until = time.monotonic() + seconds
-    while not is_so():
-        assert time.monotonic() < until, "it didn't come about in time"
-        time.sleep(0.1)
 
 
 def pixels(page: Any, folder: Path) -> np.ndarray:

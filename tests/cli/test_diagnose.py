@@ -22,34 +22,19 @@ from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
 from holoview.model import preset
-from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects import registry
-from holoview.model.system import System
+from tests.diagnose.conftest import small_system
 
 Run = Callable[..., Any]
 Edit = Callable[[h5py.File], None]
 GAP_ERROR_M = 1.08e-4
 
 
-def _system() -> System:
-    panel = Modulator(pitch_m=8e-6, shape=(32, 40), stroke_m=825e-9, levels=16)
-    return System(
-        wavelengths_m=np.array([450e-9, 600e-9]),
-        amplitudes=np.ones((1, 2)),
-        modulators=(panel, panel),
-        gap_m=1e-3,
-        planes_m=np.array([4e-3]),
-        relay1=Relay(iris_na=0.03),
-        relay2=Relay(iris_na=0.03),
-        observer="mono",
-    )
-
-
 @pytest.fixture(scope="module")
 def measured() -> Captures:
     """Twelve captures of a bench whose gap is longer than it should be."""
     return make_captures(
-        _system(), {"gap": {"gap_error": GAP_ERROR_M}}, AcquisitionSettings(captures_per_condition=6, seed=3)
+        small_system(), {"gap": {"gap_error": GAP_ERROR_M}}, AcquisitionSettings(captures_per_condition=6, seed=3)
     )
 
 
@@ -98,7 +83,7 @@ def test_it_says_what_is_wrong_in_words_and_numbers(diagnosed: Diagnosed) -> Non
 
 def test_wrong_records_are_named_and_written_as_they_should_have_been(holoview: Run, tmp_path: Path) -> None:
     """The patterns of modulator 1 are mirrored, the wavelengths in nanometres."""
-    plain = make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
+    plain = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
     with h5py.File(_written(tmp_path / "c.h5", plain), "r+") as h5:
         h5["slm1/levels"][...] = h5["slm1/levels"][()][:, :, ::-1]
         h5["wavelength"][...] = h5["wavelength"][()] * 1e9
@@ -343,7 +328,7 @@ def test_an_own_effect_may_be_the_cause_and_its_file_is_said_to_be_run(
     own("image + v['share'] * image.mean()")
     registry.load_user_effects(tmp_path / "haze.py")
     captures = make_captures(
-        _system(), {"haze": {"share": 0.15}}, AcquisitionSettings(captures_per_condition=6, seed=4)
+        small_system(), {"haze": {"share": 0.15}}, AcquisitionSettings(captures_per_condition=6, seed=4)
     )
     write_captures(tmp_path / "hazy.h5", captures)
     outcome = holoview("diagnose", "hazy.h5", "--effects", "haze.py", "--workers", 1, "--json", "d.json")
@@ -365,7 +350,7 @@ def test_one_wavelength_says_what_cant_be_known(holoview: Run, tmp_path: Path, m
 
 def test_two_exchanged_captures_are_no_all_clear(holoview: Run, tmp_path: Path) -> None:
     """Both lie among those that no fit and no held-out score sees."""
-    good = make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
+    good = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
     images = good.images.copy()
     images[[2, 9]] = images[[9, 2]]
     write_captures(tmp_path / "c.h5", dataclasses.replace(good, images=images))
@@ -384,7 +369,7 @@ def test_two_exchanged_captures_are_no_all_clear(holoview: Run, tmp_path: Path) 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_an_interrupt_gives_the_best_so_far(interrupted: Run, tmp_path: Path) -> None:
     faults = {"bandwidth": {"sigma": 4e-9}, "gap": {"gap_error": 2e-4}}
-    captures = make_captures(_system(), faults, AcquisitionSettings(captures_per_condition=6, seed=4))
+    captures = make_captures(small_system(), faults, AcquisitionSettings(captures_per_condition=6, seed=4))
     write_captures(tmp_path / "c.h5", captures)
     outputs = ("--json", "d.json", "--save-preset", "p.toml")
     done = interrupted("diagnosing: ", "diagnose", "c.h5", "--workers", 1, "--thorough", *outputs)

@@ -17,7 +17,7 @@ import pytest
 from holoview.commands.console import EXIT_DEVICE_LOST
 from holoview.commands.supervisor import MOST_CRASHES, is_crash, is_supervised, supervise
 from tests.explored import explored
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 
 def _program(words: Sequence[str]) -> int:
@@ -113,10 +113,7 @@ def _start(folder: Path) -> tuple[subprocess.Popen[bytes], psutil.Process]:
         f"sys.exit(supervise(_program, ['view', {str(folder)!r}]))"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
-    until = time.monotonic() + PATIENCE_S
-    while not _calls(folder):
-        assert time.monotonic() < until and process.poll() is None
-        time.sleep(0.02)
+    wait_until(lambda: _calls(folder) or process.poll() is not None)
     return process, psutil.Process(int(_calls(folder)[0].rpartition(" ")[2]))
 
 

@@ -24,7 +24,7 @@ from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 _PROGRAM = """
 import sys, time
@@ -95,12 +95,10 @@ def test_a_clock_that_is_set_takes_no_session_from_its_owner(tmp_path: Path, mon
     assert store.last_session() is not None
 
 
-def _wait_for_a_later_save(folder: Path, timeout_s: float = PATIENCE_S) -> None:
+def _wait_for_a_later_save(folder: Path) -> None:
     (path,) = folder.glob("sessions/*/session.json")
-    first, until = path.stat().st_mtime_ns, time.monotonic() + timeout_s
-    while path.stat().st_mtime_ns == first:
-        assert time.monotonic() < until, "edits weren't saved"
-        time.sleep(0.02)
+    first = path.stat().st_mtime_ns
+    wait_until(lambda: path.stat().st_mtime_ns != first)
 
 
 def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, target_spec: TargetSpec) -> None:
@@ -211,7 +209,7 @@ def test_a_full_disk_is_told_once_and_all_is_saved_when_there_is_space(
         (message,) = session.messages.all
         assert message.kind == "error" and message.text.startswith("autosave: your work isn't saved")
         assert "can't be written: File too large; free" in message.text and "can't be written" in session.save_problem
-    _wait_until(lambda: autosave.flush(0.1))  # by itself, without an edit
+    wait_until(lambda: autosave.flush(0.1))  # by itself, without an edit
     session.poll()
     assert session.messages.all[-1].text == "autosave: your work is saved again" and session.save_problem == ""
     (saved,) = SessionStore(tmp_path).saved_sessions()
@@ -238,7 +236,7 @@ def test_whatever_fails_the_autosave_goes_on(
     session.poll()
     assert "RuntimeError: a library's own error" in session.messages.all[0].text and session.messages.all[0].details
     monkeypatch.undo()
-    _wait_until(lambda: autosave.flush(0.1))
+    wait_until(lambda: autosave.flush(0.1))
     assert autosave.close() is None
 
 
@@ -288,17 +286,10 @@ def _assert_saved_once_possible(
     session.poll()
     assert session.save_problem and SessionStore(folder).saved_sessions() == []
     allow()
-    _wait_until(lambda: autosave.flush(0.1))
+    wait_until(lambda: autosave.flush(0.1))
     assert autosave.close() is None
     last = SessionStore(folder).last_session()
     assert last is not None and last.restore().system.gap_m == 2e-3
-
-
-def _wait_until(is_true: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
-    until = time.monotonic() + timeout_s
-    while not is_true():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 def test_preferences_are_kept_and_damaged_ones_begun_anew(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from holoview.model import preset
 from holoview.page.page import export_html
 from holoview.util.errors import UserError
 from holoview.view import random_drive
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 SYSTEM = bench.small_system()
 
@@ -39,14 +39,6 @@ def _hologram(path: Path, seed: int) -> Hologram:
 def _picture(path: Path, mode: str = "RGB", size: tuple[int, int] = (40, 30)) -> Path:
     Image.new(mode, size, 128 if mode == "L" else (200, 100, 50)).save(path)
     return path
-
-
-def _until(condition: object, session: EditingSession, timeout_s: float = PATIENCE_S) -> None:
-    until = time.monotonic() + timeout_s
-    while not condition():  # type: ignore[operator]
-        session.poll()
-        assert time.monotonic() < until, "waited too long"
-        time.sleep(0.01)
 
 
 def test_kinds_are_told_by_content_whatever_the_name(tmp_path: Path) -> None:
@@ -145,7 +137,7 @@ def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: E
     path.write_bytes(whole[: len(whole) // 2])
     time.sleep(1.0)
     path.write_bytes(whole)
-    _until(lambda: np.array_equal(session.drive, again.drive), session)
+    wait_until(lambda: np.array_equal(session.drive, again.drive), session.poll)
     assert not [message for message in session.messages.all if message.kind == "error"]
     loader.set_watching(False)
     assert loader.watched_path is None
@@ -161,9 +153,7 @@ def test_a_watch_waits_until_writing_has_stopped(tmp_path: Path) -> None:
         path.write_text(str(number))
         moments.append(time.monotonic())
         time.sleep(0.04)
-    until = time.monotonic() + PATIENCE_S
-    while "4" not in seen and time.monotonic() < until:
-        time.sleep(0.02)
+    wait_until(lambda: "4" in seen)
     watch.close()
     # On a busy machine the writer itself may stop for an interval: from a write's beginning to the end of the next.
     stops = sum(after - before >= 0.1 for before, after in zip(moments[:-3:2], moments[3::2], strict=True))
@@ -201,6 +191,6 @@ def test_a_page_that_is_opened_is_not_saved_over(session: EditingSession, tmp_pa
     hologram = _hologram(tmp_path / "a.safetensors", 3)
     export_html(tmp_path / "a.html", hologram, backend="torch")
     FileLoader(session).open(f"{tmp_path / 'a.html'}#plane=3.5mm")
-    _until(lambda: np.array_equal(session.drive, hologram.drive), session)
+    wait_until(lambda: np.array_equal(session.drive, hologram.drive), session.poll)
     assert session.document.path is None
     assert session.view_settings.plane_m == pytest.approx(3.5e-3)

@@ -20,18 +20,10 @@ from holoview.document.optimisation_job import (
 from holoview.document.target_builder import TargetSpec
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 SHORT = OptimisationRequest(Settings(iterations=4), preview_every=1, device="cpu")
 ENDLESS = OptimisationRequest(Settings(iterations=100_000), preview_every=1, device="cpu")
-
-
-def _until(session: EditingSession, condition: object, timeout_s: float = PATIENCE_S) -> None:
-    until = time.monotonic() + timeout_s
-    while not condition():  # type: ignore[operator]
-        session.poll()
-        assert time.monotonic() < until, "waited too long"
-        time.sleep(0.005)
 
 
 def test_a_job_reports_and_its_result_arrives_on_the_owners_thread(session: EditingSession) -> None:
@@ -79,7 +71,7 @@ def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: E
         entered.clear()
         return not entered.wait(0.1)
 
-    _until(session, rests)
+    wait_until(rests, session.poll)
     assert job.status == "paused"
     job.cancel()
     assert job.join(PATIENCE_S)
@@ -107,7 +99,7 @@ def test_the_view_follows_and_cancelling_leaves_the_old_patterns(
 ) -> None:
     session.edit("Target", target_spec=target_spec)
     job = start_optimisation(session, ENDLESS)
-    _until(session, lambda: session.displayed_document.drive is not session.drive)
+    wait_until(lambda: session.displayed_document.drive is not session.drive, session.poll)
     job.pause()
     session.change("Gap", {"gap": 2e-3})
     assert session.displayed_document.drive is session.drive, (
@@ -116,7 +108,7 @@ def test_the_view_follows_and_cancelling_leaves_the_old_patterns(
     session.undo()
     assert session.displayed_document.drive is not session.drive
     job.cancel()
-    _until(session, lambda: not job.is_active)
+    wait_until(lambda: not job.is_active, session.poll)
     assert (
         job.status == "cancelled"
         and session.displayed_document.drive is session.drive
@@ -129,10 +121,10 @@ def _optimise_while_editing(session: EditingSession, target_spec: TargetSpec, ch
     session.edit("Target", target_spec=target_spec)
     settings = Settings(iterations=100_000, amplitudes_every=1)
     job = start_optimisation(session, OptimisationRequest(settings, preview_every=1, device="cpu"))
-    _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
+    wait_until(lambda: job.latest is not None and job.latest.iteration >= 2, session.poll)
     session.change("Edit", changes)
     job.stop_and_keep()
-    _until(session, lambda: not job.is_active)
+    wait_until(lambda: not job.is_active, session.poll)
     assert job.status == "done" and "optimised" in session.document.origin
     return next(message.text for message in session.messages.all if message.kind == "warning")
 
@@ -164,9 +156,9 @@ def test_a_result_for_which_the_edited_bench_has_no_pixels_comes_with_its_own(
 def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, target_spec: TargetSpec) -> None:
     session.edit("Target", target_spec=target_spec)
     old, job = session.drive, start_optimisation(session, ENDLESS)
-    _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
+    wait_until(lambda: job.latest is not None and job.latest.iteration >= 2, session.poll)
     job.stop_and_keep()
-    _until(session, lambda: not job.is_active)
+    wait_until(lambda: not job.is_active, session.poll)
     assert job.status == "done" and session.drive is not old
 
 

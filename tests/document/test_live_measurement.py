@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from queue import Queue
 from threading import Event
@@ -15,7 +14,7 @@ from holoview.colour import D65_WHITE
 from holoview.document.editing_session import EditingSession
 from holoview.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
 from holoview.util.processes import LatestTask
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 
 def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:
@@ -55,10 +54,7 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
     for mean in range(2, 30):
         live.request(session.document, np.ones((48, 64, 3)) * mean)
     goes_on.set()
-    until = time.monotonic() + PATIENCE_S
-    while live.is_busy and time.monotonic() < until:
-        session.poll()
-        time.sleep(0.01)
+    wait_until(lambda: not live.is_busy, session.poll)
     assert means == [1, 29]
     live.close()
 
@@ -89,9 +85,6 @@ def test_a_failure_is_told_and_the_next_request_is_served(session: EditingSessio
     newest.submit(fail, taken.append)
     assert failed.wait(PATIENCE_S)
     newest.submit(lambda: 7, taken.append)
-    until = time.monotonic() + PATIENCE_S
-    while not taken and time.monotonic() < until:
-        session.poll()
-        time.sleep(0.01)
+    wait_until(lambda: taken, session.poll)
     newest.close()
     assert taken == [7] and "oops" in session.messages.all[0].text

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +12,11 @@ from holoview.colour import D65_WHITE, xyz_to_linear_srgb
 from holoview.document.editing_session import EditingSession
 from holoview.document.measurements import ImageScore, LiveScore, image_psnr_db
 from holoview.metrics.perceptual import flip, ms_ssim
-from tests.patience import PATIENCE_S
+from tests.patience import wait_until
 
 
 def _wait(session: EditingSession, live: LiveScore) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while live.is_busy and time.monotonic() < until:
-        time.sleep(0.01)
-        session.poll()
+    wait_until(lambda: not live.is_busy, session.poll)
 
 
 def test_it_is_that_of_the_newest_image_and_none_before(session: EditingSession) -> None:

@@ -14,10 +14,10 @@ import pytest
 
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
-from tests.chromium import Browser, needs_chromium, pixels, started_browser, wait_until
+from tests.chromium import Browser, needs_chromium, pixels, started_browser
 from tests.gui.conftest import leave_crashed_session
 from tests.gui.served import serving
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
 _SIZES = """() => {

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from holoview.gpu.device import Device
-from tests.chromium import Browser, needs_chromium, pixels, started_browser, wait_until
+from tests.chromium import Browser, needs_chromium, pixels, started_browser
 from tests.gui.conftest import Gui
 from tests.gui.served import Served, serving
 from tests.gui.test_browser import wait_for_sizes
+from tests.patience import wait_until
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
 SIZE = (900, 700)

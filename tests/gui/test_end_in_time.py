@@ -7,14 +7,13 @@ import multiprocessing
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from holoview.app.run import ending_after_grace
 from holoview.util.processes import handled_signals
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 _GRACE_S = 0.2
 
@@ -39,10 +38,7 @@ def _interrupted(folder: Path, number: int, saves: bool = True) -> int | None:
     """The exit code of the process that works and gets a signal."""
     process = multiprocessing.get_context("spawn").Process(target=_work_in_a_library, args=(folder, saves))
     process.start()
-    until = time.monotonic() + PATIENCE_S
-    while not (folder / "begun").exists():
-        assert time.monotonic() < until and process.is_alive()
-        time.sleep(0.01)
+    wait_until(lambda: (folder / "begun").exists() or not process.is_alive())
     assert process.pid is not None
     os.kill(process.pid, number)
     process.join(PATIENCE_S)

@@ -20,9 +20,9 @@ from PIL import Image
 from holoview.app.script import Point
 from holoview.gpu.device import Device
 from holoview.model import preset
-from tests.chromium import needs_chromium, started_browser, wait_until
+from tests.chromium import needs_chromium, started_browser
 from tests.gui.conftest import Gui
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 if find_spec("jupyterlab") is None:  # importing it takes seconds, and a process of its own runs it
     pytest.skip("JupyterLab shows the notebook", allow_module_level=True)

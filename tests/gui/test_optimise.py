@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from holoview.document.file_loader import target_from_pixels
 from holoview.document.focus_edits import toggle_eye
 from holoview.document.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
 from tests.gui.conftest import Gui
-from tests.patience import PATIENCE_S
+from tests.patience import wait_until
 
 pytestmark = pytest.mark.gpu
 
@@ -33,12 +32,8 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
     return opened
 
 
-def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
-    until = time.monotonic() + timeout_s
-    while not condition():
-        gui.process_frames()
-        gui.app.compute_slice()
-        assert time.monotonic() < until, "waited too long"
+def _until(gui: Gui, condition: Callable[[], bool]) -> None:
+    wait_until(condition, lambda: (gui.process_frames(), gui.app.compute_slice()), 0.0)
 
 
 def _choose(gui: Gui, **fields: Any) -> None:

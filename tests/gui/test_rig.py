@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
@@ -18,7 +17,7 @@ from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.gui.conftest import Gui
-from tests.patience import PATIENCE_S
+from tests.patience import wait_until
 
 pytestmark = pytest.mark.gpu
 
@@ -46,11 +45,7 @@ class RigGui:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Draws frames until something is so."""
-        until = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < until, self.gui.last_message()
-            self.gui.process_frames()
-            time.sleep(0.005)
+        wait_until(condition, self.gui.process_frames, 0.005)
         self.gui.draw_frames(2)
 
     def open(self) -> None:

@@ -20,7 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, Address, ServeOptions, guarded, make_server
 from holoview.util.errors import UserError
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 _COOKIE = {"Cookie": "holoview=right"}
 
@@ -69,9 +69,7 @@ def running(options: ServeOptions | None = None, **times: float) -> Iterator[Run
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="server")
         thread.start()
         try:
-            until = time.monotonic() + PATIENCE_S
-            while not server.started and time.monotonic() < until:
-                time.sleep(0.01)
+            wait_until(lambda: server.started)
             yield Running(listener.getsockname()[1])
         finally:
             server.should_exit = True

@@ -13,7 +13,7 @@ import pytest
 
 from holoview.rig.devices import DeviceError
 from holoview.rig.guard_process import switch_off
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.rig.conftest import write_rig
 
 DEVICES = """
@@ -61,10 +61,7 @@ def test_lasers_of_a_program_that_is_killed_go_off(tmp_path: Path) -> None:
     with _started(tmp_path) as process:
         assert _log(tmp_path)[-1] == "on"
         process.send_signal(signal.SIGKILL)
-        end = time.monotonic() + PATIENCE_S
-        while _log(tmp_path)[-1] != "off" and time.monotonic() < end:
-            time.sleep(0.01)
-        assert _log(tmp_path)[-1] == "off"
+        wait_until(lambda: _log(tmp_path)[-1] == "off")
         _, said = process.communicate()  # of the guard, which had the same stderr
     assert said.endswith("lasers: switched off, since the program that used them is gone\n")
 

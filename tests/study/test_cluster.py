@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.study.study import StudyJob
 from holoview.util.errors import UserError
 from holoview.util.processes import process_cpu_count
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
@@ -37,9 +36,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1"]
     workers = [subprocess.Popen([*worker, "--no-nanny", "--no-dashboard"], **options) for _ in range(2)]
     try:
-        until = time.monotonic() + PATIENCE_S
-        while not file.exists() and time.monotonic() < until:
-            time.sleep(0.02)
+        wait_until(file.exists)
         with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
             client.wait_for_workers(2, timeout=PATIENCE_S)
             address = client.scheduler.address

@@ -30,7 +30,7 @@ from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from holoview.util.packages import __version__
 from holoview.util.processes import process_cpu_count
 from tests.child_process import child_process
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.study.probe import STUDY
 
 HERE = Path(__file__).resolve().parent
@@ -161,9 +161,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     command = [sys.executable, "-c", program, "study", "probe", "-o", str(tmp_path), "--workers", "2"]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with child_process(command, cwd=ROOT, start_new_session=True, **pipes) as process:
-        until = time.monotonic() + PATIENCE_S
-        while not list(tmp_path.glob("jobs/[!.]*.json")) and time.monotonic() < until:  # not one being written
-            time.sleep(0.02)
+        wait_until(lambda: list(tmp_path.glob("jobs/[!.]*.json")))  # not one being written
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=PATIENCE_S)
     kept = len(list(tmp_path.glob("jobs/*.json")))
@@ -222,9 +220,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
         "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
     with child_process([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:
-        until = time.monotonic() + PATIENCE_S
-        while not (log.exists() and len(_log(log)) == 3) and time.monotonic() < until:
-            time.sleep(0.02)
+        wait_until(lambda: log.exists() and len(_log(log)) == 3)
         process.send_signal(signal.SIGKILL)
     assert len(list(folder.glob("*.json"))) == 2
     results = run_jobs(STUDY, _to_be_killed(log), ResultStore(folder))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
@@ -16,7 +15,7 @@ from holoview.rig import live_devices
 from holoview.rig.open_rig import KINDS, Opener
 from tests.document.conftest import small_system
 from tests.experiment.live.fake_bench import FakeBench, write_rig
-from tests.patience import PATIENCE_S
+from tests.patience import wait_until
 
 LASER_M = 638e-9
 
@@ -31,11 +30,7 @@ class Rigged:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Polls until something is so."""
-        until = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < until, self.messages
-            self.session.poll()
-            time.sleep(0.002)
+        wait_until(condition, self.session.poll, 0.002)
 
     def open(self) -> None:
         """Opens the rig."""
