@@ -22,7 +22,7 @@ from holoview.app import theme
 from holoview.app.user_input import Chord
 from holoview.app.window import Window
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import FileLoader
+from holoview.document.file_loader import FileLoader, most_samples_for
 from holoview.document.focus_edits import PupilMotion
 from holoview.document.measurements import LimitNotes, LiveMeasurement, LiveScore
 from holoview.document.optimisation_job import RetinalCurves
@@ -302,7 +302,8 @@ class AppContext:
         self._rig: RigSession | None = None
         self.retinal_curves = RetinalCurves(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
-        self.loader = FileLoader(session, remember=remember)
+        binding_bytes = device.limits["max-storage-buffer-binding-size"]
+        self.loader = FileLoader(session, remember=remember, most_samples=most_samples_for(binding_bytes))
         self.received_fields = ReceivedFields(session, lambda: not self.side_renderers.is_busy)
         stored_theme = store.preferences.get("theme", "") if store is not None else ""
         self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]

@@ -122,13 +122,18 @@ class FileLoader:
     """Opens files into a session in the background, and reloads a displayed hologram file when it is rewritten.
 
     remember: called with the path of each file that was opened. quick: whether a quick optimisation starts for a new
-    target, at first; later `optimises_new_targets` says so.
+    target, at first; later `optimises_new_targets` says so. most_samples: as of `read_content`.
     """
 
     def __init__(
-        self, session: EditingSession, *, remember: Callable[[Path], None] = lambda path: None, quick: bool = True
+        self,
+        session: EditingSession,
+        *,
+        remember: Callable[[Path], None] = lambda path: None,
+        quick: bool = True,
+        most_samples: int = MOST_UNASKED,
     ) -> None:
-        self.optimises_new_targets = quick
+        self.optimises_new_targets, self._most_samples = quick, most_samples
         self._session, self._remember = session, remember
         self._watcher: FileWatcher | None = None
         self._opening: BackgroundJob | None = None
@@ -141,7 +146,7 @@ class FileLoader:
 
         request: the known properties of a field of another program; None where its content tells its kind.
         """
-        work = partial(read_content, names, self._session.system, request)
+        work = partial(read_content, names, self._session.system, request, most_samples=self._most_samples)
         self._opening = self._session.jobs.start(
             f"Open {_title(names)}", lambda control: work(progress=control.report), self.apply
         )
@@ -334,16 +339,25 @@ class FilesToOpen:
 NO_FILES = FilesToOpen()
 
 
+_BYTES_A_SAMPLE = 48  # of the padded grid of a field: complex64, twice as long along each axis, up to a size of the FFT
+
+
+def most_samples_for(binding_bytes: int) -> int:
+    """Samples a colour of the largest field that a device shows which binds buffers of so many bytes."""
+    return min(MOST_UNASKED, binding_bytes // _BYTES_A_SAMPLE)
+
+
 def read_content(
     names: str | Path | Sequence[str | Path],
     system: System,
     request: ReadRequest | None = None,
     progress: StepCallback | None = None,
+    most_samples: int = MOST_UNASKED,
 ) -> FileContent:
     """Reads one or several files, a folder, or the preset of a name; patterns must fit `system`.
 
     request: the known properties of the files, as parts of a field of another program; None where they may be anything.
-    progress: as of `open_hologram`.
+    progress: as of `open_hologram`. most_samples: of a field with more samples a colour the middle is read.
 
     Raises UserError for an unknown format, a damaged file, and patterns that don't fit.
     """
@@ -351,8 +365,9 @@ def read_content(
     if not names_list:
         raise UserError("open", "nothing", expected=_EXPECTED)
     paths = [expand_home(name) for name in names_list]
+    open_field = partial(_field, progress=progress, most_samples=most_samples)
     if request is not None:
-        return _field(paths, request, progress)
+        return open_field(paths, request)
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
@@ -363,10 +378,10 @@ def read_content(
         return _page(page, state)
     if path.is_dir():
         return _folder(path, system)
-    return _file(path, system, progress)
+    return _file(path, system, open_field)
 
 
-def _file(path: Path, system: System, progress: StepCallback | None) -> FileContent:
+def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequest], FileContent]) -> FileContent:
     if is_pupil_path(path):
         return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
@@ -389,13 +404,13 @@ def _file(path: Path, system: System, progress: StepCallback | None) -> FileCont
     if _is_toml(path):
         return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
     if is_readable(path):
-        return _field([path], ReadRequest(), progress)
+        return open_field([path], ReadRequest())
     raise UserError(str(path), "isn't a file that can be opened", expected=_EXPECTED)
 
 
-def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | None) -> FileContent:
+def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | None, most_samples: int) -> FileContent:
     """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
-    opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=MOST_UNASKED), progress)
+    opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=most_samples), progress)
     system, drive = opened.hologram.system, opened.hologram.drive
     stops = 0.0
     if drive.size <= _MOST_FITTED:

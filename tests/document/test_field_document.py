@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +17,15 @@ from numpy.typing import NDArray
 import holoview as hv
 from holoview.document.archive import SessionArchive, SessionData, read_session
 from holoview.document.editing_session import EditingSession, OptimisationChoices
-from holoview.document.file_loader import FileLoader, read_content
+from holoview.document.file_loader import FileLoader, most_samples_for, read_content
 from holoview.document.focus_edits import focus_at, focus_range_m, look_on_other_side
 from holoview.document.optimisation_job import RestOfOptimisation, chosen_optimisation, start_optimisation
 from holoview.document.target_builder import TargetSpec, example_target
+from holoview.engine.wgpu_executor import WgpuExecutor
+from holoview.gpu.adapter import MIB
+from holoview.gpu.device import Device
+from holoview.model.plan import make_plan
+from holoview.optics.frame_inputs import FrameInputs
 from holoview.render.page_images import phase_turns
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError
@@ -78,6 +84,23 @@ def test_a_file_that_is_being_read_can_be_cancelled(tmp_path: Path, monkeypatch:
     assert len(strips) == 1 and not loader.is_opening and session.document is before
     loader.close()
     session.close()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("mib", [1, 4])
+def test_of_a_field_that_a_device_cannot_hold_the_middle_is_shown(device: Device, tmp_path: Path, mib: int) -> None:
+    """The largest field that is read as a whole fits a device which binds so little; a larger one is cut."""
+    limits = device.limits | {"max-storage-buffer-binding-size": mib * MIB}
+    small = Device(device.raw, device.info, limits)
+    side = math.isqrt(most_samples_for(mib * MIB))
+    plan = make_plan(hv.load_field(np.ones((side, side), np.complex64), pitch="8um", wavelengths="532nm").system)
+    WgpuExecutor(plan, FrameInputs(plan, np.ones(plan.system.drive_shape, np.complex64)), small)
+    np.save(tmp_path / "field.npy", np.ones((1400, 1100), np.complex64))
+    request = replace(REQUEST, wavelengths_m=(532e-9,))
+    content = read_content(tmp_path / "field.npy", small_system(), request, most_samples=most_samples_for(mib * MIB))
+    assert content.system is not None and content.system.modulators[0].shape == (1024, 1024)
+    assert any("--decimate 2" in note for note in content.notes)
+    assert most_samples_for(128 * MIB) > 1920 * 1080
 
 
 def test_what_nothing_tells_is_guessed_and_said(tmp_path: Path) -> None:
