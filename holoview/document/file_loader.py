@@ -412,19 +412,23 @@ def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | Non
     """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
     opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=most_samples), progress)
     system, drive = opened.hologram.system, opened.hologram.drive
-    stops = 0.0
-    if drive.size <= _MOST_FITTED:
-        stops = round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
     return FileContent(
         "field",
         paths[0].name,
         system,
         drive,
         path=paths[0],
-        exposure_stops=stops,
+        exposure_stops=fitted_exposure(system, drive),
         notes=opened.notes,
         recorded=opened.recorded,
     )
+
+
+def fitted_exposure(system: System, drive: Drive) -> float:
+    """The exposure in stops at which a field's picture is neither dark nor beyond white; 0 for a very large field."""
+    if drive.size > _MOST_FITTED:
+        return 0.0
+    return round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
 
 
 def _page(path: Path, state: str) -> FileContent:

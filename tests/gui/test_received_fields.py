@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import torch
 
+import holoview as hv
 from holoview.app.panels.image import ImagePanel
+from holoview.colour import fitting_stops
 from holoview.util.errors import UserError
 from holoview.wavefield.exchange import announced_listener, push
 from tests.gui.conftest import Gui
@@ -65,6 +67,22 @@ def test_a_field_of_another_size_is_another_document(gui: Gui) -> None:
     assert gui.session.system.modulators[0].shape == (16, 24)
     gui.session.undo()
     assert gui.session.system.modulators[0].shape == SHAPE
+
+
+def test_the_first_field_is_shown_with_an_exposure_that_fits_it(gui: Gui) -> None:
+    """A spot on a dark ground, far beyond white at the exposure 0; the next field keeps what the user has set."""
+    spot = np.full(SHAPE, 0.05, complex)
+    spot[14:18, 20:24] = 1
+    near = KNOWN | {"distance": "0.1 mm"}
+    push(spot, "run", **near)
+    gui.draw_until_idle()
+    field = hv.load_field(spot, **near)
+    assert gui.session.view_settings.exposure_stops == round(fitting_stops(hv.simulate(field, backend="torch").xyz), 2)
+    assert gui.session.view_settings.exposure_stops < -2
+    gui.session.edit_view("Exposure", exposure_stops=-1.0)
+    push(spot[::-1], "run", **near)
+    gui.draw_until_idle()
+    assert gui.session.view_settings.exposure_stops == -1.0
 
 
 def test_of_fields_that_come_too_fast_the_newest_is_shown(gui: Gui) -> None:
