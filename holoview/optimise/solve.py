@@ -143,14 +143,18 @@ class _Optimiser:
             )
 
     def _evaluate(self, shown: torch.Tensor, iteration: int, request: EvaluationRequest) -> LossEvaluation:
-        """The evaluation of an iteration; in the last one, amplitudes are solved for first and the loss is theirs."""
+        """The evaluation of an iteration; in the first and the last, amplitudes are solved for before it.
+
+        Otherwise the first gradient would be that of a picture of another brightness, and Adam would remember it.
+        """
         variables, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
-        if iteration < self.settings.iterations:
-            return self.problem.evaluate(path_m, variables.amplitudes, request)
-        if request.optimal_amplitudes:
+        if request.optimal_amplitudes and iteration in (0, self.settings.iterations):
             solved = self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(optimal_amplitudes=True))
             assert solved.optimal_amplitudes is not None
             variables.amplitudes = solved.optimal_amplitudes
+            request = replace(request, optimal_amplitudes=False)
+        if iteration < self.settings.iterations:
+            return self.problem.evaluate(path_m, variables.amplitudes, request)
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _request(self, iteration: int) -> EvaluationRequest:
