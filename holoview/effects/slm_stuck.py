@@ -57,7 +57,7 @@ class SlmStuck(Effect):
     varies_over_field = True
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        self._check(v)
+        self._check(v, context.whole_shape)
         shown = share.clone()
         for place, level in _dead_places(v):
             shown[_inside(place, context)] = level
@@ -92,14 +92,29 @@ class SlmStuck(Effect):
         first, *others = found or [f"No pixels {modulator} are stuck"]
         return {"found": "; ".join([first, *(text[0].lower() + text[1:] for text in others)])}
 
-    def _check(self, v: Values) -> None:
-        """Raises UserError unless pixels have a row and a column, and rectangles two of each."""
+    def _check(self, v: Values, shape: tuple[int, int]) -> None:
+        """Raises UserError unless pixels have a row and a column, rectangles two of each, and all begin inside.
+
+        shape: rows and columns of the modulator. A rectangle may end beyond it.
+        """
+        for name, count in _counted(shape):
+            if max(v[name], default=0) >= count:
+                size = f"modulator {self.modulator + 1} has {shape[0]} rows and {shape[1]} columns, counted from 0"
+                raise UserError(
+                    name, f"{max(v[name]):g}", expected=f"at most {count - 1}, since {size}", remedy="leave it out"
+                )
         if len(v["pixel_rows"]) != len(v["pixel_columns"]):
             found = f"{len(v['pixel_rows'])} pixel_rows and {len(v['pixel_columns'])} pixel_columns"
-            raise UserError(f"effects.{self.id}", found, expected="a row and a column of each pixel")
+            raise UserError("pixel_rows", found, expected="a row and a column of each pixel")
         if len({len(v[part]) for part in _PARTS}) > 1:
             found = ", ".join(f"{len(v[part])} {part}" for part in _PARTS)
-            raise UserError(f"effects.{self.id}", found, expected="a first and a last row and column of each rectangle")
+            raise UserError("part_first_rows", found, expected="a first and a last row and column of each rectangle")
+
+
+def _counted(shape: tuple[int, int]) -> list[tuple[str, int]]:
+    """Each parameter that has to lie inside a modulator, with the number of rows or columns there."""
+    names = ("rows", "pixel_rows", "part_first_rows", "kept_rows", "late_rows")
+    return [(n, shape[0]) for n in names] + [(n.replace("rows", "columns"), shape[1]) for n in names]
 
 
 Place = tuple[int, int, int, int]

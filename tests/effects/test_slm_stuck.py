@@ -149,6 +149,34 @@ def test_what_no_modulator_has_is_refused(changes: dict[str, Any], words: str) -
         hv.load("holochrome-8").edit({f"effects.slm1_stuck.{key}": value for key, value in changes.items()})
 
 
+SIDES = {"part_first_rows": (0,), "part_last_rows": (0,), "part_first_columns": (0,), "part_last_columns": (0,)}
+
+
+@pytest.mark.parametrize(
+    ("values", "key"),
+    [
+        *(
+            ({f"{name}{lines}": (0, places)}, f"{name}{lines}")
+            for name in ("", "kept_", "late_")
+            for lines, places in (("rows", 8), ("columns", 12))
+        ),
+        ({"pixel_rows": (8,), "pixel_columns": (0,)}, "pixel_rows"),
+        ({"pixel_rows": (0,), "pixel_columns": (12,)}, "pixel_columns"),
+        (SIDES | {"part_first_rows": (8,), "part_last_rows": (9,)}, "part_first_rows"),
+        (SIDES | {"part_first_columns": (12,), "part_last_columns": (65535,)}, "part_first_columns"),
+    ],
+)
+@pytest.mark.parametrize("number", [0, 1])
+def test_places_beyond_the_modulator_are_refused(number: int, values: dict[str, Any], key: str) -> None:
+    """Also where only its middle is computed; the last row and column are inside."""
+    effect, sent = get_effect(f"slm{number + 1}_stuck"), torch.full((6, 10), 0.5)
+    at = ModulatorContext(number, 520e-9, 780e-9, 8e-6, (6, 10), 1, frame=(8, 12))
+    with pytest.raises(UserError, match=rf"^{key}: .* modulator {number + 1} has 8 rows and 12 col"):
+        effect.stroke_response(sent, at, effect.parameter_values(values))
+    inside = {name: tuple(min(n, 11 if "columns" in name else 7) for n in places) for name, places in values.items()}
+    effect.stroke_response(sent, at, effect.parameter_values(inside))
+
+
 def test_a_pixel_needs_a_row_and_a_column(make_session: Make) -> None:
     with pytest.raises(UserError, match="2 pixel_rows and 1 pixel_columns"):
         Predictor(make_session(1))([0], {"slm1_stuck": {"pixel_rows": (1, 2), "pixel_columns": (3,)}})
