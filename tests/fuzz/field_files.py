@@ -152,6 +152,11 @@ _HOSTILE_NOTES = (
     '[binary]\ndtype = "<f4"\nshape = [2, 2]\nparts = ["a", "b", "c"]', '[binary]\ndtype = ","\nshape = [2, 2]',
     '[binary]\ndtype = "<c16"\nshape = [2, 2]\nparts = ["real", "imaginary"]\ninterleaved = true', "colour_axis = 1",
     'colour_axis = "middle"', "transposed = 3", 'recording = "x"', 'recording = "off-axis"', "[[pitch]]", "a = [[[",
+    "orders = 3", "orders = [[]]", "orders = [[0.1]]", 'orders = [["a", 0.1]]', "orders = [[0.7, 0.1]]", "steps = 3",
+    "orders = [[0, 0]]", "orders = [[0.1, 0.2, -1]]", "orders = [[nan, 0.2]]", 'steps = "some"', "steps = [1]",
+    "steps = [[0], 1, 2]", 'recording = "phase-shifting"\nsteps = [0, 0, 0]', "steps = [0, 90, 180]",
+    "colour_shifts = 1", "colour_shifts = [[1]]", 'colour_shifts = [["1 m", "0 m"]]',
+    'colour_shifts = [["nan m", "0 m"]]', 'colour_shifts = [["1 um", "0 m"], ["0 m", 1]]',
 )  # fmt: skip
 
 
