@@ -78,6 +78,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.report.html_report"): SLOW,
     ("holoview.benchmark.report_run", "holoview.benchmark.optimiser_iteration"): OPTIONAL,
+    ("holoview.benchmark.report_run", "holoview.benchmark.time_to_quality"): OPTIONAL,
+    ("holoview.commands.bench", "holoview.benchmark.time_to_quality"): OPTIONAL,
     ("holoview.commands.bench_report", "holoview.app.script"): OPTIONAL,
     ("holoview.commands.view", "holoview.app.launch"): OPTIONAL,
     ("holoview.app.script", "rendercanvas.offscreen"): CHOICE,
