@@ -43,5 +43,6 @@ class TextReader:
         if len(widths) != 1:
             found = f"rows of {min(widths)} to {max(widths)} numbers"
             raise UserError(str(path), found, expected="rows of one length")
-        notes = (f"the first {first} lines are left out",) if first else ()
+        left_out = "line is" if first == 1 else f"{first} lines are"
+        notes = (f"the first {left_out} left out",) if first else ()
         yield Contents.of([StoredArray.of("", np.array(rows, dtype=np.float64))], notes=notes)
