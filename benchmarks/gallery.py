@@ -34,8 +34,7 @@ HEAD = """# Gallery
 
 Every study at its quick scale (128 × 96 samples, 40 iterations, one seed and three focal planes unless stated), made by
 `python -m benchmarks.gallery`. Gains scatter at this size: [studies](studies.md#results) has the figures to quote,
-[speckle contrast](speckle-contrast.md) says how to read the contrasts. The site (`make docs`) begins with three live
-holograms: HoloChrome against simultaneous colour, one against two modulators, and the colour error of an eye.
+[speckle contrast](speckle-contrast.md) says how to read the contrasts.
 
 {versions}"""
 
