@@ -68,7 +68,7 @@ def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
         for chart, has_stops in zip(charts, choices, strict=True):
             chart.set_title("first order" if has_stops else "no stops")
             chart.set_xlabel("processor time ÷ Adam's to the goal")
-            chart.set_ylabel("PSNR below the goal, dB")
+            chart.set_ylabel("PSNR − goal, dB")
             chart.set(xlim=(0, 1.1), ylim=(-3, 0.4))
             chart.axhline(0, color="0.5", linewidth=0.8)
         for row in (row for row in rows if row["seed"] == 0):
