@@ -70,9 +70,9 @@ def iterate(
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[16, 24], planes=["10 mm"])
     >>> stack = np.full((1, 32, 48, 3), 0.2, dtype=np.float32)
-    >>> states = list(hv.iterate(system, stack, hv.Settings(iterations=3)))
+    >>> states = list(hv.iterate(system, stack, hv.Settings(iterations=10)))
     >>> len(states), states[-1].psnr_db > states[0].psnr_db, states[-1].best.drive.shape
-    (4, True, (1, 2, 16, 24))
+    (11, True, (1, 2, 16, 24))
     """
     return _Optimiser(system, stack, settings, start, resume, device, team).states()
 

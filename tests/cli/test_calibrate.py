@@ -56,10 +56,11 @@ def sweep(tmp_path: Path) -> Path:
 
 
 def test_a_calibrated_bench_renders(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
-    done = holoview("calibrate", captures, "-o", "c.toml", "--epochs", 12, "--batch", 1, "--pictures", "seen", "--json")
+    done = holoview("calibrate", captures, "-o", "c.toml", "--epochs", 40, "--batch", 1, "--pictures", "seen", "--json")
     assert done.code == 0, done.err
     found = json.loads(done.out)
     scores = {row["group"]: row for row in found["scores"] if row["wavelength_nm"] is None}
+    # Of eight draws 40 epochs left 1/4 to 1/27 of it; after 12 two were worse than before.
     assert scores["captures"]["after"]["chi2_per_pixel"] < scores["captures"]["before"]["chi2_per_pixel"]
     assert {path.name for path in tmp_path.iterdir()} == {"c.toml", "c.safetensors", "seen"}
     assert (tmp_path / "seen" / "pupils.png").is_file()
