@@ -144,7 +144,9 @@ UniformValues = dict[str, object]
 def plane_wave_uniform(plan: Plan, wavelength: int, source: int) -> UniformValues:
     """Values of `PlaneWave`: the illumination by a source, with phase 0 at the centre of the field."""
     slopes = plan.slopes[source, wavelength]
-    offset_turns = -float(np.dot(slopes, [(n - 1) / 2 for n in plan.grid.shape]))
+    rows, columns = plan.grid.shape
+    # Products are rounded before they are added, as in `bench.js`: a dot product may not round them.
+    offset_turns = -float(slopes[0] * ((rows - 1) / 2) + slopes[1] * ((columns - 1) / 2))
     return {
         "slope_y": turns_to_fixed_point(slopes[0]),
         "slope_x": turns_to_fixed_point(slopes[1]),

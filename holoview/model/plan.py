@@ -355,10 +355,15 @@ def _largest_fast_divisor(upsample: int) -> int:
     return max(d for d in range(1, upsample + 1) if upsample % d == 0 and next_fast_length(d) == d)
 
 
-def _slopes(system: System) -> NDArray[np.float64]:
-    """Phase slope (source, wavelength, 2) in turns a sample: sin(angle)·dx/λ."""
-    dx = system.modulators[0].pitch_m / system.sampling.upsample
+def direction_sines(system: System) -> NDArray[np.float64]:
+    """Sines (source, wavelength, 2) of the angles (y, x) at which light falls on the first modulator."""
     angles = np.repeat(system.source.directions_rad[:, None], len(system.wavelengths_m), axis=1)
     if system.source.tilts_rad is not None:
         angles = angles + system.source.tilts_rad[None]
-    return np.sin(angles) * dx / system.wavelengths_m[None, :, None]
+    return np.sin(angles)
+
+
+def _slopes(system: System) -> NDArray[np.float64]:
+    """Phase slope (source, wavelength, 2) in turns a sample: sin(angle)·dx/λ."""
+    dx = system.modulators[0].pitch_m / system.sampling.upsample
+    return direction_sines(system) * dx / system.wavelengths_m[None, :, None]

@@ -133,11 +133,14 @@ _BETA = 7.86  # Kaiser's window: ripples of −80 dB, with a transition of 0.39 
 def band_limited_warp(values: Tensor, source: AffineRows, shape: tuple[int, int]) -> Tensor:
     """A map whose entry at r = (y, x) is that of `values` at the affine image of r.
 
-    values: (y, x) real or complex, without frequencies above a quarter of its sampling frequency; continued outwards.
+    values: (y, x) real or complex, without frequencies outside the circle of a quarter of its sampling frequency;
+    continued outwards.
     source: rows that take (y, x, 1), in samples from the centre of the result, to the position in `values`, in samples
     from its centre. shape: (rows, columns) of the result.
 
-    Errors are about 1e-4 of the largest value for rotations up to half a radian.
+    Errors are at most 2.5e-4 of the sum of the amplitudes of its waves for rotations up to half a radian: a frequency
+    (k_y, k_x) has to leave |k_x| + |k_y|·tan below 0.305 of the sampling frequency. At the corner of a square band of a
+    quarter they are 6 % at half a radian, and within the bound up to 0.2 rad.
     """
     (a, b, c), (d, e, f) = source
     rows, columns = (centred_indices(n, torch.float64, values.device) for n in shape)

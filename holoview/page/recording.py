@@ -73,7 +73,7 @@ from holoview.model import preset
 from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
-from holoview.model.plan import Plan, make_plan
+from holoview.model.plan import Plan, direction_sines, make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 
@@ -484,7 +484,6 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
     is_sampled: whether a modulator's transmission is given sample by sample, so that wavelengths can't be moved.
     """
     system, nominal = plan.system, plan.nominal
-    sines = plan.slopes * system.wavelengths_m[None, :, None] / plan.grid.pitch_m
     has_pupils = _has_pupils(nominal)
     return _grid_numbers(plan, is_sampled=is_sampled) | {
         "wavelengths_m": system.wavelengths_m.tolist(),
@@ -494,7 +493,7 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
         "gap_m": system.gap_m,
         "nominal_gap_m": nominal.gap_m,
         "planes_m": nominal.planes_m.tolist(),
-        "sines": sines.tolist(),
+        "sines": direction_sines(system).tolist(),
         "pixel_pitch_m": system.modulators[0].pitch_m,
         "relays": [_relay(relay) for relay in plan.relays],
         "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),

@@ -319,6 +319,8 @@ def _openholo(
         limits = np.iinfo(dtype)
         steps = float(limits.max) - limits.min
         planes[1] = np.round((planes[1] / np.pi + 1) / 2 * steps) + limits.min
+        if dtype == "int64":
+            planes[1] = np.minimum(planes[1], np.nextafter(2.0**63, 0))
         planes[0] = np.round(planes[0])
     planes = planes if planar else np.moveaxis(planes, 1, -1)
     data = planes.astype(dtype)
