@@ -355,7 +355,7 @@ def _largest_fast_divisor(upsample: int) -> int:
     return max(d for d in range(1, upsample + 1) if upsample % d == 0 and next_fast_length(d) == d)
 
 
-def direction_sines(system: System) -> NDArray[np.float64]:
+def source_sines(system: System) -> NDArray[np.float64]:
     """Sines (source, wavelength, 2) of the angles (y, x) at which light falls on the first modulator."""
     angles = np.repeat(system.source.directions_rad[:, None], len(system.wavelengths_m), axis=1)
     if system.source.tilts_rad is not None:
@@ -366,4 +366,4 @@ def direction_sines(system: System) -> NDArray[np.float64]:
 def _slopes(system: System) -> NDArray[np.float64]:
     """Phase slope (source, wavelength, 2) in turns a sample: sin(angle)·dx/λ."""
     dx = system.modulators[0].pitch_m / system.sampling.upsample
-    return direction_sines(system) * dx / system.wavelengths_m[None, :, None]
+    return source_sines(system) * dx / system.wavelengths_m[None, :, None]

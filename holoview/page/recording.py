@@ -73,7 +73,7 @@ from holoview.model import preset
 from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
-from holoview.model.plan import Plan, direction_sines, make_plan
+from holoview.model.plan import Plan, make_plan, source_sines
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 
@@ -493,7 +493,7 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
         "gap_m": system.gap_m,
         "nominal_gap_m": nominal.gap_m,
         "planes_m": nominal.planes_m.tolist(),
-        "sines": direction_sines(system).tolist(),
+        "sines": source_sines(system).tolist(),
         "pixel_pitch_m": system.modulators[0].pitch_m,
         "relays": [_relay(relay) for relay in plan.relays],
         "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),
