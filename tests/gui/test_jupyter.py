@@ -66,7 +66,7 @@ def lab(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterator[st
         process = subprocess.Popen(command, env=os.environ | folders, stdout=file, stderr=file)
     address = f"http://127.0.0.1:{port}"
     try:
-        wait_until(lambda: _answers(address) or process.poll() is not None, PATIENCE_S)
+        wait_until(lambda: _answers(address) or process.poll() is not None)
         assert process.poll() is None, log.read_text()
         yield address
     finally:
@@ -83,7 +83,7 @@ def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callabl
         page.set_default_timeout(PATIENCE_S * 1000)
         page.locator(".jp-Notebook .jp-Cell").first.wait_for()
         for _ in ("first", "after a restart"):
-            wait_until(lambda: _has_idle_kernel(lab), PATIENCE_S)
+            wait_until(lambda: _has_idle_kernel(lab))
             _check_that_the_slider_moves_the_picture(page, start, end, tmp_path)
         problems = browser.close_pages()
         assert [text for text in problems if not any(own in text for own in _OF_JUPYTERLAB)] == []
@@ -92,10 +92,10 @@ def test_a_cell_shows_the_viewer_and_kernels_restart(lab: str, make_gui: Callabl
 def _check_that_the_slider_moves_the_picture(page: Any, start: Point, end: Point, folder: Path) -> None:
     _restart_and_run_all(page, "the plane is at 9.00 mm")
     picture = page.locator(".jp-OutputArea .renderview-view")
-    wait_until(lambda: _size(picture) == list(SIZE) and _pixels(picture, folder).std() > 20, PATIENCE_S)
+    wait_until(lambda: _size(picture) == list(SIZE) and _pixels(picture, folder).std() > 20)
     before = _pixels(picture, folder)
     _drag(page, picture, start, end)
-    wait_until(lambda: np.abs(_pixels(picture, folder) - before).mean() > 2, PATIENCE_S)
+    wait_until(lambda: np.abs(_pixels(picture, folder) - before).mean() > 2)
 
 
 def _restart_and_run_all(page: Any, text: str) -> None:

@@ -33,7 +33,7 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
 
 
 def _until(gui: Gui, condition: Callable[[], bool]) -> None:
-    wait_until(condition, lambda: (gui.process_frames(), gui.app.compute_slice()), 0.0)
+    wait_until(condition, meanwhile=lambda: (gui.process_frames(), gui.app.compute_slice()), pause_s=0.0)
 
 
 def _choose(gui: Gui, **fields: Any) -> None:

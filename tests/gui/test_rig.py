@@ -45,7 +45,7 @@ class RigGui:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Draws frames until something is so."""
-        wait_until(condition, self.gui.process_frames, 0.005)
+        wait_until(condition, meanwhile=self.gui.process_frames, pause_s=0.005)
         self.gui.draw_frames(2)
 
     def open(self) -> None:
