@@ -11,7 +11,7 @@ programs on its cores, a program that a test starts takes a minute to import its
 
 
 def wait_until(
-    is_so: Callable[[], object], *, meanwhile: Callable[[], object] = lambda: None, pause_s: float = 0.1
+    is_so: Callable[[], object], meanwhile: Callable[[], object] = lambda: None, pause_s: float = 0.1
 ) -> None:
     """Calls `meanwhile` again and again until something is so; the test fails where it doesn't come about."""
     until = time.monotonic() + PATIENCE_S
