@@ -26,12 +26,14 @@ def viewer(words: Sequence[str]) -> int:
 def _lose_device(told: Path) -> None:
     while not told.exists():
         time.sleep(0.02)
-    from holoview.gpu.device import Device  # the start of the viewer isn't to wait for it
+    from wgpu.backends.wgpu_native import lib  # the start of the viewer isn't to wait for them
+
+    from holoview.gpu.device import Device
 
     devices = [found for found in gc.get_objects() if isinstance(found, Device)]
     told.unlink()
-    for device in devices:
-        device.raw.destroy()
+    for device in devices:  # not by `destroy`, which also ends the thread that tells who waits; a driver doesn't
+        lib.wgpuDeviceDestroy(device.raw._internal)
 
 
 if __name__ == "__main__":

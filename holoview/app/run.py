@@ -287,8 +287,11 @@ async def compute_loop(app: App) -> None:
             while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
                 await sleep(_FRAME_POLL_S)
             await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
-    except DeviceLost as error:
-        app.window.end(error)
+    except Exception as error:
+        lost = error if isinstance(error, DeviceLost) else app.window.device.loss()
+        if lost is None:
+            raise
+        app.window.end(lost)
 
 
 async def _close_after_image(app: App, on_image: Callable[[], None], opens_files: bool) -> None:

@@ -118,10 +118,11 @@ class Window:
             while self._has_more:
                 self._has_more = False
                 immapp.manual_render.render()
-        except DeviceLost as error:
-            self.end(error)
-            return
         except BaseException as error:
+            lost = error if isinstance(error, DeviceLost) else self.device.loss()
+            if lost is not None:
+                self.end(lost)
+                return
             self.error = error
             raise
         self.draw_s = time.perf_counter() - begun

@@ -146,6 +146,16 @@ class Device:
             self._raise_if_lost(error)
             raise _out_of_memory("device", _COPY_ALIGNMENT) from error
 
+    def loss(self) -> DeviceLost | None:
+        """The error of a device that was lost, else None. A library may fail otherwise first, before it says so."""
+        try:
+            self.check_alive()
+        except DeviceLost as error:
+            return error
+        except UserError:  # it is there, but has no memory left
+            return None
+        return None
+
     def pipeline(self, source: ShaderSource, constants: Constants | None = None, entry: str = "main") -> Pipeline:
         """The compute pipeline of `source` with values for its override constants, compiled unless it is still kept.
 
