@@ -89,13 +89,22 @@ def check_adapter_applies(args: argparse.Namespace) -> None:
         raise UserError("--adapter", f"with --backend {args.backend}", expected="--backend wgpu or auto")
 
 
+_MOST_DIGITS = 9  # of a number of samples; Python refuses to convert thousands of them
+
+
 def parse_region(text: str) -> Region:
     """The region that --region gives as X,Y,W,H. Raises UserError unless these are four whole numbers from 0."""
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 4 or not all(part.isdecimal() for part in parts):
-        raise UserError("--region", f'"{text}"', expected="x,y,width,height in whole samples, e.g. 100,80,64,64")
-    x, y, width, height = map(int, parts)
+    expected = "x,y,width,height in whole samples, e.g. 100,80,64,64"
+    x, y, width, height = parse_samples(text, 4, "--region", expected)
     return x, y, width, height
+
+
+def parse_samples(text: str, count: int, flag: str, expected: str) -> list[int]:
+    """So many whole numbers from 0, separated by commas. Raises UserError for other texts, with the flag."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != count or not all(part.isdecimal() and len(part) <= _MOST_DIGITS for part in parts):
+        raise UserError(flag, f'"{text}"', expected=expected)
+    return [int(part) for part in parts]
 
 
 def parse_lengths(text: str, flag: str) -> list[float]:

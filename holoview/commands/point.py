@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import fitting_stops, to_srgb8, xyz_to_linear_srgb
-from holoview.commands.arguments import add_changes, add_effects, parse_range, parse_seed, whole
+from holoview.commands.arguments import add_changes, add_effects, parse_range, parse_samples, parse_seed, whole
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
@@ -25,7 +25,6 @@ from holoview.model.system import System
 from holoview.render.point_probe import SECTION_PLANES
 from holoview.render.tone_mapping import by_decades, in_own_units
 from holoview.util import units
-from holoview.util.errors import UserError
 from holoview.view import point_light, random_drive, sections
 
 if TYPE_CHECKING:
@@ -97,10 +96,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _parse_sample(text: str) -> tuple[int, int]:
     """Row and column of a sample that is given as X,Y. Raises UserError for other texts."""
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 2 or not all(part.isdecimal() and len(part) < 7 for part in parts):
-        raise UserError("--at", f'"{text}"', expected="x,y in whole samples from the upper left, e.g. 640,384")
-    return int(parts[1]), int(parts[0])
+    column, row = parse_samples(text, 2, "--at", "x,y in whole samples from the upper left, e.g. 640,384")
+    return row, column
 
 
 def _pictures(

@@ -103,6 +103,7 @@ REFUSED: list[tuple[list[str], str]] = [
     (["--region", "1,2,3"], '--region: "1,2,3"; expected x,y,width,height'),
     (["--region", "0,0,65,48"], "expected inside the simulated 64 x 48 samples"),
     (["--region", "a,b,c,d"], "expected x,y,width,height in whole samples"),
+    (["--region", "9" * 5000 + ",0,9,9"], "expected x,y,width,height in whole samples"),
     (["--margin", "24"], "--margin: 24; expected 0 to 23 samples"),
     (["--margin", "2", "--region", "0,0,9,9"], "--margin with --region: contradict each other"),
     (["--plane-weights", "1,2"], "plane weights: 2 of them; expected one for each of 5 planes"),
