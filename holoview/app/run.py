@@ -288,8 +288,7 @@ async def compute_loop(app: App) -> None:
                 await sleep(_FRAME_POLL_S)
             await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
     except Exception as error:
-        lost = error if isinstance(error, DeviceLost) else app.window.device.loss()
-        if lost is None:
+        if (lost := app.window.device.loss_behind(error)) is None:
             raise
         app.window.end(lost)
 

@@ -119,8 +119,7 @@ class Window:
                 self._has_more = False
                 immapp.manual_render.render()
         except BaseException as error:
-            lost = error if isinstance(error, DeviceLost) else self.device.loss()
-            if lost is not None:
+            if (lost := self.device.loss_behind(error)) is not None:
                 self.end(lost)
                 return
             self.error = error

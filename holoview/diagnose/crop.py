@@ -130,8 +130,15 @@ def _of_next_rougher(context: SearchContext, known: NDArray[np.intp], errors: Fl
 
 
 def _error_of(context: SearchContext, middle: SearchContext, index: NDArray[np.intp]) -> float:
-    whole, cut = (np.asarray(c.predictor(index, {}).signal)[0] for c in (context, middle))
-    return _difference(whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))], cut)
+    return _difference(*_seen_and_cut(context, middle, index, {}))
+
+
+def _seen_and_cut(
+    context: SearchContext, middle: SearchContext, index: NDArray[np.intp], values: FittedValues
+) -> tuple[Images, Images]:
+    """The middle (y, x) of one predicted picture, from all pixels of the modulators, and from those of the middle."""
+    whole, cut = (np.asarray(c.predictor(index, values).signal)[0] for c in (context, middle))
+    return whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))], cut
 
 
 def _difference(picture: Images, other: Images) -> float:
@@ -164,8 +171,7 @@ def _light_from_beyond(
 ) -> Images:
     """Counts (y, x) in the middle of one picture that its own modulators' pixels don't explain."""
     gain = context.data_weighted_comparison(index, 0.0).fit_gains(values).gain[0]
-    whole, cut = (np.asarray(c.predictor(index, values).signal)[0] for c in (context, middle))
-    seen = whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))]
+    seen, cut = _seen_and_cut(context, middle, index, values)
     return np.asarray(gain * (seen - cut), dtype=np.float32)
 
 

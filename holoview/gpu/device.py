@@ -146,12 +146,14 @@ class Device:
             self._raise_if_lost(error)
             raise _out_of_memory("device", _COPY_ALIGNMENT) from error
 
-    def loss(self) -> DeviceLost | None:
-        """The error of a device that was lost, else None. A library may fail otherwise first, before it says so."""
+    def loss_behind(self, error: BaseException) -> DeviceLost | None:
+        """The loss of the device that is behind an error, or None: a library may fail first, and say so only then."""
+        if isinstance(error, DeviceLost):
+            return error
         try:
             self.check_alive()
-        except DeviceLost as error:
-            return error
+        except DeviceLost as lost:
+            return lost
         except UserError:  # it is there, but has no memory left
             return None
         return None

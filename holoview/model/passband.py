@@ -219,8 +219,8 @@ def stop_weights(
     if relay.square is not None:
         for axis, (n, centre, step) in enumerate(zip(padded, relay.centre_na, steps, strict=True)):
             half = relay.square.half_side_bins(λ, n, upsample, pitch_m)
-            depth = half - np.abs(sines[axis] - centre) / step
-            weights *= np.clip(depth + 0.5, 0.0, 1.0)[:, None] if axis == 0 else np.clip(depth + 0.5, 0.0, 1.0)
+            share = np.clip(half - np.abs(sines[axis] - centre) / step + 0.5, 0.0, 1.0)
+            weights *= share[:, None] if axis == 0 else share
     if relay.dc_block_na is not None:
         weights *= 1.0 - _disc_weights(relay.dc_block_na, (0.0, 0.0), sines, steps)
     return weights

@@ -197,9 +197,14 @@ def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodu
     values = np.empty(pictures.shape, np.complex64)
     for frame, index in np.ndindex(*pictures.shape[:2]):
         values[frame, index] = demodulate_picture(pictures[frame, index], chosen[index])
-    share = float(np.square(np.abs(values)).mean()) / max(float(pictures.var(axis=(-2, -1)).mean()), 1e-300)
-    doubts = (_DOUBT.format(share),) if is_found and share < _FAINT else ()
+    doubts = _doubts(pictures, values) if is_found else ()
     return Demodulated(_wavefield(recording, values), chosen, report=(*doubts, *(order.describe() for order in chosen)))
+
+
+def _doubts(pictures: NDArray[Any], values: Complexes) -> tuple[str, ...]:
+    """A sentence that doubts found orders which hold little of the pictures' variance."""
+    share = float(np.square(np.abs(values)).mean()) / max(float(pictures.var(axis=(-2, -1)).mean()), 1e-300)
+    return (_DOUBT.format(share),) if share < _FAINT else ()
 
 
 def demodulate_picture(picture: Floats, order: Order) -> Complexes:

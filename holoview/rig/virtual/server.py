@@ -475,8 +475,8 @@ class BenchServer:
 
 
 def _numbered(answer: Message, request: Message) -> Message:
-    """The answer with the number of its request, if that has one."""
-    return replace(answer, table={**answer.table, **{k: v for k, v in request.table.items() if k == "number"}})
+    """The answer with the number of its request, null if that has none."""
+    return replace(answer, table={**answer.table, "number": request.table.get("number")})
 
 
 class FaultInjector:
