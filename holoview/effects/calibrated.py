@@ -33,7 +33,7 @@ class Calibrated(Effect):
         file = str(v["file"])
         if not Path(file).is_file():
             expected = "the maps of a calibration, beside the preset that names them"
-            raise UserError(f"effects.{self.id}: {file}", "no such file", expected=expected)
+            raise UserError(file, "no such file", expected=expected)
         return _read_cached(file, Path(file).stat().st_mtime_ns)
 
     def actual_system(self, system: System, v: Values) -> System:

@@ -45,12 +45,10 @@ def depth_parameters(centre: str) -> tuple[Parameter, ...]:
     )
 
 
-def fringe_depths(effect: str, laser: int, v: Values) -> tuple[float, float]:
-    """Cosine and sine at a laser, 0 for the shortest wavelength. Raises UserError, with the effect's id, beyond 8."""
+def fringe_depths(laser: int, v: Values) -> tuple[float, float]:
+    """Cosine and sine at a laser, 0 for the shortest wavelength. Raises UserError beyond 8."""
     if laser >= LASERS:
-        raise UserError(
-            f"effects.{effect}", f"there are more than {LASERS} wavelengths", expected=f"at most {LASERS} in a session"
-        )
+        raise UserError("wavelengths", f"more than {LASERS}", expected=f"at most {LASERS}")
     return v[f"cos{laser + 1}"], v[f"sin{laser + 1}"]
 
 
@@ -115,7 +113,7 @@ class SlmFringes(Effect):
         return wedge_starts()
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        cos, sin = fringe_depths(self.id, context.laser, v)
+        cos, sin = fringe_depths(context.laser, v)
         if not cos and not sin:
             return transmission
         y, x = context.positions(transmission)
@@ -127,7 +125,7 @@ class SlmFringes(Effect):
 
     def cache_values(self, v: Values, laser: int) -> tuple[float, ...]:
         """The wedge, and the depth at this laser alone."""
-        depths = fringe_depths(self.id, laser, v)
+        depths = fringe_depths(laser, v)
         return (v["path_y"], v["path_x"], *depths) if any(depths) else ()
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
@@ -196,7 +194,7 @@ class CameraFringes(Effect):
         y, x = context.positions(image)
         waves_per_m = (1 - v["achromatic"]) / context.wavelength_m + v["achromatic"] / REFERENCE_M
         phase = math.pi * waves_per_m * (v["path_y"] * y + v["path_x"] * x)
-        cos, sin = fringe_depths(self.id, context.laser, v)
+        cos, sin = fringe_depths(context.laser, v)
         return image * (1 + cos * phase.cos() - sin * phase.sin())
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:

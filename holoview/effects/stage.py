@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from holoview.model.effects.effect import DataProperties, Effect, ListParameter, Needs, Parameter, StartKind, Values
 from holoview.model.system import System
-from holoview.util.errors import UserError
 from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
@@ -121,7 +120,6 @@ class PlaneErrors(Effect):
                 yield {"distances": (float(plane),), "errors": (error,)}
 
     def camera_distance(self, distance_m: float, v: Values) -> float:
-        self._check(v)
         return distance_m + sum(e for z, e in zip(v["distances"], v["errors"], strict=True) if _is_same(z, distance_m))
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
@@ -132,11 +130,9 @@ class PlaneErrors(Effect):
         ]
         return {"missed": " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)}
 
-    def _check(self, v: Values) -> None:
-        """Raises UserError unless each distance has an error."""
-        if len(v["distances"]) != len(v["errors"]):
-            found = f"{len(v['distances'])} distances and {len(v['errors'])} errors"
-            raise UserError(f"effects.{self.id}", found, expected="an error for each distance")
+    def contradiction(self, v: Values) -> str:
+        distances, errors = len(v["distances"]), len(v["errors"])
+        return "" if distances == errors else f"has {distances} distances, but {errors} errors"
 
 
 def _is_same(first_m: float, second_m: float) -> bool:

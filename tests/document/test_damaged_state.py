@@ -30,6 +30,7 @@ _SETTINGS = settings(
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
+_MANY = settings(_SETTINGS, max_examples=400)
 DEEP = "[" * 100_000
 VALUES = st.one_of(
     st.none(),
@@ -69,6 +70,17 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 def test_a_session_of_which_anything_changed_is_restored_in_part_or_kept_aside(
     saved_folder: Path, tmp_path: Path, data: st.DataObject
 ) -> None:
+    _begin_after_a_change(saved_folder, tmp_path, data)
+
+
+@pytest.mark.explores
+@given(st.data())
+@_MANY
+def test_many_changes_of_a_session(saved_folder: Path, tmp_path: Path, data: st.DataObject) -> None:
+    _begin_after_a_change(saved_folder, tmp_path, data)
+
+
+def _begin_after_a_change(saved_folder: Path, tmp_path: Path, data: st.DataObject) -> None:
     folder = tmp_path / "store"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(saved_folder, folder)

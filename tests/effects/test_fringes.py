@@ -12,7 +12,7 @@ import holoview as hv
 from holoview.captures.dataset import Captures
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.model.effects.registry import ActiveEffects, get_effect
 from holoview.model.plan import make_plan
 from holoview.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError
@@ -44,8 +44,8 @@ def test_the_light_has_fringes_of_the_stated_depth() -> None:
 
 def test_each_laser_has_its_own_depth_and_nine_are_refused() -> None:
     assert torch.equal(_transmission(450e-9, 1, cos1=0.1, path_y=1e-6), torch.ones(SHAPE, dtype=torch.complex128))
-    with pytest.raises(UserError, match=r"slm1_fringes.*more than 8"):
-        _transmission(450e-9, 8, cos1=0.1)
+    with pytest.raises(UserError, match="^effects.slm1_fringes: wavelengths: more than 8"):
+        ActiveEffects({"slm1_fringes": {"cos1": 0.1}}).cache_key("transmission", laser=8)
 
 
 def test_lasers_are_counted_from_the_shortest_wavelength_also_where_each_has_several_lines() -> None:

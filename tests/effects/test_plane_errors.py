@@ -15,6 +15,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.model import preset
 from holoview.model.effects.registry import ActiveEffects, get_effect
+from holoview.model.plan import make_plan
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import small_system
 
@@ -88,8 +89,12 @@ def test_what_is_no_error_of_a_plane_is_refused(text: str, words: str) -> None:
 
 
 def test_each_distance_needs_an_error(make_session: Make) -> None:
-    with pytest.raises(UserError, match="2 distances and 1 errors"):
-        Predictor(make_session(1))([0], {"plane_errors": {"distances": (3e-3, 4e-3), "errors": (1e-4,)}})
+    uneven = {"distances": (3e-3, 4e-3), "errors": (1e-4,)}
+    with pytest.raises(UserError, match="2 distances, but 1 errors"):
+        Predictor(make_session(1))([0], {"plane_errors": uneven})
+    system = small_system().edit({"effects": {"plane_errors": uneven}})  # as a viewer edits one list after the other
+    with pytest.raises(UserError, match="^effects.plane_errors: has 2 distances, but 1 errors"):
+        make_plan(system)
 
 
 def test_it_is_the_cameras_and_says_where_the_stage_stops() -> None:

@@ -59,8 +59,9 @@ POWER_SPREAD = 0.02
 0.003."""
 
 POWER_LEFT = 0.5
-"""[1] Another order of the powers must leave less than this share of the spread. Evidence: a reason: a law of the
-laser's power keeps the order, and half of the spread is more than it leaves by chance."""
+"""[1] Another order of the powers must leave less than this share of the spread. Evidence: derivation: while the light
+rises with the recorded power, by whatever law, no other order leaves less of the spread than the recorded order (the
+rearrangement inequality). Half is a margin for noise."""
 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
 _STARTS = 256  # of sorting: 16 find every order of 18 powers at three wavelengths, 256 nearly all of 128 at eight

@@ -507,6 +507,10 @@ class Effect:
 
     # --- validity ---------------------------------------------------------------------------------------------------
 
+    def contradiction(self, v: Values) -> str:
+        """Why these values can't hold together, in words; empty when they can."""
+        return ""
+
     def sample_phase(self, system: System, v: Values) -> float:
         """Phase (rad) between neighbouring samples of a continuum that the effect replaces by samples; 0 without one.
 

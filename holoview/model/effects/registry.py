@@ -202,7 +202,8 @@ class ActiveEffects:
     table: {effect id: {parameter: SI value}}.
     extra: effects that are used instead of the registered ones of the same id.
 
-    pairs: (effect, its parameter values), sorted by `Effect.order` and id.
+    pairs: (effect, its parameter values), sorted by `Effect.order` and id. Raises UserError for values of an effect
+    that contradict each other.
     """
 
     def __init__(self, table: EffectValues, extra: Iterable[Effect] = ()) -> None:
@@ -210,6 +211,9 @@ class ActiveEffects:
         pairs = [(extra_by_id.get(name) or get_effect(name), given) for name, given in table.items()]
         active = [(effect, v) for effect, given in pairs if not (v := effect.parameter_values(given)).is_identity]
         self.pairs: tuple[ActivePair, ...] = tuple(sorted(active, key=lambda pair: (pair[0].order, pair[0].id)))
+        for effect, v in self.pairs:
+            if contradiction := effect.contradiction(v):
+                raise UserError(f"effects.{effect.id}", contradiction)
 
     def with_hooks(self, *hooks: str) -> list[ActivePair]:
         """The pairs whose effect overrides one of the hooks."""
@@ -227,7 +231,10 @@ class ActiveEffects:
         this laser is on, 0 for the shortest wavelength.
         """
         pairs = [pair for pair in self.with_hooks(*hooks) if not acts_on or acts_on in pair[0].acts_on]
-        keys = [(effect.id, v.cache_key if laser is None else effect.cache_values(v, laser)) for effect, v in pairs]
+        keys = [
+            (effect.id, v.cache_key if laser is None else call_hook(effect, "cache_values", v, laser))
+            for effect, v in pairs
+        ]
         return tuple(key for key in keys if key[1])
 
     def applied(self, hook: str, value: Any, *context: Any, pairs: Iterable[ActivePair] | None = None) -> Any:
