@@ -44,7 +44,7 @@ def test_the_light_has_fringes_of_the_stated_depth() -> None:
 
 def test_each_laser_has_its_own_depth_and_nine_are_refused() -> None:
     assert torch.equal(_transmission(450e-9, 1, cos1=0.1, path_y=1e-6), torch.ones(SHAPE, dtype=torch.complex128))
-    with pytest.raises(UserError, match="^effects.slm1_fringes: wavelengths: more than 8"):
+    with pytest.raises(UserError, match=r"^effects\.slm1_fringes: wavelengths: more than 8"):
         ActiveEffects({"slm1_fringes": {"cos1": 0.1}}).cache_key("transmission", laser=8)
 
 

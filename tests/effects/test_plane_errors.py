@@ -93,7 +93,7 @@ def test_each_distance_needs_an_error(make_session: Make) -> None:
     with pytest.raises(UserError, match="2 distances, but 1 errors"):
         Predictor(make_session(1))([0], {"plane_errors": uneven})
     system = small_system().edit({"effects": {"plane_errors": uneven}})  # as a viewer edits one list after the other
-    with pytest.raises(UserError, match="^effects.plane_errors: has 2 distances, but 1 errors"):
+    with pytest.raises(UserError, match=r"^effects\.plane_errors: has 2 distances, but 1 errors"):
         make_plan(system)
 
 
