@@ -86,7 +86,6 @@ def with_rivals(context: SearchContext, result: SearchResult) -> SearchResult:
     """The result with look-alikes, and with fits in which another effect in place of a cause predicts the same.
 
     Such a fit is a rival if the held-out captures don't exclude it, by the Δχ² that a cause must gain. Effects that the
-    Such a fit is a rival if the held-out captures don't exclude it, by the Δχ² that a cause must gain. Effects that the
     search has fitted in the cause's place aren't tried again. Effects that can't be seen in these captures are rivals
     of another kind: with one plane, a stage that leans is the same as a camera that is displaced. Nothing is tried
     where the causes explain too little to have rivals.

@@ -85,7 +85,7 @@ VARIABLE_TENSORS = (
 
 _FORMAT = TensorFormat(
     name="holoview-checkpoint",
-    version="2",
+    version="1",
     what="a checkpoint that `holoview optimise` wrote",
     tensors=VARIABLE_TENSORS,
     metadata_keys=("system", "settings", "progress", "target"),

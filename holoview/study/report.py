@@ -45,7 +45,8 @@ def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findi
 def version_summary() -> str:
     """Versions of holoview, Python and the libraries that compute, and the platform."""
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
-    return f"holoview {__version__}, Python {platform.python_version()}, {libraries}, {platform.platform()}"
+    machine = f"{platform.system()} {platform.machine()}"
+    return f"holoview {__version__}, Python {platform.python_version()}, {libraries}, {machine}"
 
 
 def format_claims(claims: Sequence[Claim]) -> list[str]:
