@@ -25,7 +25,6 @@ from holoview.wavefield.request import Order
 from holoview.wavefield.wavefield import Provenance, Wavefield
 
 Length = float | str
-_AXES = "(y, x), (wavelength, y, x) or (frame, wavelength, y, x)"
 
 
 @dataclass(frozen=True)
@@ -118,24 +117,13 @@ def load_field(
     values = np.asarray(source)
     if known:
         raise UserError(next(iter(known)), "with an array", expected="it of a file: an array holds the field itself")
-    return Hologram.of_field(_field_of_array(values, pitch_m, wavelengths_m, distance_m))
-
-
-def _field_of_array(
-    values: NDArray[Any],
-    pitch_m: tuple[float, float] | None,
-    wavelengths_m: tuple[float, ...],
-    distance_m: float | None,
-) -> Wavefield:
     if values.dtype.kind != "c":
         remedy = "a phase is np.exp(1j * phase), an intensity np.sqrt(intensity) + 0j"
         raise UserError("field", f"values of type {values.dtype}", expected="complex numbers", remedy=remedy)
-    if not 2 <= values.ndim <= 4:
-        raise UserError("field", f"an array of shape {values.shape}", expected=_AXES)
     if pitch_m is None or not wavelengths_m:
         missing = "pitch" if pitch_m is None else "wavelengths"
         raise UserError(missing, "is missing", expected="pitch and wavelengths: an array doesn't tell them")
-    return Wavefield(values[(None,) * (4 - values.ndim)], pitch_m, np.array(wavelengths_m), distance_m or 0.0)
+    return Hologram.of_field(Wavefield.of_array(values, pitch_m, wavelengths_m, distance_m or 0.0))
 
 
 def open_hologram(

@@ -80,12 +80,6 @@ def sum_pool(samples: torch.Tensor, factor: int) -> torch.Tensor:
     return summed([lines[..., i::factor] for i in range(factor)])
 
 
-def fold_spectrum(spectrum: torch.Tensor, factor: int) -> torch.Tensor:
-    """The adjoint of repeating a spectrum `factor` times along each of the last two axes: the sum of its copies."""
-    rows = summed(list(spectrum.chunk(factor, dim=-2)))
-    return summed(list(rows.chunk(factor, dim=-1)))
-
-
 def summed(parts: list[torch.Tensor]) -> torch.Tensor:
     """The sum of tensors of equal shape; several times as fast as `sum` over a strided axis of complex numbers."""
     if len(parts) == 1:

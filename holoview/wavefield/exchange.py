@@ -161,7 +161,7 @@ def _wavefield(field: Any, name: str, pitch: Any, wavelengths: Any, distance: fl
     array = field.detach().cpu().numpy() if hasattr(field, "detach") else np.asarray(field)
     lengths = [units.parse(value, "wavelengths") for value in _as_list(wavelengths)]
     pitches = [units.parse(value, "pitch") for value in _as_list(pitch)]
-    return make_wavefield(array, pitches, lengths, units.parse(distance, "distance"), name)
+    return Wavefield.of_array(array, pitches, lengths, units.parse(distance, "distance"), name)
 
 
 _EXAMPLES = {"pitch": '"8 um"', "wavelengths": '"532 nm"'}
@@ -169,23 +169,6 @@ _EXAMPLES = {"pitch": '"8 um"', "wavelengths": '"532 nm"'}
 
 def _as_list(value: Any) -> list[Any]:
     return [value] if isinstance(value, str | float | int | np.number) else list(value)
-
-
-def make_wavefield(
-    array: NDArray[Any], pitches_m: Sequence[float], wavelengths_m: Sequence[float], distance_m: float, name: str
-) -> Wavefield:
-    """The field of an array (y, x), (wavelength, y, x) or (frame, wavelength, y, x), complex or real amplitudes.
-
-    pitches_m: one, or those of y and x. Raises UserError for arrays of another kind and lengths that don't fit it.
-    """
-    if array.dtype.kind not in "cf" or array.ndim not in (2, 3, 4):
-        found = f"{array.ndim} axes of {array.dtype}"
-        raise UserError("field", found, expected="2 to 4 axes of complex numbers or real amplitudes")
-    if len(pitches_m) not in (1, 2):
-        raise UserError("pitch", f"{len(pitches_m)} lengths", expected="one, or two for y and x")
-    values = array.reshape((1,) * (4 - array.ndim) + array.shape)
-    pitch = (pitches_m[0], pitches_m[-1])
-    return Wavefield(values.astype(np.complex64), pitch, np.array(wavelengths_m), distance_m, name=name)
 
 
 # --- the listener -----------------------------------------------------------------------------------------------------
@@ -294,7 +277,7 @@ class _Request(BaseHTTPRequestHandler):
         lengths = [units.parse(text, "wavelength") for text in query.get("wavelength", [])]
         distance_m = units.parse(_one(query, "distance", "0m"), "distance")
         array = self._read_array(query)
-        return name, make_wavefield(array, pitches, lengths, distance_m, name)
+        return name, Wavefield.of_array(array, pitches, lengths, distance_m, name)
 
     def _read_array(self, query: dict[str, list[str]]) -> NDArray[Any]:
         """The numbers in the body, a .npy file or bare; their memory is asked for before they are read."""

@@ -70,12 +70,34 @@ class Wavefield:
                     raise UserError(key, f"{length:g} m", expected="a length above 0")
         if not math.isfinite(self.distance_m):
             raise UserError("distance", f"{self.distance_m:g} m", expected="a finite length")
+        with np.errstate(over="ignore"):  # numbers beyond complex64 become infinite, and are refused
+            values = values.astype(np.complex64, copy=False).view()  # the caller's own array stays writeable
         if not np.isfinite(values).all():
             raise UserError("field", "values that aren't finite (NaN or infinite)", expected="finite numbers")
-        values = values.astype(np.complex64, copy=False).view()  # the caller's own array stays writeable
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "wavelengths_m", wavelengths_m)
+
+    @classmethod
+    def of_array(
+        cls,
+        array: NDArray[Any],
+        pitches_m: Sequence[float],
+        wavelengths_m: Sequence[float],
+        distance_m: float = 0.0,
+        name: str = "",
+    ) -> Wavefield:
+        """The field of an array (y, x), (wavelength, y, x) or (frame, wavelength, y, x), complex or real amplitudes.
+
+        pitches_m: one, or those of y and x. Raises UserError for arrays of another kind and lengths that don't fit it.
+        """
+        if array.dtype.kind not in "cf" or array.ndim not in (2, 3, 4):
+            found = f"an array of shape {array.shape} and type {array.dtype}"
+            raise UserError("field", found, expected="2 to 4 axes of complex numbers or real amplitudes")
+        if len(pitches_m) not in (1, 2):
+            raise UserError("pitch", f"{len(pitches_m)} lengths", expected="one, or two for y and x")
+        values = array.reshape((1,) * (4 - array.ndim) + array.shape)
+        return cls(values, (pitches_m[0], pitches_m[-1]), np.array(wavelengths_m), distance_m, name=name)
 
     @property
     def shape(self) -> tuple[int, int]:

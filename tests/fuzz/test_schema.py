@@ -17,7 +17,7 @@ from safetensors.numpy import save_file
 from holoview.calibrate.train import _format
 from holoview.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
 from holoview.io.hologram import _FILE
-from holoview.model.effects.learned_maps import MAP_SCHEMAS, TENSORS, MapLayout, map_sizes
+from holoview.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes
 from holoview.optimise import checkpoint
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
@@ -106,10 +106,6 @@ def test_a_file_is_read_as_it_was_written_or_refused_with_its_name(
     with pytest.raises(UserError, match=chosen.name.replace(".", r"\.")) as caught, file_format.open(path) as file:
         file.tensors(sizes)
     assert caught.value.where.startswith(str(path))
-
-
-def test_every_map_has_a_schema() -> None:
-    assert tuple(schema.name for schema in MAP_SCHEMAS) == TENSORS
 
 
 @pytest.mark.parametrize("schema", [*SLM_NUMBERS, *CAMERA_NUMBERS], ids=lambda schema: schema.name)

@@ -11,7 +11,6 @@ import torch
 from holoview.model.bench_parts import Modulator
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import (
-    fold_spectrum,
     level_numbers,
     nearest_level,
     optical_path,
@@ -102,13 +101,6 @@ def test_pooling_is_the_adjoint_of_upsampling(factor: int, complex_: bool) -> No
     make = _random_complex if complex_ else _random
     x, y = make(2, 4, 5), make(2, 4 * factor, 5 * factor, seed=2)
     forward, back = (upsample_nearest(x, factor).conj() * y).sum(), (x.conj() * sum_pool(y, factor)).sum()
-    torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
-
-
-@pytest.mark.parametrize("factor", [1, 2, 3])
-def test_folding_is_the_adjoint_of_repeating(factor: int) -> None:
-    x, y = _random_complex(2, 4, 5), _random_complex(2, 4 * factor, 5 * factor, seed=2)
-    forward, back = (x.repeat(1, factor, factor).conj() * y).sum(), (x.conj() * fold_spectrum(y, factor)).sum()
     torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
 
 

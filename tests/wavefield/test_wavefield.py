@@ -23,6 +23,7 @@ def test_a_field_says_what_it_is() -> None:
     [
         (VALUES[0], (8e-6, 8e-6), [640e-9, 532e-9], "field"),
         (VALUES * np.nan, (8e-6, 8e-6), [640e-9, 532e-9], "field"),
+        (VALUES.astype(complex) * 1e300, (8e-6, 8e-6), [640e-9, 532e-9], "field"),
         (VALUES, (8e-6, 0.0), [640e-9, 532e-9], "pitch"),
         (VALUES, (8e-6, 8e-6), [640e-9], "wavelengths"),
         (VALUES, (8e-6, 8e-6), [640e-9, np.inf], "wavelengths"),

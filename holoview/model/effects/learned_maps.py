@@ -45,18 +45,6 @@ _WAVELENGTH_UNIT_M = 100e-9  # of the polynomials in the wavelength
 _LATTICE = 96  # points along a side at which a thin-plate spline is evaluated; between them it is interpolated
 _LEAST_VARIANCE = 1e-6  # pixels²; a blur of a thousandth of a pixel changes nothing
 
-TENSORS = (
-    "lut_steps",
-    "fringing_px2",
-    "source_log_amplitude",
-    "source_opd_m",
-    "warp_m",
-    "zernike1_m",
-    "zernike2_m",
-    "pupil1_log_amplitude",
-    "pupil2_log_amplitude",
-)
-
 
 @dataclass(frozen=True)
 class MapLayout:
@@ -304,7 +292,7 @@ MAP_SCHEMAS = (
     ArraySchema("pupil1_log_amplitude", _F32, ("pupil 1 rows", "pupil 1 columns"), *_LOG_AMPLITUDE),
     ArraySchema("pupil2_log_amplitude", _F32, ("pupil 2 rows", "pupil 2 columns"), *_LOG_AMPLITUDE),
 )
-"""The schemas of the tensors in `TENSORS`, in that order."""
+"""The schemas of the tensors of a layout."""
 
 _EXPECTED = "the layout of a calibration"
 _MOST = {"knots": 4096, "degree": 8, "anchors_m": 256, "noll1": 231, "noll2": 231}
