@@ -2,7 +2,6 @@
 
 With J the derivatives of the whitened residuals r (gains and movements of the camera projected out), photon noise
 alone gives the covariance (JᵀJ)⁻¹. Where the model doesn't reach the noise floor, neighbouring pixels share the same
-alone gives the covariance (JᵀJ)⁻¹. Where the model doesn't reach the noise floor, neighbouring pixels share the same
 error, and only the scores g_k = J_kᵀ r_k of whole captures are independent samples:
 
     (JᵀJ)⁻¹ (Σ g_k g_kᵀ) (JᵀJ)⁻¹ · K/(K − 1)

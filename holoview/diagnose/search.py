@@ -74,6 +74,10 @@ beside a gap, a displaced modulator left 0.15, and a displaced camera, which tak
 _SUPERFLUOUS_COST = 2.0
 """[1] The best candidate without one of its causes is refined only if its fit to coarse captures costs less than so
 many times the candidate's. Evidence: derivation: fewer causes come first within a tenth of the excess."""
+_JOINT_PREDICTIONS = 200
+"""[captures] Predicted in a joint fit of two costly causes, whose fields multiply; the budget must have so many left.
+Evidence: derivation: 4 coarse captures in 4 iterations of 3 predictions, then 8 fine ones in 6. A bandwidth beside a
+flicker (66 fields a capture) fits into the budget, an extended source beside either (600 and more) doesn't."""
 _JOINT_NO_SCAN_CHI2 = 2.0
 """[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; as
 `screening._NO_SCAN_CHI2`."""
@@ -425,7 +429,8 @@ def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> Se
 
 
 def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:
-    """Whether an effect isn't among the base's causes, and the two don't multiply many fields by many."""
+    """Whether an effect isn't among the base's causes, and the budget allows a joint fit where both are costly."""
     if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
         return False
-    return min(field_count(context, base.values), largest_field_count(context, effect)) < COSTLY_FIELDS
+    fields = field_count(context, base.values), largest_field_count(context, effect)
+    return min(fields) < COSTLY_FIELDS or _JOINT_PREDICTIONS * math.prod(fields) < context.fields_left

@@ -292,12 +292,17 @@ class SearchContext:
         """
         return self.predictor.fields_requested > self.field_budget or self.end.is_near
 
+    @property
+    def fields_left(self) -> float:
+        """How many fields of the budget aren't spent; read as `budget_exhausted`."""
+        return max(self.field_budget - self.predictor.fields_requested, 0.0)
+
     def telling_time_left(self, progress: ProgressCallback) -> ProgressCallback:
         """Progress whose notes say how long the search will take at most on this machine."""
 
         def told(done: int, total: int, note: str) -> None:
             computed = self.predictor.fields_requested
-            by_fields = self.pace.seconds_for(max(self.field_budget - computed, 0.0), computed)
+            by_fields = self.pace.seconds_for(self.fields_left, computed)
             left = min(math.inf if by_fields is None else by_fields, self.end.seconds_left)
             words = f"{note} (at most {max(left, 1.0):.2g} s more)" if left < math.inf else note
             progress(done, total, words)

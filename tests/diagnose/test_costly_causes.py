@@ -1,11 +1,15 @@
-"""An effect of many fields is found though a simple effect imitates it."""
+"""Effects of many fields are found though a simple effect imitates them, and beside each other."""
 
 from __future__ import annotations
 
+import pytest
+
 from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import rank_on_held_out
+from holoview.diagnose.judge import Verdict, rank_on_held_out
+from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.search import with_costly_in_place
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
 
@@ -20,3 +24,13 @@ def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_
     best = rank_on_held_out(context, [*found, blurred.best.fit]).best
     assert {*best.causes} == {"distance", "source_extent"}
     assert best.excess < 0.3 * blurred.best.excess
+
+
+@pytest.mark.explores
+def test_a_bandwidth_is_found_beside_a_flicker(make_context: MakeContext) -> None:
+    """Their fields multiply: 6 moments of each of 7 lines."""
+    hidden = {"bandwidth": {"sigma": 3.5e-9}, "flicker": {"depth": 0.12}}
+    captures = make_context(hidden).data.captures
+    effects = [listed_effects()[name] for name in ("bandwidth", "camera_blur", "flicker")]
+    found = diagnose(captures, effects, free_maps=False)
+    assert found.verdict is Verdict.EXPLAINED and {cause.effect for cause in found.causes} == hidden.keys()
