@@ -22,6 +22,7 @@ from holoview.app.theme import THEMES
 from holoview.app.tour import Tour
 from holoview.app.widgets import tooltip
 from holoview.app.window import Window
+from holoview.colour import fitting_stops
 from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
 from holoview.document.file_loader import show_example
 from holoview.document.session_store import SessionStore
@@ -135,11 +136,19 @@ class App:
         with self.session.report_errors():
             changed = renderers.compute_slice() if renderers.is_busy else previews.compute_slice()
             if changed:
+                self._fit_exposure()
                 self.awaits_frame = True
                 self.window.wake()
         if self._tunes and not self.is_busy:
             renderers.now.poll_strategy()
         return renderers.wait_s == 0 if renderers.is_busy else previews.is_busy
+
+    def _fit_exposure(self) -> None:
+        """Fits the exposure to the first picture of a field that has just been opened; this is no step of undo."""
+        xyz = self.context.side_renderers.now.shown_xyz() if self.session.fits_exposure else None
+        if xyz is not None:
+            self.session.fits_exposure = False
+            self.session.edit_view("Exposure", exposure_stops=round(fitting_stops(xyz), 2), undoable=False)
 
     def redraw_if_due(self) -> None:
         """Requests a frame for what changes with time: tooltips, the text cursor, expiring messages. Call it often."""
@@ -202,8 +211,9 @@ class App:
             self.context.live_measurement.request(document, xyz, target, renderers.now.intensities())
 
     def _update_requests(self) -> None:
-        """Asks the renderers for what the session shows now, if it has changed."""
-        if self._is_stale:
+        """Asks the renderers for what the session shows now, if it has changed; at first that of the files to open."""
+        is_waiting = self.context.loader.is_opening and not self.has_shown_image
+        if self._is_stale and not is_waiting:
             self._is_stale = False
             with self.session.report_errors():
                 self.context.side_renderers.request()

@@ -83,7 +83,8 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         report(f"note: {note}")
         session.messages.post(note, "warning")
     renderer = ProgressiveRenderer(device)
-    renderer.start(session.scene_for(NOW), startup.thread)
+    if not files.names:
+        renderer.start(session.scene_for(NOW), startup.thread)
     from holoview.app.run import run_in_browser, run_offscreen, run_on_screen, run_until_image  # slow start: ImGui
 
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
@@ -92,7 +93,7 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     if address is not None:
         run_in_browser(*window, store, files, address, options.serve_options, report, options.rig, listen)
     elif store is None and on_image is not None:
-        run_until_image(*window, on_image)
+        run_until_image(*window, on_image, files)
     elif store is None:
         run_offscreen(*window, options.script, options.script_name, options.screenshot, files, options.rig)
     else:

@@ -46,16 +46,24 @@ def run_until_image(
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
     on_image: Callable[[], None],
+    files: FilesToOpen = NO_FILES,
 ) -> None:
-    """Draws an off-screen window of `size` (x, y) pixels until it shows an image; then calls `on_image`."""
+    """Draws an off-screen window of `size` (x, y) pixels until it shows an image, that of `files` if there are some.
+
+    Calls `on_image` then. Raises UserError for files that can't be opened.
+    """
     from rendercanvas.offscreen import OffscreenRenderCanvas
 
     app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S, renderer=renderer)
     try:
         driver = InputDriver(app)
+        if files.names:
+            app.context.loader.open(files.names, files.request)
         driver.draw_frames()
         while not app.has_shown_image:
             time.sleep(app.context.side_renderers.wait_s)
+            session.poll()
+            _raise_error_of(session)
             app.compute_slice()
             if app.awaits_frame:
                 driver.draw_frames()

@@ -43,8 +43,10 @@ class EditingSession:
     """A document with undo, snapshots to compare with, background jobs, and messages to the user.
 
     drive: patterns (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. wake: may be called on any
-    thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "". Raises
-    UserError when the drive doesn't fit the system.
+    thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "".
+    fits_exposure: whether who computes the next picture is to fit the exposure to it, as of a field that was opened.
+
+    Raises UserError when the drive doesn't fit the system.
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class EditingSession:
         return session
 
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
-        self.wake, self.version, self.save_problem = wake, 0, ""
+        self.wake, self.version, self.save_problem, self.fits_exposure = wake, 0, "", False
         self._history, self._snapshots = history, dict(snapshots)
         self._choices = OptimisationChoices()
         self._presets: dict[Hashable, Scene] = {}

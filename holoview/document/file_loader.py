@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from holoview.colour import fitting_stops, srgb_decode
+from holoview.colour import srgb_decode
 from holoview.document.document import middle_plane
 from holoview.document.editing_session import EditingSession
 from holoview.document.jobs import BackgroundJob, JobControl
@@ -45,7 +45,7 @@ from holoview.util.files import data_dir, expand_home, read_text
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
-from holoview.view import random_drive, simulate
+from holoview.view import random_drive
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest
 from holoview.wavefield.request import MOST_UNASKED
@@ -113,7 +113,6 @@ def _example_fields() -> dict[str, Any]:
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-_MOST_FITTED = 1 << 24  # values of a field whose picture is computed before it is shown, to fit its exposure
 _RETRY_FOR_S = 10.0
 """How long a watched file may stay unreadable, being half written, before an error is reported."""
 
@@ -194,8 +193,6 @@ class FileLoader:
         view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
         if content.plane_m is not None:
             view_settings = view_settings.with_(plane_m=content.plane_m)
-        if content.exposure_stops is not None:
-            view_settings = view_settings.with_(exposure_stops=content.exposure_stops)
         target_spec = None if has_example_target(session) and not is_preset else session.target_spec
         if system.is_field != session.system.is_field:
             target_spec = None
@@ -209,6 +206,7 @@ class FileLoader:
             path=path,
             recorded=content.recorded,
         )
+        session.fits_exposure = content.kind == "field"
         if is_preset and target_spec is not None:
             session.messages.post(random_patterns_hint(target_spec))
 
@@ -311,7 +309,7 @@ class FileContent:
     """The content of a file: its kind, a title, the parts of a document, notes for the user.
 
     kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
-    plane_m, exposure_stops: the focal plane and the exposure that it is to be shown at; None for those of the viewer.
+    plane_m: the focal plane that it is to be shown at; None for that of the viewer.
     recorded: the recording that a field is cut out of.
     """
 
@@ -323,7 +321,6 @@ class FileContent:
     pupil_path: PupilPath | None = None
     path: Path | None = None
     plane_m: float | None = None
-    exposure_stops: float | None = None
     notes: tuple[str, ...] = field(default=())
     recorded: RecordedOrders | None = None
 
@@ -409,26 +406,12 @@ def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequ
 
 
 def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | None, most_samples: int) -> FileContent:
-    """A field of another program, with an exposure that fits it; the notes name the properties that are guessed."""
+    """A field of another program; the notes name the properties that are guessed."""
     opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=most_samples), progress)
-    system, drive = opened.hologram.system, opened.hologram.drive
+    shown, title, path = opened.hologram, paths[0].name, paths[0]
     return FileContent(
-        "field",
-        paths[0].name,
-        system,
-        drive,
-        path=paths[0],
-        exposure_stops=fitted_exposure(system, drive),
-        notes=opened.notes,
-        recorded=opened.recorded,
+        "field", title, shown.system, shown.drive, path=path, notes=opened.notes, recorded=opened.recorded
     )
-
-
-def fitted_exposure(system: System, drive: Drive) -> float:
-    """The exposure in stops at which a field's picture is neither dark nor beyond white; 0 for a very large field."""
-    if drive.size > _MOST_FITTED:
-        return 0.0
-    return round(fitting_stops(simulate(system, drive, backend="torch").xyz), 2)
 
 
 def _page(path: Path, state: str) -> FileContent:

@@ -35,9 +35,16 @@ class JobControl:
 
     def report(self, done: float, total: float, note: str = "") -> None:
         """Reports progress, then does as `check`."""
+        shown = self._shown
         self.done, self.total, self.note = done, total, note
-        self._wake()
+        if self._shown != shown:  # a window in software takes longer to draw than many a step
+            self._wake()
         self.check()
+
+    @property
+    def _shown(self) -> tuple[int, str]:
+        """What a window shows of the progress."""
+        return int(100 * self.done / self.total) if self.total > 0 else 0, self.note
 
     def check(self) -> None:
         """Waits while the job is paused. Raises Cancelled once it was cancelled."""

@@ -8,7 +8,6 @@ from threading import Lock
 import numpy as np
 
 from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import fitted_exposure
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.util.text import printable
@@ -25,8 +24,7 @@ class ReceivedFields:
 
     def __init__(self, session: EditingSession, is_ready: Callable[[], bool]) -> None:
         self._session, self._is_ready = session, is_ready
-        self._lock, self._waiting = Lock(), dict[str, tuple[Hologram, float]]()
-        self._fitted: tuple[System, float] | None = None  # a bench, and the exposure that fits its first field
+        self._lock, self._waiting = Lock(), dict[str, Hologram]()
         self._listener: FieldListener | None = None
 
     def listen(self, port: int = 0) -> str:
@@ -41,9 +39,9 @@ class ReceivedFields:
             name = next(iter(self._waiting), None)
             if name is None or (self._session.document.origin == _origin(name) and not self._is_ready()):
                 return
-            hologram, stops = self._waiting.pop(name)
+            hologram = self._waiting.pop(name)
         with self._session.report_errors():
-            self._show(name, hologram, stops)
+            self._show(name, hologram)
 
     def close(self) -> None:
         """Ends listening."""
@@ -54,21 +52,17 @@ class ReceivedFields:
     def _receive(self, field: Wavefield) -> None:
         """Called on a thread of the listener. Raises UserError for a field that no bench shows."""
         hologram = Hologram.of_field(field)
-        if self._fitted is None or not _shows(self._fitted[0], hologram.system):
-            self._fitted = hologram.system, fitted_exposure(hologram.system, hologram.drive)
         with self._lock:
-            self._waiting[field.name] = hologram, self._fitted[1]
+            self._waiting[field.name] = hologram
         self._session.call_on_owner(lambda: None)  # wakes the owner, which polls
 
-    def _show(self, name: str, hologram: Hologram, exposure_stops: float) -> None:
+    def _show(self, name: str, hologram: Hologram) -> None:
         session = self._session
         title, origin = f"Receive {printable(name)}", _origin(name)
         if session.document.origin == origin and _shows(session.system, hologram.system):
             session.edit(title, drive=hologram.drive, undoable=False)
             return
-        view_settings = session.document.view_settings_for_picture.with_(
-            plane_m=float(hologram.system.planes_m[0]), exposure_stops=exposure_stops
-        )
+        view_settings = session.document.view_settings_for_picture.with_(plane_m=float(hologram.system.planes_m[0]))
         session.edit(
             title,
             system=hologram.system,
@@ -78,6 +72,7 @@ class ReceivedFields:
             origin=origin,
             path=None,
         )
+        session.fits_exposure = True
 
 
 def _origin(name: str) -> str:

@@ -138,7 +138,6 @@ def open_hologram(
     """
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
-    from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
     from holoview.wavefield.imaging import corner_note, image_field, with_square_pitch  # slow start: it imports torch
 
@@ -146,6 +145,8 @@ def open_hologram(
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     field, recorded = reading.wavefield, None
     if reading.recording is not None:
+        from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
+
         found = field_of_recording(reading.recording)
         field, notes = found.field, (*notes, *found.report)
         recorded = RecordedOrders(reading.recording, found.orders) if found.orders else None

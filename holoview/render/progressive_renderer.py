@@ -212,6 +212,12 @@ class ProgressiveRenderer:
             self._downloads["xyz"] = self._full.xyz()
         return self._downloads["xyz"]
 
+    def shown_xyz(self) -> NDArray[np.float32] | None:
+        """The picture's XYZ (y, x, 3) on the host, be it quick; None until it shows the last request."""
+        if not self.follows or self.is_fresh or self._quick is None:
+            return self.xyz()
+        return self._quick.xyz() * np.float32(self.quick_gain)
+
     def poll_strategy(self) -> None:
         """Switches to a faster strategy of the transforms, if the search in the background has found one."""
         if self._full is not None:
@@ -242,7 +248,7 @@ class ProgressiveRenderer:
         Asking prepares the full frame, which during a drag would take longer than a quick frame.
         """
         if self._full is None or self._full.step_s is None:
-            return self._device.info.is_cpu
+            return self._device.info.is_cpu and make_quick_system(scene.system) != scene.system
         try:
             edit_to_scene(self._full, scene, self._device)
         except UserError:

@@ -29,7 +29,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.ndimage
-import scipy.signal
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -396,8 +395,10 @@ def _best_of(curve: FocusCurve, name: Measure, side: tuple[float, float], has_bo
     compared = np.log(np.maximum(values, 1e-30))
     if has_both:
         compared = 2 * compared - np.log(np.maximum(curve.measures[name][::-1][inside], 1e-30))
-    peaks, _ = scipy.signal.find_peaks(compared)
-    prominences = scipy.signal.peak_prominences(compared, peaks)[0] if len(peaks) else np.zeros(1)
+    from scipy.signal import find_peaks  # slow start: opening a field needs no curve
+
+    peaks, found = find_peaks(compared, prominence=0)
+    prominences = found["prominences"] if len(peaks) else np.zeros(1)
     best = int(peaks[np.argmax(prominences)]) if len(peaks) else int(np.argmax(compared))
     return _Peak(name, side, float(distances_m[best]), float(values[best]), float(prominences.max()))
 

@@ -196,3 +196,5 @@ def test_off_the_screen_a_file_that_cant_be_opened_ends_it(tmp_path: Path, capsy
     small = ["--set", "shape=[16, 16]", "--size", "640x400", "--offscreen"]
     assert cli.main(["view", "holochrome-8", str(wrong), *small, "--screenshot", str(picture)]) == 2
     assert "wrong.dat: isn't a file that can be opened" in capsys.readouterr().err and not picture.exists()
+    assert cli.main(["view", str(wrong), "--size", "640x400", "--offscreen", "--until-image"]) == 2
+    assert "wrong.dat: isn't a file that can be opened" in capsys.readouterr().err

@@ -30,6 +30,15 @@ def test_the_light_is_that_of_the_bench_whose_field_it_is(system: System) -> Non
     np.testing.assert_allclose(found, expected, atol=3e-3 * expected.max())
 
 
+def test_an_eye_sees_the_light_of_the_bench_whose_field_it_is(system: System) -> None:
+    """Through a pupil aside, with chromatic aberration: an independent path through the executor's stages."""
+    eye = {"eye": {"pupil": "1 mm", "pupil_x": "0.3 mm"}}
+    hologram = hv.Hologram(hv.random_drive(system), system.edit({"padding": 8}))
+    expected = xyz_to_linear_srgb(hv.simulate(hologram.system.edit(eye), hologram.drive, backend="torch64").xyz)
+    found = hv.as_field(hologram).scene().images(system.edit({"padding": 8, **eye}), system.planes_m)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * expected.max())  # the field is stored in complex64
+
+
 def test_its_plane_and_pitch_may_be_any(system: System) -> None:
     """A Gaussian beam is widest by √(1 + (z/z_R)²) at a distance z from its waist, wherever its samples are."""
     waist, pitch_m, λ = 40e-6, 5e-6, 530e-9
@@ -65,7 +74,7 @@ def test_a_hologram_is_optimised_for_it(system: System, tmp_path: Path, capsys: 
 
 def test_what_cannot_be_shown_is_said(system: System) -> None:
     scene = hv.load_field(np.ones((8, 8), np.complex64), pitch="8 um", wavelengths=["530 nm"]).scene()
-    with pytest.raises(UserError, match="a field with an eye"):
-        scene.images(system.edit({"eye": {}}), system.planes_m)
+    with pytest.raises(UserError, match="fields: with an eye"):
+        scene.fields(system.edit({"eye": {}}), 3e-3)
     with pytest.raises(UserError, match="patterns of a modulator"):
         hv.Hologram(hv.random_drive(system), system).scene()

@@ -107,10 +107,8 @@ def assemble(
             target = result[f * inner_frames : (f + 1) * inner_frames, c * inner_colours : (c + 1) * inner_colours]
             for part, first in _strips(region, strip):
                 values = _combine(parts, part, as_field)
-                check_finite(where, values, part)
-                target[:, :, first // decimate : (first + part[3]) // decimate] = _narrowed(
-                    where, values, decimate, dtype
-                )
+                rows = slice(first // decimate, (first + part[3]) // decimate)
+                target[:, :, rows] = _narrowed(where, values, part, decimate, dtype)
                 done += part[3]
                 if progress is not None and total > strip:
                     progress(done, total)
@@ -158,11 +156,13 @@ def _root(intensity: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(intensity)
 
 
-def _narrowed(where: str, values: NDArray[Any], decimate: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The means of blocks in the type of the result. Raises UserError for numbers beyond its range."""
-    with np.errstate(over="ignore"):
+def _narrowed(where: str, values: NDArray[Any], region: Region, decimate: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The means of blocks in the type of the result. Raises UserError for numbers beyond its range, and as
+    `check_finite`: a mean is finite only if all its numbers are."""
+    with np.errstate(over="ignore", invalid="ignore"):
         narrow = _mean(values, decimate).astype(dtype)
     if not np.isfinite(narrow).all():
+        check_finite(where, values, region)
         raise UserError(where, "numbers beyond 1e38", expected="numbers that 32 bits can hold", remedy="rescale them")
     return narrow
 

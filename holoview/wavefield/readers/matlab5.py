@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
@@ -174,7 +173,9 @@ def _load(path: Path, variable: _Variable, order: str) -> Any:
             raise UserError(where, found, expected="a whole MATLAB file")
     if variable.kind in (_STRUCT, _CELL):
         _check_depth(where, data, order)
-    read = scipy.io.loadmat(io.BytesIO(head + data), chars_as_strings=False)
+    from scipy.io import loadmat  # slow start: other files do without
+
+    read = loadmat(io.BytesIO(head + data), chars_as_strings=False)
     return read.get(variable.name)
 
 
