@@ -31,14 +31,23 @@ class Adam:
 
     def unit_step(self, gradient: Tensor) -> Tensor:
         """Updates the moments with a gradient and returns the step for learning rate 1, to be subtracted."""
-        beta1, beta2 = self.betas
+        return self.corrected_step(gradient, *self.count_step())
+
+    def count_step(self) -> tuple[float, float]:
+        """Counts a step; its 1 − β₁ᵗ and 1 − β₂ᵗ."""
         self.step_count += 1
+        beta1, beta2 = self.betas
+        return 1 - beta1**self.step_count, 1 - beta2**self.step_count
+
+    def corrected_step(self, gradient: Tensor, first: float | Tensor, second: float | Tensor) -> Tensor:
+        """`unit_step` for a step that is counted already, with its 1 − β₁ᵗ and 1 − β₂ᵗ."""
+        beta1, beta2 = self.betas
         self.first_moment.mul_(beta1).add_(gradient, alpha=1 - beta1)
         self.second_moment.mul_(beta2).addcmul_(gradient, gradient, value=1 - beta2)
-        denominator = self.second_moment.div(1 - beta2**self.step_count).sqrt_().add_(_EPSILON)
+        denominator = self.second_moment.div(second).sqrt_().add_(_EPSILON)
         if self.rms_floor:
             denominator.clamp_min_(self.rms_floor * float(denominator.square().mean().sqrt()))
-        return self.first_moment.div(1 - beta1**self.step_count).div_(denominator)
+        return self.first_moment.div(first).div_(denominator)
 
     def reset(self) -> None:
         """Sets the moments and the number of steps to zero."""

@@ -39,6 +39,11 @@ class AutogradModel(ForwardModel):
         self._stages = _Stages(unshifted, self._patterns, double=is_double, device=self.device)
         self._stages.transfer_functions = self.transfer_functions
 
+    @property
+    def is_fixed_work(self) -> bool:
+        """As there: torch's own graph of derivatives is made anew in each call."""
+        return False
+
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
         """Computes the spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
         assert not wavelength_gradient

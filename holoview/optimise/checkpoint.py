@@ -22,6 +22,7 @@ import os
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,11 +47,11 @@ class IterationState:
     iteration, iterations: number of this iteration, from 0, and of the last one. loss: with the eyebox's penalty.
     psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised). Loss and PSNR
     are those of the planes that this iteration took (`Settings.drawn_planes`).
-    best_psnr_db, best: PSNR and hologram of the smallest loss of all planes so far; the latest where pupils are drawn.
+    best_psnr_db: that of `best`.
     eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
-    seconds: time spent, including that before a checkpoint.
+    seconds: time spent, including that before a checkpoint. make_best(): `best`, which is made when it is asked for.
     picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to
-    continue. Both must be called before the next state is requested.
+    continue. These two must be called before the next state is requested.
     """
 
     iteration: int
@@ -60,9 +61,14 @@ class IterationState:
     best_psnr_db: float
     eyebox: float
     seconds: float
-    best: Hologram
+    make_best: Callable[[], Hologram] = field(repr=False, compare=False)
     picture: Callable[[], NDArray[np.floating]] = field(repr=False, compare=False)
     checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
+
+    @cached_property
+    def best(self) -> Hologram:
+        """The hologram of the smallest loss of all planes so far; the latest where pupils are drawn."""
+        return self.make_best()
 
 
 # --- the file ---

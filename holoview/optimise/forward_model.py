@@ -146,6 +146,11 @@ class ForwardModel:
         """c_W of a beam, as `spectrum`."""
         return self._of_beam(laser, source, [fields.adjoint_spectra for fields in self._fields])
 
+    @property
+    def is_fixed_work(self) -> bool:
+        """Whether equal calls are the same operations on the same memory, which a card can record and repeat."""
+        return True
+
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
         """Computes the spectra behind the last modulator for optical paths (frame, modulator, y, x), m.
 

@@ -21,7 +21,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import torch
@@ -105,14 +106,15 @@ def double_phase(field: Tensor) -> Tensor:
 
 def _states(problem: Problem, drives: Iterator[Tensor], last: int) -> Iterator[IterationState]:
     started, system, settings = time.perf_counter(), problem.system, problem.settings
-    loss, best_db, best, evaluation = math.inf, -math.inf, None, None
+    loss, best_db, evaluation = math.inf, -math.inf, None
+    make_best: Callable[[], Hologram] | None = None
     for iteration, drive in enumerate(drives):
         if evaluation is None or iteration % settings.amplitudes_every == 0 or iteration == last:
             evaluation, amplitudes = _evaluate(problem, drive)
-            if evaluation.loss < loss or best is None:
+            if evaluation.loss < loss or make_best is None:
                 loss, best_db = evaluation.loss, evaluation.psnr_db
-                best = Hologram(drive.cpu().numpy().copy(), system.edit({"amplitudes": amplitudes}))
-        assert best is not None and evaluation.eyebox_variation is not None
+                make_best = partial(Hologram, drive.cpu().numpy().copy(), system.edit({"amplitudes": amplitudes}))
+        assert make_best is not None and evaluation.eyebox_variation is not None
         yield IterationState(
             iteration=iteration,
             iterations=last,
@@ -121,7 +123,7 @@ def _states(problem: Problem, drives: Iterator[Tensor], last: int) -> Iterator[I
             best_psnr_db=best_db,
             eyebox=evaluation.eyebox_variation,
             seconds=time.perf_counter() - started,
-            best=best,
+            make_best=make_best,
             picture=evaluation.picture,
             checkpoint=_no_checkpoint,
         )

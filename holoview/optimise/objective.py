@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +47,11 @@ class ResidualSums:
 
     residual_norm: Tensor
     error_norm: Tensor
+
+    @property
+    def norms(self) -> Tensor:
+        """Both, (2,)."""
+        return torch.stack((self.residual_norm, self.error_norm))
 
 
 class Objective:
@@ -88,7 +92,7 @@ class Objective:
         """
         planes, _, rows, columns = self.target.shape
         _check_stack(stack, (planes, rows, columns, 3))
-        self.target = _target_channels(self.loss, stack).to(self.target)
+        self.target.copy_(_target_channels(self.loss, stack))
 
     def evaluate_rows(self, plane: int, rows: slice, image: Tensor, kernels: Kernels = TORCH_KERNELS) -> ResidualSums:
         """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.
@@ -130,10 +134,9 @@ class Objective:
         """Whether `evaluate_rows` has to be given all rows of a plane at once."""
         return self.loss.structure_weight > 0
 
-    def plane_loss(self, plane: int, parts: Sequence[ResidualSums]) -> PlaneLoss:
-        """The loss of a plane from the sums over all its rows."""
-        norms = torch.stack([torch.stack((part.residual_norm, part.error_norm)) for part in parts]).cpu().double()
-        residual, error = norms.square().sum(dim=0).tolist()
+    def plane_loss(self, plane: int, norms: Tensor) -> PlaneLoss:
+        """The loss of a plane from the norms (part, 2) over all parts of its rows (`ResidualSums.norms`)."""
+        residual, error = norms.double().square().sum(dim=0).tolist()
         rows, columns = self.region_slices
         samples = (rows.stop - rows.start) * (columns.stop - columns.start)
         mean_square = error / (samples * (1 if len(self.target[0]) == 1 else 3))
@@ -369,7 +372,7 @@ class RowEvaluation:
 
 def beam_weights_of(weights: Tensor, sources: int) -> Tensor:
     """The share of each beam in the channels, (beam, channel). weights (own laser, channel): of unit intensities."""
-    return weights.repeat_interleave(sources, dim=0) / sources
+    return weights[:, None].expand(-1, sources, -1).flatten(0, 1) / sources
 
 
 def _mean_intensity(fields: Tensor) -> Tensor:

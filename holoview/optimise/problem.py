@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -68,6 +69,12 @@ class EvaluationRequest:
         """Whether a quantity is wanted that needs all planes."""
         wants_sums = self.optimal_amplitudes or self.eyebox_variation or self.wavelength_gradient
         return wants_sums or self.level_step_m is not None or not self.path_gradient
+
+    @property
+    def wants_only_path_gradient(self) -> bool:
+        """Whether nothing is wanted beside the derivative ∂L/∂opd, the loss and the PSNR."""
+        wants_more = self.optimal_amplitudes or self.eyebox_variation or self.needs_image_products
+        return self.path_gradient and self.level_step_m is None and not wants_more
 
     @property
     def needs_image_products(self) -> bool:
@@ -176,43 +183,77 @@ class Problem:
         """
         self._places_m = places_m
         self.objective.set_stack(stack)
-        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
+        with self.guarded():
             self.model.set_eyes(self.model.plan.seen_from(places_m))
+
+    @contextmanager
+    def guarded(self) -> Iterator[None]:
+        """The number of torch's threads that suits the fields, and a UserError if memory runs out inside the block."""
+        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
+            yield
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
         """The loss of optical paths (frame, modulator, y, x), m, and laser amplitudes (frame, wavelength)."""
-        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
+        with self.guarded():
             return self._evaluate(opd_m, amplitudes, request)
 
+    def is_fixed_work(self, request: EvaluationRequest) -> bool:
+        """Whether a request is `path_gradient` and `plane_losses`: operations of the device, always the same ones."""
+        simple = self.group.size == 1 and self.settings.eyebox == 0 and "wavelengths" not in self.settings.free
+        return simple and request.wants_only_path_gradient and not self._needs_whole_planes and self.model.is_fixed_work
+
+    def path_gradient(self, opd_m: Tensor, weights: Tensor, planes: Sequence[int]) -> tuple[Tensor, Tensor]:
+        """Norms (plane, part, 2), as `ResidualSums.norms`, and ∂L/∂opd of some planes; all stays on the device.
+
+        weights (own laser, channel): `image_weights` of the amplitudes.
+        """
+        request = EvaluationRequest(path_gradient=True, planes=tuple(planes))
+        results = self._process_planes(opd_m, weights, None, request)
+        gradient = torch.zeros_like(opd_m)
+        self.model.accumulate_gradients(gradient)
+        norms = torch.stack([torch.stack([row.sums.norms for row in rows]) for rows in results])
+        share = len(planes) / len(self.objective.target)
+        return norms, gradient.div_(share) if share < 1 else gradient
+
+    @property
+    def weights_shape(self) -> tuple[int, int]:
+        """Of `image_weights`: numbers of lasers of this process, and of channels."""
+        return self._own_lasers.stop - self._own_lasers.start, self.objective.target.shape[1]
+
+    def image_weights(self, amplitudes: Floats) -> Tensor:
+        """What the unit intensity of a laser of this process adds to the image, (own laser, channel) on the CPU."""
+        table = self._laser_channels() * self._laser_amplitudes(amplitudes)[:, None]
+        return torch.from_numpy(table[self._own_lasers])
+
+    def plane_losses(self, norms: Tensor, planes: Sequence[int]) -> LossEvaluation:
+        """The evaluation of some planes from the norms (plane, part, 2), on the CPU."""
+        losses = [self.objective.plane_loss(plane, parts) for plane, parts in zip(planes, norms, strict=True)]
+        return LossEvaluation(
+            loss=sum(plane.loss for plane in losses) / (len(planes) / len(self.objective.target)),
+            psnr_db=float(np.mean([plane.psnr_db for plane in losses])),
+            picture=lambda: self.objective.picture(self._middle_image),
+        )
+
     def _evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
-        objective = self.objective
-        self.model.forward(opd_m, wavelength_gradient=request.wavelength_gradient)
-        channels, laser_amplitudes = self._laser_channels(), self._laser_amplitudes(amplitudes)
-        least_squares = AmplitudeLeastSquares(channels, self.group) if request.optimal_amplitudes else None
-        weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(objective.target)
+        objective, laser_amplitudes = self.objective, self._laser_amplitudes(amplitudes)
+        least_squares = (
+            AmplitudeLeastSquares(self._laser_channels(), self.group) if request.optimal_amplitudes else None
+        )
+        weights = self.image_weights(amplitudes).to(objective.target)
         image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
-        evaluate_rows = self._row_evaluation(weights, least_squares, request)
         planes = request.planes or tuple(range(len(objective.target)))
         share = len(planes) / len(objective.target)
-        evaluate_lines = None
-        if isinstance(evaluate_rows, RowEvaluation) and evaluate_rows.is_plain:
-            evaluate_lines = evaluate_rows.evaluate_lines
-        results = self.model.process_planes(planes, evaluate_rows, evaluate_lines, carry_back=request.path_gradient)
-        plane_losses = [
-            objective.plane_loss(plane, [row.sums for row in rows]) for plane, rows in zip(planes, results, strict=True)
-        ]
+        results = self._process_planes(opd_m, weights, least_squares, replace(request, planes=planes))
+        norms = torch.stack([torch.stack([row.sums.norms for row in rows]) for rows in results]).cpu()
         for rows, plane_weight in zip(results, objective.plane_weights[list(planes)].tolist(), strict=True):
             for row in rows:
                 if least_squares is not None and row.normal_equations is not None:
                     least_squares.add(row.normal_equations, plane_weight)
                 if row.image_products is not None:
                     image_products[:, self._own_lasers] += row.image_products
-        evaluation = LossEvaluation(
-            loss=sum(plane.loss for plane in plane_losses) / share,
-            psnr_db=float(np.mean([plane.psnr_db for plane in plane_losses])),
-            picture=lambda: objective.picture(self._middle_image),
-            optimal_amplitudes=None if least_squares is None else self._solve_amplitudes(least_squares),
-        )
+        evaluation = self.plane_losses(norms, planes)
+        if least_squares is not None:
+            evaluation = replace(evaluation, optimal_amplitudes=self._solve_amplitudes(least_squares))
         evaluation = self._with_eyebox(evaluation, amplitudes, request, share)
         if not request.path_gradient:
             return evaluation
@@ -222,6 +263,19 @@ class Problem:
         if evaluation.amplitude_gradient is not None:
             evaluation.amplitude_gradient[:] /= share
         return evaluation
+
+    def _process_planes(
+        self, opd_m: Tensor, weights: Tensor, least_squares: AmplitudeLeastSquares | None, request: EvaluationRequest
+    ) -> list[list[RowResult]]:
+        """The results of the rows of each of `request.planes` for optical paths; gradients wait in the model."""
+        assert request.planes is not None
+        self.model.forward(opd_m, wavelength_gradient=request.wavelength_gradient)
+        evaluate_rows, evaluate_lines = self._row_evaluation(weights, least_squares, request), None
+        if isinstance(evaluate_rows, RowEvaluation) and evaluate_rows.is_plain:
+            evaluate_lines = evaluate_rows.evaluate_lines
+        return self.model.process_planes(
+            request.planes, evaluate_rows, evaluate_lines, carry_back=request.path_gradient
+        )
 
     @property
     def _needs_whole_planes(self) -> bool:

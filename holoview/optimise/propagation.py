@@ -45,6 +45,7 @@ class ModulatorLight:
         self.plan, self.lasers, self.axes = plan, lasers, transfer_functions.axes
         self.transfer_functions = transfer_functions
         self._repeats = plan.grid.upsample // samples_a_pixel(plan)
+        self._wavelengths_m = torch.empty(0)
 
     def compute_spectra(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
         """Writes W of some beams for optical paths (frame, modulator, y, x), m.
@@ -95,10 +96,16 @@ class ModulatorLight:
 
     def _phasors(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
         """exp(2πi·opd/λ) of each modulator's pixels, (laser, y, x)."""
-        lasers = self.lasers[fields.group.lasers]
-        λ = torch.from_numpy(self.plan.system.wavelengths_m[[λ for _, λ in lasers]]).to(opd_m)[:, None, None]
-        frames = [frame for frame, _ in lasers]
-        return [phasor(opd_m[frames, m], λ, fields.plane_lines.dtype) for m in range(opd_m.shape[1])]
+        chosen, dtype = fields.group.lasers, fields.plane_lines.dtype
+        λ = self._wavelengths_of_lasers(opd_m)[chosen, None, None]
+        paths_m = torch.stack([opd_m[frame] for frame, _ in self.lasers[chosen]], dim=1)
+        return [phasor(path_m, λ, dtype) for path_m in paths_m]
+
+    def _wavelengths_of_lasers(self, like: Tensor) -> Tensor:
+        """The wavelength (laser,) of each laser, m, copied to the device once."""
+        if self._wavelengths_m.dtype != like.dtype or len(self._wavelengths_m) != len(self.lasers):
+            self._wavelengths_m = torch.from_numpy(self.plan.system.wavelengths_m[[λ for _, λ in self.lasers]]).to(like)
+        return self._wavelengths_m
 
     def _illuminated(self, group: BeamGroup, pixels: Tensor) -> Tensor:
         """The light behind the first modulator's pixels, (laser, source, y, x)."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from holoview.optics.frame_inputs import check_drive
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.optimise.eyes import DrawnPupils, StacksAt
 from holoview.optimise.field_loss import ComplexTarget, split_target
+from holoview.optimise.graphed_step import GraphedStep, recorder_for
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
@@ -43,6 +45,7 @@ def iterate(
     *,
     device: str = "cpu",
     team: ProcessGroup = SINGLE_PROCESS,
+    record: bool = True,
 ) -> Iterator[IterationState]:
     """Optimises patterns, and laser amplitudes and wavelengths where these are free, for a focal stack.
 
@@ -60,6 +63,7 @@ def iterate(
     resume: a checkpoint to continue from, bit for bit on the same machine.
     device: of torch, "cpu", "cuda", "cuda:1" or "mps".
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
+    record: repeat iterations that only move patterns as CUDA graphs, on a card that can; False to compare with.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
     `best`, the `Hologram` of the smallest loss so far of all planes; the latest one where pupils are drawn, since
@@ -74,7 +78,7 @@ def iterate(
     >>> len(states), states[-1].psnr_db > states[0].psnr_db, states[-1].best.drive.shape
     (11, True, (1, 2, 16, 24))
     """
-    return _Optimiser(system, stack, settings, start, resume, device, team).states()
+    return _Optimiser(system, stack, settings, start, resume, device, team, record).states()
 
 
 class _Optimiser:
@@ -89,6 +93,7 @@ class _Optimiser:
         resume: Checkpoint | None,
         device: str,
         group: ProcessGroup,
+        record: bool,
     ) -> None:
         self.system, self.settings = system, settings
         self._drawn = _drawn_pupils(system, settings, stack)
@@ -101,7 +106,9 @@ class _Optimiser:
         drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
         check_drive(self.problem.model.plan, drive)
         self.variables = OptimisationVariables(system, settings, drive.to(device))
-        self.best: Hologram | None = None
+        recorder = recorder_for(device) if record and "patterns" in settings.free else None
+        self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)
+        self._make_best: Callable[[], Hologram] | None = None
         self.progress = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
         if resume is not None:
             self._resume(resume)
@@ -123,8 +130,8 @@ class _Optimiser:
             best = (self.progress.best_loss, self.progress.best_psnr_db)
             is_whole = request.planes is None
             if is_whole and (evaluation.loss < best[0] or self._drawn is not None):
-                best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
-            assert self.best is not None  # the first iteration takes all planes
+                best, self._make_best = (evaluation.loss, evaluation.psnr_db), self._maker_of(shown)
+            assert self._make_best is not None  # the first iteration takes all planes
             if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                 self.problem.set_wavelengths(self.variables.wavelengths_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
@@ -137,7 +144,7 @@ class _Optimiser:
                 best_psnr_db=best[1],
                 eyebox=eyebox,
                 seconds=self.progress.seconds,
-                best=self.best,
+                make_best=self._make_best,
                 picture=evaluation.picture,
                 checkpoint=self._checkpoint,
             )
@@ -154,7 +161,11 @@ class _Optimiser:
             variables.amplitudes = solved.optimal_amplitudes
             request = replace(request, optimal_amplitudes=False)
         if iteration < self.settings.iterations:
-            return self.problem.evaluate(path_m, variables.amplitudes, request)
+            taken = None
+            if self._graphed is not None:
+                scale = variables.pattern_step_scale(iteration)
+                taken = self._graphed.take(shown, variables.amplitudes, request, scale)
+            return taken or self.problem.evaluate(path_m, variables.amplitudes, request)
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _request(self, iteration: int) -> EvaluationRequest:
@@ -182,16 +193,18 @@ class _Optimiser:
         is_open = all(axis.last.frequencies == axis.last.padded for axis in self.problem.model.axes)
         return 1 if is_plain and is_open and count >= _FEWEST_PLANES and settings.iterations >= _LONG_RUN else 0
 
-    def _hologram(self, shown: torch.Tensor) -> Hologram:
+    def _maker_of(self, shown: torch.Tensor) -> Callable[[], Hologram]:
+        """Makes the hologram of present patterns when it is asked for, since few are; the same one each time."""
         changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
-        return Hologram(shown.cpu().numpy().copy(), self.system.edit(changes))
+        return cache(lambda: Hologram(shown.cpu().numpy().copy(), self.system.edit(changes)))
 
     def _checkpoint(self) -> Checkpoint:
-        assert self.best is not None
+        assert self._make_best is not None
+        hologram = self._make_best()
         best: dict[str, NDArray[np.floating]] = {
-            "best_drive": self.best.drive,
-            "best_amplitudes": np.array(self.best.system.amplitudes),
-            "best_wavelengths": np.array(self.best.system.wavelengths_m),
+            "best_drive": hologram.drive,
+            "best_amplitudes": np.array(hologram.system.amplitudes),
+            "best_wavelengths": np.array(hologram.system.wavelengths_m),
         }
         return Checkpoint(
             self.system, self.settings, self.target_digest, self.progress, self.variables.state_dict() | best
@@ -201,7 +214,8 @@ class _Optimiser:
         tensors = resume.tensors
         self.variables.load_state_dict(tensors)
         changes = {"wavelengths": tensors["best_wavelengths"], "amplitudes": tensors["best_amplitudes"]}
-        self.best = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
+        hologram = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
+        self._make_best = lambda: hologram
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths_m)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -78,7 +79,7 @@ class OptimisationVariables:
         if iteration == self.wavelength_iterations > 0:
             self.patterns.adam.reset()
         if "patterns" in free and evaluation.path_gradient is not None:
-            self.patterns.step(evaluation.path_gradient, self._pattern_step_scale(iteration))
+            self.patterns.step(evaluation.path_gradient, self.pattern_step_scale(iteration))
         if evaluation.wavelength_gradient is None:
             return False
         self._step_wavelengths(evaluation.wavelength_gradient, sqrt_decay(iteration, self.wavelength_iterations))
@@ -112,7 +113,7 @@ class OptimisationVariables:
             int(n) for n in state["steps"]
         )
 
-    def _pattern_step_scale(self, iteration: int) -> float:
+    def pattern_step_scale(self, iteration: int) -> float:
         """The patterns' step over the first one: it falls to zero, twice where wavelengths move in the first half."""
         first_half, total = self.wavelength_iterations, self.settings.iterations
         if iteration < first_half:
@@ -186,10 +187,20 @@ class PatternVariables:
 
     def go_back(self, drive: Tensor, factor: float) -> None:
         """Begins again from another drive, with steps that are `factor` times those before."""
-        self.drive, self.step_factor = drive, self.step_factor * factor
+        self.drive.copy_(drive)
+        self.step_factor *= factor
         self.adam.reset()
 
     def step(self, gradient: Tensor, scale: float) -> None:
         """One step against the gradient ∂L/∂opd, which it overwrites, `scale` times the first step's size."""
-        step = self.adam.unit_step(gradient.mul_(self._stroke_m))
-        self.drive = (self.drive - self.step_factor * scale * self._step_size * step).clamp_(0, 1)
+        self.move(gradient, self.step_numbers(scale))
+
+    def step_numbers(self, scale: float) -> tuple[float, float, float]:
+        """Counts a step. Returns Adam's corrections of its two moments, and the step's size over the first one's."""
+        return *self.adam.count_step(), self.step_factor * scale
+
+    def move(self, gradient: Tensor, numbers: Sequence[float] | Tensor) -> None:
+        """The step of `step_numbers`, which may lie on the device; overwrites the gradient, and the drive in place."""
+        first, second, size = numbers
+        step = self.adam.corrected_step(gradient.mul_(self._stroke_m), first, second)
+        self.drive.sub_(size * self._step_size * step).clamp_(0, 1)

@@ -52,7 +52,8 @@ def _image(objective: Objective, seed: int = 1) -> torch.Tensor:
 def _evaluate(objective: Objective, plane: int, image: torch.Tensor, at_a_time: int = 3) -> PlaneLoss:
     """The loss of an image (channel, y, x), evaluated in blocks of rows, which is overwritten with its slope."""
     blocks = [slice(start, min(start + at_a_time, ROWS)) for start in range(0, ROWS, at_a_time)]
-    return objective.plane_loss(plane, [objective.evaluate_rows(plane, rows, image[:, rows]) for rows in blocks])
+    norms = [objective.evaluate_rows(plane, rows, image[:, rows]).norms for rows in blocks]
+    return objective.plane_loss(plane, torch.stack(norms))
 
 
 def _plain_loss(name: str, image: torch.Tensor, wanted: np.ndarray, region: Any, weight: float) -> torch.Tensor:
