@@ -1,8 +1,8 @@
 """The optimiser's rival: the same bench and loss in plain PyTorch, differentiated by autograd, with torch's Adam.
 
 `Autograd` is the loss, the image and the step; `StoredLoop` the usual way to propagate: no FFT shifts, H computed once
-in float64 with the stops in it, and one forward FFT for all planes. H is the transfer function. It loops over
-wavelengths and planes, which is faster on a processor than a batch.
+in float64 with the stops in it, and one forward FFT for all planes. H is the transfer function. On a processor it loops
+over wavelengths and planes, which is faster there than a batch; on a card all are one batch.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -26,11 +27,15 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Work:
-    """A test case: a bench of one frame, a target focal stack (plane, y, x, 3), a first drive (1, modulator, y, x)."""
+    """A test case: a bench of one frame, a target focal stack (plane, y, x, 3), a first drive (1, modulator, y, x).
+
+    device: of torch, on which both compute.
+    """
 
     system: System
     stack: NDArray[np.float32]
     drive: NDArray[np.float32]
+    device: str = "cpu"
 
 
 class Autograd(ABC):
@@ -51,8 +56,9 @@ class Autograd(ABC):
         self.strokes_m = [modulator.stroke_m for modulator in system.modulators]
         self.colours = xyz_to_linear_srgb(observer_weights(system.observer, system.wavelengths_m))
         self.amplitudes = np.array(system.amplitudes[0])
-        self.target = torch.from_numpy(work.stack).movedim(-1, 1).contiguous()
-        self.drive = torch.tensor(work.drive[0], requires_grad=True)
+        self.device = torch.device(work.device)
+        self.target = torch.from_numpy(work.stack).movedim(-1, 1).contiguous().to(self.device)
+        self.drive = torch.tensor(work.drive[0], device=self.device, requires_grad=True)
         turn = 2 * math.pi * self.strokes_m[0] / float(np.median(system.wavelengths_m))
         self.adam = torch.optim.Adam([self.drive], lr=rate_rad / turn, betas=betas, eps=1e-20)
 
@@ -80,11 +86,11 @@ class Autograd(ABC):
 
     def image(self, intensities: Tensor) -> Tensor:
         """Linear sRGB (plane, channel, y, x)."""
-        weights = torch.from_numpy(self.colours * self.amplitudes[:, None]).float()
+        weights = torch.from_numpy(self.colours * self.amplitudes[:, None]).to(self.target)
         return torch.einsum("lc,lzyx->zcyx", weights, intensities)
 
-    def phasor(self, modulator: int, λ: float, drive: Tensor) -> Tensor:
-        """Transmission of a modulator on the simulation grid."""
+    def phasor(self, modulator: int, λ: float | Tensor, drive: Tensor) -> Tensor:
+        """Transmission of a modulator on the simulation grid; wavelengths (wavelength, 1, 1) give one for each."""
         phase = (2 * math.pi * self.strokes_m[modulator] / λ) * drive[modulator]
         pixels = torch.polar(torch.ones_like(phase), phase)
         return pixels.repeat_interleave(self.upsample, dim=-2).repeat_interleave(self.upsample, dim=-1)
@@ -92,8 +98,8 @@ class Autograd(ABC):
     def solve_amplitudes(self, intensities: Tensor) -> None:
         """Sets the amplitudes to argmin over a ≥ 0 of |Σ a·colour·intensity − target|²."""
         light, targets = intensities.flatten(1).double(), self.target.movedim(1, 0).flatten(1).double()
-        gram = (light @ light.T).numpy() * (self.colours @ self.colours.T)
-        right = np.einsum("lc,lc->l", self.colours, (light @ targets.T).numpy())
+        gram = (light @ light.T).cpu().numpy() * (self.colours @ self.colours.T)
+        right = np.einsum("lc,lc->l", self.colours, (light @ targets.T).cpu().numpy())
         root = np.linalg.cholesky(gram).T
         self.amplitudes = np.asarray(nnls(root, np.linalg.solve(root.T, right))[0])
 
@@ -115,6 +121,24 @@ class StoredLoop(Autograd):
         self._plan, gap_m, count = make_plan(self.system), self.system.gap_m, len(self.wavelengths_m)
         self._gaps = [] if gap_m is None else [self._transfer(0, i, gap_m) for i in range(count)]
         self._relays = [[self._transfer(1, i, z) for z in self.planes_m] for i in range(count)]
+        self.is_batched = self.device.type != "cpu"
+
+    def intensities(self, drive: Tensor) -> Tensor:
+        if not self.is_batched:
+            return super().intensities(drive)
+        λ = torch.tensor(self.wavelengths_m, device=self.device)[:, None, None]
+        spectrum = torch.fft.fft2(self.phasor(0, λ, drive))
+        if self._gaps:
+            field = torch.fft.ifft2(spectrum * self._batch[0])
+            spectrum = torch.fft.fft2(field * self.phasor(1, λ, drive))
+        fields = torch.fft.ifft2(spectrum[:, None] * self._batch[1])
+        return fields.real.square() + fields.imag.square()
+
+    @cached_property
+    def _batch(self) -> tuple[Tensor, Tensor]:
+        """H of the gap (wavelength, y, x), empty without one, and to the planes (wavelength, plane, y, x)."""
+        gaps = torch.stack(self._gaps) if self._gaps else torch.empty(0)
+        return gaps, torch.stack([torch.stack(relays) for relays in self._relays])
 
     def _intensities(self, wavelength: int, drive: Tensor) -> list[Tensor]:
         λ = self.wavelengths_m[wavelength]
@@ -133,4 +157,4 @@ class StoredLoop(Autograd):
         phase = (2 * math.pi * distance_m / λ) * torch.sqrt((1 - a).clamp_min(0))
         kx = torch.fft.fftfreq(self.shape[1], 1 / self.shape[1]).round().long()
         passes = (a < 1) & support_mask(self._plan.transfer(relay, wavelength, distance_m), kx)
-        return torch.where(passes, torch.polar(torch.ones_like(phase), phase), 0).to(torch.complex64)
+        return torch.where(passes, torch.polar(torch.ones_like(phase), phase), 0).to(torch.complex64).to(self.device)

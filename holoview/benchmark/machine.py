@@ -70,6 +70,11 @@ def _memory_bytes() -> int | None:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
+def has_cuda() -> bool:
+    """Whether torch computes on a CUDA device here."""
+    return torch.cuda.is_available()
+
+
 def _cuda() -> dict[str, Any] | None:
     """The card that PyTorch computes on, if it has one."""
     if not torch.cuda.is_available():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
+from warnings import catch_warnings
 
 import numpy as np
 import torch
@@ -18,7 +19,8 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 
-_ENDLESS = 1_000_000
+_SETTINGS = Settings(iterations=1_000_000, free=("patterns",), drawn_planes=0)
+_LAUNCHED = ", not recorded"
 _DRIVE_SEED, _STACK_SEED = 0, 1
 _AGREEING = 3
 """Iterations after which the losses are compared."""
@@ -30,8 +32,9 @@ def time_iterations(system: System, rounds: int, limit_s: float, devices: tuple[
     An iteration is the loss in linear sRGB at all planes, its gradient for all patterns, and Adam's step, on the
     compact grid that `holoview optimise` uses. The target is noise: an iteration takes equally long for any target.
 
-    devices: of torch; by default the processor, and CUDA or MPS where there is one. limit_s: no further round begins
-    after this time.
+    devices: of torch; by default the processor, and CUDA or MPS where there is one. On CUDA an iteration is timed
+    twice: recorded as a CUDA graph, and launched operation by operation. limit_s: no further round begins after this
+    time.
     """
     compact = with_compact_grid(system)
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
@@ -39,13 +42,16 @@ def time_iterations(system: System, rounds: int, limit_s: float, devices: tuple[
     names = devices or tuple(dict.fromkeys(("cpu", resolve_torch_device())))
     runs, failures, losses = {}, {}, {}
     for name in names:
-        try:
-            device = resolve_torch_device(name)
-            states = iterate(compact, stack, Settings(iterations=_ENDLESS, free=("patterns",)), device=device)
-            losses[name] = [next(states).loss for _ in range(_AGREEING)]
-            runs[name] = states
-        except (UserError, RuntimeError) as error:  # PyTorch has no class for what its devices lack
-            failures[name] = str(error).partition("\n")[0]
+        with catch_warnings(action="error", category=RuntimeWarning):  # an iteration that can't be recorded
+            for way, record in {name: True, f"{name}{_LAUNCHED}": False}.items():
+                if not (record or name.startswith("cuda")):
+                    continue
+                try:
+                    states = iterate(compact, stack, _SETTINGS, device=resolve_torch_device(name), record=record)
+                    losses[way] = [next(states).loss for _ in range(_AGREEING)]
+                    runs[way] = states
+                except (UserError, RuntimeError, RuntimeWarning) as error:  # torch has no class for what devices lack
+                    failures[way] = str(error).partition("\n")[0]
     jobs = {name: partial(_step, name, states) for name, states in runs.items()}
     timings = time_interleaved(jobs, rounds, limit_s=limit_s)
     return {

@@ -42,7 +42,7 @@ from holoview.benchmark.frame_jobs import (
     time_interleaved,
     tune,
 )
-from holoview.benchmark.machine import machine_facts, measure_power, probe_device
+from holoview.benchmark.machine import has_cuda, machine_facts, measure_power, probe_device
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.engine.wgpu_executor import WgpuExecutor
@@ -419,7 +419,8 @@ FORMAT = 1
 PARITY, PROBE, TUNING, FRAME_PARITY, FRAMES = "stages", "device", "strategies", "frame errors", "frames"
 TORCH, OPTIMISER, QUALITY, VIEWER, POWER = "torch", "optimiser", "time to quality", "viewer", "power"
 _POWER_S = 3.0
-_QUALITY_SIZE, _QUALITY_PICTURE, _QUALITY_LONG = (128, 96), "still-life.png", 300
+_QUALITY_PICTURE, _QUALITY_LONG = "still-life.png", 300
+_QUALITY_SIZE, _CARD_QUALITY_SIZE = (128, 96), (1024, 768)
 Size = tuple[int, int]
 
 
@@ -480,6 +481,7 @@ class ReportRun:
             Measurement(TORCH, "frames beside torch, first image", self._beside_torch),
             Measurement(OPTIMISER, "an iteration", self._optimiser),
             Measurement(QUALITY, "until a hologram is as good as it gets", self._quality),
+            *([Measurement(QUALITY, "the same on a card", self._quality_on_card)] if has_cuda() else []),
             Measurement(POWER, "frames in a row", self._power),
         ]
 
@@ -589,14 +591,18 @@ class ReportRun:
 
         return time_iterations(self._middle_system(), self.options.rounds, self.options.limit_s)
 
-    def _quality(self) -> dict[str, Any]:
+    def _quality_on_card(self) -> dict[str, Any]:
+        return self._quality(_CARD_QUALITY_SIZE, "cuda")
+
+    def _quality(self, size: Size = _QUALITY_SIZE, device: str = "cpu") -> dict[str, Any]:
         from holoview.benchmark.time_to_quality import QualityRun, quality_work, time_to_quality
 
         columns, rows = (
             min(n, most) // self.options.system.sampling.upsample
-            for n, most in zip(self.options.middle_size, _QUALITY_SIZE, strict=True)
+            for n, most in zip(self.options.middle_size, size, strict=True)
         )
-        work = quality_work(self.options.system.edit({"shape": [rows, columns]}), data_dir("assets") / _QUALITY_PICTURE)
+        system, picture = self.options.system.edit({"shape": [rows, columns]}), data_dir("assets") / _QUALITY_PICTURE
+        work = quality_work(system, picture, device=device)
         found = time_to_quality(work, QualityRun(_QUALITY_LONG, self.options.rounds))
         assert found is not None  # nothing interrupts it
         return found

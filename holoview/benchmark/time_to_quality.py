@@ -59,8 +59,8 @@ class QualityRun:
     interruption: Interruption = field(default_factory=Interruption)
 
 
-def quality_work(system: System, picture: str | os.PathLike[str] | Picture, seed: int = 0) -> Work:
-    """The case of a bench, without padding, and of a picture at its middle plane.
+def quality_work(system: System, picture: str | os.PathLike[str] | Picture, seed: int = 0, device: str = "cpu") -> Work:
+    """The case of a bench, without padding, and of a picture at its middle plane, for a device of torch.
 
     Raises UserError for benches that the loop in torch doesn't compute.
     """
@@ -68,7 +68,7 @@ def quality_work(system: System, picture: str | os.PathLike[str] | Picture, seed
         raise UserError(system.name, "has several frames or shows a field", expected="one frame of modulators")
     system = system.edit({"propagation": "periodic"})
     stack = np.asarray(target_for(system, picture).stack, dtype=np.float32)
-    return Work(system, stack, random_drive(system, seed))
+    return Work(system, stack, random_drive(system, seed), device)
 
 
 def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, Any] | None:
@@ -99,6 +99,7 @@ def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, A
         "wavelengths": len(work.system.wavelengths_m),
         "planes": len(work.system.planes_m),
         "processor": processor_name(),
+        "device": work.device,
         "threads": torch.get_num_threads(),
         "long": scope.long,
         "long_db": own[-1][1],
@@ -131,7 +132,8 @@ def _watched(run: Iterator[tuple[int, float]], name: str, number: int, count: in
 
 def planned(work: Work, iterations: int) -> Iterator[tuple[int, float]]:
     """The curve of a run of the optimiser that is planned for so many iterations: PSNR of the best hologram so far."""
-    for state in iterate(work.system, work.stack, Settings(iterations=iterations), start=work.drive):
+    settings = Settings(iterations=iterations)
+    for state in iterate(work.system, work.stack, settings, start=work.drive, device=work.device):
         yield state.iteration, state.best_psnr_db
 
 
@@ -149,7 +151,7 @@ def adam_curve(work: Work, step_rad: float, iterations: int) -> Iterator[tuple[i
 def _check_same_loss(work: Work) -> None:
     loop = StoredLoop(work)
     settings = Settings(iterations=1, free=("patterns",))
-    loss = next(iterate(work.system, work.stack, settings, start=work.drive)).loss
+    loss = next(iterate(work.system, work.stack, settings, start=work.drive, device=work.device)).loss
     found = loop.loss(loop.drive).item()
     if not abs(found / loss - 1) <= _SAME_LOSS:
         raise UserError(
@@ -191,6 +193,7 @@ def _timed(work: Work, step_rad: float, iterations: int, rounds: int) -> dict[st
             if made == 0:
                 adam.solve_amplitudes(intensities.detach())
             adam.move(torch.nn.functional.mse_loss(adam.image(intensities), adam.target))
+        float(adam.drive.detach().sum())  # waits for a card
 
     jobs: dict[str, Callable[[], None]] = {_OWN: own_run, _ADAM: adam_steps}
     return time_interleaved(jobs, rounds)

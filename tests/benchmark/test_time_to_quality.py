@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import pytest
+import torch
 
 from holoview.benchmark.autograd_loop import StoredLoop, Work
 from holoview.benchmark.time_to_quality import (
@@ -45,6 +46,17 @@ def test_iterations_end_at_the_goal(name: str) -> None:
     made = found["adam_iterations"]
     assert made is None or dict(found["adam_curve"])[made] >= found["goal_db"]
     assert found["adam_curve"][-1][0] == 20 and found["adam_step_rad"] in (0.1, 0.3)
+
+
+@pytest.mark.parametrize("name", ["holochrome-8", "holochrome-8-1slm-open"])
+def test_a_batch_gives_what_the_loop_gives(name: str) -> None:
+    loop = StoredLoop(_work(name))
+    expected = loop.intensities(loop.drive).detach()
+    loop.is_batched = True
+    found = loop.intensities(loop.drive).detach()
+    assert found.shape == expected.shape
+    error = torch.linalg.vector_norm(found - expected) / torch.linalg.vector_norm(expected)
+    assert float(error) < 1e-5  # complex64: some units of 6e-8 for each of five transforms
 
 
 def test_amplitudes_that_are_solved_for_lower_the_loss_of_the_rival() -> None:
