@@ -15,6 +15,7 @@ none (nothing). A run that the file already holds isn't repeated.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import statistics
 import tempfile
@@ -181,14 +182,19 @@ def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:
 
 def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
     """One bench measured by one planner."""
-    began = time.process_time()
+    marks = [time.process_time()]
     with tempfile.TemporaryDirectory() as folder:
         rig = make_rig(case, Path(folder))
         planner = _planner(name, rig, case)
         with BenchInProcess(rig).devices() as devices:
             effects, settings = list(listed_effects().values()), LoopSettings(max_captures=MAX_CAPTURES)
-            result = ClosedLoop(rig, devices, effects, planner, settings, free_maps=False).run()
+
+            def tell(sentence: str) -> None:
+                marks.append(time.process_time())
+
+            result = ClosedLoop(rig, devices, effects, planner, settings, tell=tell, free_maps=False).run()
             seconds = devices.clock.now()
+    marks.append(time.process_time())
     named = sorted(result.diagnosis.values)
     return case | {
         "planner": name,
@@ -199,7 +205,8 @@ def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
         "right": are_same(named, list(case["truth"])),
         "captures": len(result.parts),
         "bench_seconds": round(seconds, 3),
-        "processor_seconds": round(time.process_time() - began, 1),
+        "processor_seconds": round(marks[-1] - marks[0], 1),
+        "thinking_seconds": [round(after - before, 1) for before, after in itertools.pairwise(marks)],
         "fields": [step.fields for step in result.steps],
         "reasons": [step.sentence for step in result.steps],
     }
@@ -223,20 +230,25 @@ def are_same(named: Sequence[str], truth: Sequence[str]) -> bool:
 
 
 def summarise(file: Path) -> None:
-    """Prints a table: for each kind and planner how often the right causes were named, and at what price."""
+    """Prints a table: for each kind and planner how often the right causes were named, and at what price.
+
+    Captures: of all benches, and the median. Seconds of thinking: of the processor before each capture and after the
+    last, with the final diagnosis; median (most)."""
     rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
     groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         groups[row["kind"], row["planner"]].append(row)
         groups["all", row["planner"]].append(row)
-    print("| benches | captures by | certain and right | certain and wrong | captures | bench seconds | processor s |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    print("| benches | captures by | certain and right | and wrong | captures | median | bench s | s of thinking |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for (kind, planner), own in sorted(groups.items()):
         right = sum(r["certain"] and r["right"] for r in own)
         wrong = sum(r["certain"] and not r["right"] for r in own)
-        medians = [statistics.median(r[key] for r in own) for key in ("captures", "bench_seconds", "processor_seconds")]
-        cells = f"{medians[0]:g} | {medians[1]:.3g} | {medians[2]:.3g}"
-        print(f"| {kind} | {planner} | {right} of {len(own)} | {wrong} | {cells} |")
+        counts, seconds = [r["captures"] for r in own], statistics.median(r["bench_seconds"] for r in own)
+        thinking = [s for r in own for s in r["thinking_seconds"]]
+        cells = f"{sum(counts)} | {statistics.median(counts):g} | {seconds:.3g}"
+        times = f"{statistics.median(thinking):.3g} ({max(thinking):.3g})"
+        print(f"| {kind} | {planner} | {right} of {len(own)} | {wrong} | {cells} | {times} |")
 
 
 def main() -> None:
