@@ -1,4 +1,8 @@
-"""`holoview bench --report DIR`: everything that is measured of an adapter, in one file that an issue can carry."""
+"""`holoview bench --report DIR`: everything that is measured of an adapter, in one file that an issue can carry.
+
+It stands beside `bench` because machines with a card may have torch, numpy and a few wheels only, and the arguments of
+commands need more.
+"""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ Everything that a file doesn't state is guessed with a reason, which the results
 
 candidates   the arrays that can be a field, alone or as parts of a field, and the choice among them
 axes         which axes of an array are frames, colours, y and x
-quantities   whether real numbers are amplitude, phase, intensity, a bilevel pattern or a camera's picture
-arrangement  how the arrays of one or several files make a field or a recording
+arrangement  how the arrays of one or several files make a field or a recording; whether real numbers are amplitude,
+             phase, intensity, a bilevel pattern or a camera's picture
 assemble     parts of arrays as complex amplitudes, strip by strip
 properties   pitch, wavelengths, distance: given, remembered, of the file, or guessed
 known_files  published test sets: the properties of a file of this name (jpeg_pleno.toml)
