@@ -131,7 +131,11 @@ _CHANGE = 1.01
 
 
 def open_renderer(
-    system: System, device: Device, half: bool = False, strategy: StrategyOption = "auto", max_wavelengths: int = 1
+    system: System,
+    device: Device,
+    half: bool = False,
+    strategy: StrategyOption = "auto",
+    max_wavelengths: int | None = None,
 ) -> IncrementalRenderer:
     """A renderer of a random drive at the middle focal plane, with its first frame rendered."""
     middle = middle_plane_m(system)

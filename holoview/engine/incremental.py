@@ -20,6 +20,7 @@ rows, until an edit shows that storing them pays.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
@@ -57,6 +58,7 @@ from holoview.optics.frame_inputs import FrameInputs
 
 BUDGET_BYTES = 2**30
 """Default budget of device memory for stored fields and intensities."""
+_COMPLEX64 = 8
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ class IncrementalRenderer:
 
     drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1. plane_m: None for the system's first plane.
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
-    a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with a
+    a pupil. 1 makes the shortest steps; a card waits less for the processor with more. None: as many as there are on a
+    discrete GPU, if they fit a quarter of the budget, and 1 elsewhere. strategy: of the FFTs; "auto" starts with a
     strategy that is ready immediately, and changes to the fastest once that is compiled in the background, if
     `poll_strategy` is called regularly.
 
@@ -97,7 +100,7 @@ class IncrementalRenderer:
         exposure_stops: float = 0.0,
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
-        max_wavelengths: int = 1,
+        max_wavelengths: int | None = None,
         strategy: StrategyOption = "auto",
     ) -> None:
         self.device = device
@@ -471,9 +474,9 @@ class IncrementalRenderer:
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
         if kernels.shape != shape:
             kernels = FusedKernels.kept(self.device, shape, half=self._half)
-        most = self._max_wavelengths if _has_no_dense_maps(inputs) else 1
-        frame = FusedFrame(plan, inputs, self.device, max_wavelengths=most, strategy=strategy, fused_kernels=kernels)
         compositor = Compositor(self.device, plan.grid.shape)
+        most = self._wavelengths_together(plan, compositor) if _has_no_dense_maps(inputs) else 1
+        frame = FusedFrame(plan, inputs, self.device, max_wavelengths=most, strategy=strategy, fused_kernels=kernels)
         xyz_buffer, srgb_buffer = compositor.xyz_buffer("XYZ"), compositor.srgb_buffer("sRGB image")
         lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda key: plan.weights[key] == 0)
         intensities = IntensityMemory(compositor, lit_first, most, self._budget_bytes)
@@ -483,6 +486,15 @@ class IncrementalRenderer:
         self._fingerprints: dict[Hashable, Fingerprint] = {}  # of complete results; see `field_keys`
         self._stores_first_rows = False
         frame.tables.set_distance(1, float(plan.planes_m[-1]))
+
+    def _wavelengths_together(self, plan: Plan, compositor: Compositor) -> int:
+        """How many wavelengths a dispatch may compute."""
+        if self._max_wavelengths is not None:
+            return self._max_wavelengths
+        if not self.device.info.is_discrete:
+            return 1
+        room_bytes = min(self._budget_bytes // 4, compositor.largest_bytes)
+        return min(len(plan.system.wavelengths_m), max(room_bytes // (math.prod(plan.grid.padded) * _COMPLEX64), 1))
 
     def _set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
         """Replace the plan by one of the same structure."""

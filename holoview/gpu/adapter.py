@@ -64,6 +64,11 @@ class AdapterInfo:
         return self.backend.startswith("OpenGL")
 
     @property
+    def is_discrete(self) -> bool:
+        """Whether the adapter is a graphics card of its own."""
+        return self.kind == "DiscreteGPU"
+
+    @property
     def is_cpu(self) -> bool:
         """Whether the adapter executes shaders on the CPU."""
         return self.kind == "CPU"

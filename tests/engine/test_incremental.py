@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,7 @@ def _cost(renderer: IncrementalRenderer, act: Callable[[], None]) -> dict[str, i
 
 
 def _open(device: Device, system: System = SYSTEM, **settings: Any) -> IncrementalRenderer:
-    renderer = IncrementalRenderer(system, random_drive(system), device, **settings)
+    renderer = IncrementalRenderer(system, random_drive(system), device, **{"max_wavelengths": 1} | settings)
     renderer.update()
     return renderer
 
@@ -228,6 +229,20 @@ def test_wavelengths_computed_together_or_one_by_one_are_the_same_bit_for_bit(de
     alone, together = _open(device), _open(device, max_wavelengths=3)
     assert np.array_equal(alone.xyz(), together.xyz())
     assert together.dispatch_counts["light"] == 2  # three wavelengths of the first frame, two of the second
+
+
+@pytest.mark.parametrize(
+    ("kind", "budget_bytes", "together"),
+    [("DiscreteGPU", 2**30, 3), ("DiscreteGPU", 0, 1), ("IntegratedGPU", 2**30, 1), ("CPU", 2**30, 1)],
+)
+def test_a_card_computes_wavelengths_together_as_memory_allows(
+    device: Device, monkeypatch: pytest.MonkeyPatch, kind: str, budget_bytes: int, together: int
+) -> None:
+    monkeypatch.setattr(device, "info", replace(device.info, kind=kind))
+    renderer = _open(device, max_wavelengths=None, budget_bytes=budget_bytes)
+    lit = int((SYSTEM.amplitudes > 0).sum())
+    assert (renderer.dispatch_counts["light"] < lit) == (together > 1)
+    assert np.array_equal(renderer.xyz(), _open(device, max_wavelengths=together).xyz())
 
 
 def test_planes_of_a_focal_stack_share_the_second_rows(device: Device) -> None:

@@ -29,7 +29,7 @@ LONG_S = 10.0
 
 
 def _open(device: Device, system: System = SYSTEM, **options: Any) -> IncrementalRenderer:
-    return IncrementalRenderer(system, random_drive(system), device, strategy="passes", **options)
+    return IncrementalRenderer(system, random_drive(system), device, strategy="passes", max_wavelengths=1, **options)
 
 
 @pytest.mark.parametrize("slice_s", [SHORT_S, LONG_S])
