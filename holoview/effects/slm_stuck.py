@@ -93,22 +93,19 @@ class SlmStuck(Effect):
         return {"found": "; ".join([first, *(text[0].lower() + text[1:] for text in others)])}
 
     def _check(self, v: Values, shape: tuple[int, int]) -> None:
-        """Raises UserError unless pixels have a row and a column, rectangles two of each, and all begin inside.
-
-        shape: rows and columns of the modulator. A rectangle may end beyond it.
-        """
+        """Raises UserError unless all places begin inside. shape: rows and columns of the modulator."""
         for name, count in _counted(shape):
             if max(v[name], default=0) >= count:
                 size = f"modulator {self.modulator + 1} has {shape[0]} rows and {shape[1]} columns, counted from 0"
                 raise UserError(
                     name, f"{max(v[name]):g}", expected=f"at most {count - 1}, since {size}", remedy="leave it out"
                 )
-        if len(v["pixel_rows"]) != len(v["pixel_columns"]):
-            found = f"{len(v['pixel_rows'])} pixel_rows and {len(v['pixel_columns'])} pixel_columns"
-            raise UserError("pixel_rows", found, expected="a row and a column of each pixel")
-        if len({len(v[part]) for part in _PARTS}) > 1:
-            found = ", ".join(f"{len(v[part])} {part}" for part in _PARTS)
-            raise UserError("part_first_rows", found, expected="a first and a last row and column of each rectangle")
+
+    def contradiction(self, v: Values) -> str:
+        for lists in (("pixel_rows", "pixel_columns"), _PARTS):
+            if len({len(v[name]) for name in lists}) > 1:
+                return f"has {', '.join(f'{len(v[name])} {name}' for name in lists)}: as many of each are needed"
+        return ""
 
 
 def _counted(shape: tuple[int, int]) -> list[tuple[str, int]]:

@@ -132,7 +132,7 @@ class PlaneErrors(Effect):
 
     def contradiction(self, v: Values) -> str:
         distances, errors = len(v["distances"]), len(v["errors"])
-        return "" if distances == errors else f"has {distances} distances, but {errors} errors"
+        return "" if distances == errors else f"has {distances} distances, {errors} errors: as many of each are needed"
 
 
 def _is_same(first_m: float, second_m: float) -> bool:

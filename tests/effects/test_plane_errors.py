@@ -90,10 +90,10 @@ def test_what_is_no_error_of_a_plane_is_refused(text: str, words: str) -> None:
 
 def test_each_distance_needs_an_error(make_session: Make) -> None:
     uneven = {"distances": (3e-3, 4e-3), "errors": (1e-4,)}
-    with pytest.raises(UserError, match="2 distances, but 1 errors"):
+    with pytest.raises(UserError, match="2 distances, 1 errors"):
         Predictor(make_session(1))([0], {"plane_errors": uneven})
     system = small_system().edit({"effects": {"plane_errors": uneven}})  # as a viewer edits one list after the other
-    with pytest.raises(UserError, match=r"^effects\.plane_errors: has 2 distances, but 1 errors"):
+    with pytest.raises(UserError, match=r"^effects\.plane_errors: has 2 distances, 1 errors"):
         make_plan(system)
 
 

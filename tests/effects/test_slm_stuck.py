@@ -178,7 +178,7 @@ def test_places_beyond_the_modulator_are_refused(number: int, values: dict[str, 
 
 
 def test_a_pixel_needs_a_row_and_a_column(make_session: Make) -> None:
-    with pytest.raises(UserError, match="2 pixel_rows and 1 pixel_columns"):
+    with pytest.raises(UserError, match="2 pixel_rows, 1 pixel_columns"):
         Predictor(make_session(1))([0], {"slm1_stuck": {"pixel_rows": (1, 2), "pixel_columns": (3,)}})
 
 
