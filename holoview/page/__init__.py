@@ -1,9 +1,9 @@
 """A hologram as one HTML file, live in the reader's browser.
 
-page        writes the file, and reads it again as data
-recording   what the page knows of a hologram: its bench in numbers, its patterns; a frame as buffers, pipelines and
-            dispatches, for a program without Python to replay
-link        the state of a page as the end of its address, applied to a hologram
+page              writes the file, and reads it again as data
+frame_recording   what the page knows of a hologram: its bench in numbers, its patterns; a frame as buffers, pipelines
+                  and dispatches, for a program without Python to replay
+link              the state of a page as the end of its address, applied to a hologram
 
 replay.js     replays a recording on a browser's device
 open.js       opens the device and compiles while the rest of the file is read

@@ -34,7 +34,7 @@ from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, walk_off
 from holoview.model.system import System
 from holoview.numerics.sampling import Region
-from holoview.page.recording import observer_table, page_document, read_document
+from holoview.page.frame_recording import observer_table, page_document, read_document
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file

@@ -1,5 +1,5 @@
-// Replays a frame recording (holoview/page/recording.py) on a WebGPU device. It knows no optics: buffers, pipelines and
-// the order of dispatches are those that Python recorded.
+// Replays a frame recording (holoview/page/frame_recording.py) on a WebGPU device. It knows no optics: buffers, pipelines
+// and the order of dispatches are those that Python recorded.
 
 // A message for the reader, as opposed to an error of this program.
 class Refusal extends Error {}

@@ -21,7 +21,6 @@ from holoview.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
-from holoview.wavefield.interpret.assemble import assemble, check_region, half_spectrum
 from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
 from holoview.wavefield.interpret.known_files import find_alike, find_known_file
 from holoview.wavefield.interpret.properties import (
@@ -34,6 +33,7 @@ from holoview.wavefield.interpret.properties import (
     find_wavelengths,
 )
 from holoview.wavefield.interpret.remembered import over, read_notes, remember, request_of_notes
+from holoview.wavefield.interpret.strips import assemble, check_region, half_spectrum
 from holoview.wavefield.readers.contents import Contents, Facts
 from holoview.wavefield.readers.registry import open_file
 from holoview.wavefield.readers.tile_set import open_tiles

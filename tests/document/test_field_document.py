@@ -29,7 +29,7 @@ from holoview.optics.frame_inputs import FrameInputs
 from holoview.render.page_images import phase_turns
 from holoview.targets.target import Placement
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret import assemble
+from holoview.wavefield.interpret import strips
 from holoview.wavefield.request import Order, ReadRequest
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
@@ -65,23 +65,23 @@ def test_a_file_of_another_program_takes_the_place_of_the_bench(shown: EditingSe
 
 def test_a_file_that_is_being_read_can_be_cancelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The job is cancelled after the first strip; the others aren't read, and the document stays."""
-    monkeypatch.setattr(assemble, "_STRIP_BYTES", 4 * 16 * 32 * 2)  # four rows of two colours
+    monkeypatch.setattr(strips, "_STRIP_BYTES", 4 * 16 * 32 * 2)  # four rows of two colours
     np.save(tmp_path / "field.npy", _values())
     session = EditingSession(small_system())
     loader = FileLoader(session, quick=False)
-    before, strips = session.document, []
-    mean = assemble._mean
+    before, read = session.document, []
+    mean = strips._mean
 
     def cancelled(values: NDArray[Any], decimate: int) -> NDArray[Any]:
-        strips.append(values)
-        if len(strips) == 1:
+        read.append(values)
+        if len(read) == 1:
             session.jobs.active[0].cancel()
         return mean(values, decimate)
 
-    monkeypatch.setattr(assemble, "_mean", cancelled)
+    monkeypatch.setattr(strips, "_mean", cancelled)
     loader.open(tmp_path / "field.npy", REQUEST)
     assert loader.is_opening and session.wait_until_idle(PATIENCE_S)
-    assert len(strips) == 1 and not loader.is_opening and session.document is before
+    assert len(read) == 1 and not loader.is_opening and session.document is before
     loader.close()
     session.close()
 

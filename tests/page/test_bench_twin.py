@@ -24,7 +24,7 @@ from holoview.model.eye import Eye
 from holoview.model.plan import Plan, make_plan
 from holoview.model.stops import SquareStop
 from holoview.model.system import System
-from holoview.page.recording import bench_numbers
+from holoview.page.frame_recording import bench_numbers
 from tests.chromium import needs_chromium, started_browser
 
 BENCHES, MORE_BENCHES = 60, 3000

@@ -285,7 +285,7 @@ def test_a_hologram_of_other_wavelengths_has_lasers_of_its_own(
 def test_a_quick_image_says_so_and_the_exact_one_follows(
     browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.page.recording._QUICK_SAMPLES", 0)
+    monkeypatch.setattr("holoview.page.frame_recording._QUICK_SAMPLES", 0)
     file = export_html(tmp_path / "quick.html", written.first)
     page = browser.open(file.as_uri(), 900, 800)
     said = page.evaluate("() => window.holoview.ready.then(() => document.getElementById('message').textContent)")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret import assemble
+from holoview.wavefield.interpret import strips
 from holoview.wavefield.interpret.candidates import name_role
 from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
 from holoview.wavefield.request import Order
@@ -63,7 +63,7 @@ def test_of_too_many_samples_the_middle_is_read_and_said(tmp_path: Path) -> None
 def test_a_large_file_tells_how_much_of_it_is_read_and_can_be_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(assemble, "_STRIP_BYTES", 8 * 16 * 32 * 3)  # eight rows of three colours
+    monkeypatch.setattr(strips, "_STRIP_BYTES", 8 * 16 * 32 * 3)  # eight rows of three colours
     np.save(tmp_path / "field.npy", _field(3, 20, 32))
     told: list[tuple[int, int]] = []
     read_wavefield(tmp_path / "field.npy", KNOWN, lambda done, total: told.append((done, total)))

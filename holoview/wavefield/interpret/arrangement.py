@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret.assemble import PlacedArray, check_finite
 from holoview.wavefield.interpret.axes import arrange
 from holoview.wavefield.interpret.candidates import (
     PAIRS,
@@ -32,6 +31,7 @@ from holoview.wavefield.interpret.candidates import (
     partner_of,
 )
 from holoview.wavefield.interpret.properties import Findings, Known, known_wavelengths
+from holoview.wavefield.interpret.strips import PlacedArray, check_finite
 from holoview.wavefield.readers.contents import Contents
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin

@@ -35,7 +35,7 @@ _BUILT_IN = (
     "hdf5_file:Hdf5Reader",
     "tiff_file:TiffReader",
     "exr_file:ExrReader",
-    "pictures:PictureReader",
+    "picture_file:PictureReader",
     "openholo:OpenHoloReader",
     "safetensors_reader:SafetensorsReader",
     "torch_file:TorchReader",
