@@ -76,7 +76,14 @@ from holoview.optimise.parallel import (
     resolve_torch_device,
     torchrun_group,
 )
-from holoview.optimise.settings import FIELD_LOSS, INITIAL_PATTERNS, LOSS_SPACES, VARIABLES, Settings
+from holoview.optimise.settings import (
+    FIELD_LOSS,
+    INITIAL_PATTERNS,
+    LOSS_SPACES,
+    NEXT_ITERATIONS,
+    VARIABLES,
+    Settings,
+)
 from holoview.rig import read_rig
 from holoview.targets.focal_stack import Film, is_video
 from holoview.targets.light_field import ViewGrid
@@ -91,7 +98,6 @@ from holoview.wavefield.field_target import FieldTarget
 from holoview.wavefield.request import ReadRequest
 
 _DEFAULTS = Settings()
-_NEXT_ITERATIONS = 10
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
@@ -199,8 +205,8 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "--next-iterations",
         metavar="N",
         type=whole(1),
-        default=_NEXT_ITERATIONS,
-        help=f"of each picture of a film after the first ({_NEXT_ITERATIONS})",
+        default=NEXT_ITERATIONS,
+        help=f"of each picture of a film after the first ({NEXT_ITERATIONS})",
     )
     add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(

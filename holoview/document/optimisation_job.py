@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Event
@@ -26,6 +26,7 @@ from holoview.document.document import Document
 from holoview.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
 from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.measurements import luminance_of, measure_region
+from holoview.document.target_builder import TargetSpec
 from holoview.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
@@ -36,6 +37,8 @@ from holoview.optimise.settings import FIELD_LOSS, Settings
 from holoview.render.planes import render_each, render_planes
 from holoview.render.scene import Drive
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
+from holoview.targets.live_pictures import LivePictures, open_live_pictures
+from holoview.targets.picture import Picture
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import read_record, record_from_table
@@ -43,6 +46,8 @@ from holoview.view import random_drive
 
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
+_POLL_S = 0.05  # between two looks for another picture
+_MOST_PICTURES = 200  # whose results are remembered
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,10 @@ class OptimisationJob(BackgroundJob):
 
     `stop_and_keep` ends it early with the best result so far; `cancel` ends it and leaves the patterns unchanged.
     start_drive: patterns that "now" stands for; those of the document `start` when None.
-    progress: one entry for each iteration.
+    progress: one entry for each iteration. unit: what they count.
     """
+
+    unit = "iteration"
 
     def __init__(
         self,
@@ -110,6 +117,11 @@ class OptimisationJob(BackgroundJob):
         self.progress: list[OptimisationProgress] = []
         self._session, self._keep = session, Event()
         self.control.total = request.settings.iterations
+
+    @property
+    def progress_range(self) -> tuple[int, int]:
+        """The first number of the progress, and the last to come or, of a job without an end, so far."""
+        return 0, self.request.settings.iterations
 
     @property
     def latest(self) -> OptimisationProgress | None:
@@ -196,6 +208,89 @@ class OptimisationJob(BackgroundJob):
         return system, "the bench was changed during the optimisation: the patterns are for the bench as it was before"
 
 
+class LiveOptimisationJob(OptimisationJob):
+    """An optimisation for pictures that change, until it is ended; the picture of the moment is the session's target.
+
+    source: of the pictures, as `open_live_pictures` takes it. count: of the pictures so far.
+    """
+
+    unit, count = "picture", 0
+
+    def __init__(self, session: EditingSession, request: OptimisationRequest, source: str) -> None:
+        super().__init__(session, request, session.document, session.system)
+        self._source = source
+        self.control.total = 0.0
+
+    @property
+    def progress_range(self) -> tuple[int, int]:
+        return (self.progress[0].iteration, self.progress[-1].iteration) if self.progress else (0, 1)
+
+    def run(self, control: JobControl) -> Document:
+        """Optimises picture after picture, and returns the latest result as a document."""
+        from holoview.optimise.parallel import resolve_torch_device
+        from holoview.optimise.solve import follow
+
+        request, state = self.request, None
+        start = self._start_drive if request.start_patterns == "now" else None
+        device, grid = resolve_torch_device(request.device), with_compact_grid(self.system)
+        control.report(0, 0, f"opening {self._source}")
+        pictures = open_live_pictures(self._source)
+        try:
+            stacks = self._stacks(control, pictures)
+            for state in follow(grid, stacks, request.settings, start=start, device=device):
+                self._report(control, state)
+                if self.count > 1 and state.iteration < state.iterations:
+                    continue  # what is shown has had all of its iterations
+                self._session.call_on_owner(partial(self._show_preview, self._as_document(state)))
+        finally:
+            pictures.close()
+        assert state is not None
+        return self._as_document(state)
+
+    def _stacks(self, control: JobControl, pictures: LivePictures) -> Iterator[NDArray[np.float32]]:
+        """A focal stack whenever there is another picture, until the result is kept."""
+        shown: Picture | None = None
+        while not self._keep.is_set():
+            picture = pictures.next()
+            if picture is shown:
+                control.sleep(_POLL_S)
+                continue
+            shown, self.count = picture, self.count + 1
+            now = self._session.target_spec
+            if self.count == 1 or now is None:
+                now = TargetSpec(picture, self._source)
+            target_spec = replace(now, source=picture)
+            self._session.call_on_owner(partial(self._show_target, target_spec))
+            yield target_spec.stack_for(self.system)
+
+    def _show_target(self, target_spec: TargetSpec) -> None:
+        if self.is_active:
+            self._session.edit("Live target", target_spec=target_spec, undoable=self.count == 1)
+
+    def _report(self, control: JobControl, state: IterationState) -> None:
+        if state.iteration == state.iterations:
+            made = OptimisationProgress(self.count, self.count, state.loss, state.psnr_db, state.best_psnr_db)
+            self.progress = [*self.progress[1 - _MOST_PICTURES :], made]
+        control.report(0, 0, f"picture {self.count}, PSNR {state.best_psnr_db:.2f} dB")
+
+
+def start_live_optimisation(
+    session: EditingSession, source: str, request: OptimisationRequest | None = None
+) -> OptimisationJob:
+    """Starts an optimisation for the pictures of a film, a folder or a camera, as `open_live_pictures` takes them.
+
+    Raises UserError as `start_optimisation` does, and for places of the pupil, a field's loss or another scheme. A
+    source that can't be read ends the job.
+    """
+    request = request or OptimisationRequest()
+    _refuse_to_optimise(session)
+    if request.eyes.pupils is not None or request.compares_fields or request.scheme is not None:
+        found = "with places of the pupil, a field's loss or another scheme"
+        raise UserError("live target", found, expected="the bench as it is, and a loss of pictures")
+    session.edit("Exposure for a picture", view_settings=session.document.view_settings_for_picture)
+    return run_optimisation(session, LiveOptimisationJob(session, _with_first_patterns(request), source))
+
+
 def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
     """Starts an optimisation of the session's patterns for its target; the low exposure of random patterns is reset.
 
@@ -203,21 +298,32 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
     settings.
     """
     request = request or OptimisationRequest()
-    if session.system.is_field:
-        raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
+    _refuse_to_optimise(session)
     if session.target_spec is None:
         raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
-    if running_optimisation(session) is not None:
-        raise UserError("optimise", "one is running", remedy="keep or cancel it first")
     if request.compares_fields and not session.target_spec.is_field:
         found = f'"{FIELD_LOSS}" with {session.target_spec.title}'
         raise UserError("loss", found, expected="a complex field as the target", remedy="File → Target from a field…")
-    if request.start_patterns in ("random", "smooth"):
-        request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
+    request = _with_first_patterns(request)
     system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
     request.eyes.places_in(request.eyes.aimed(system))  # an eye that there isn't is refused before the job begins
     session.edit("Exposure for a picture", view_settings=session.document.view_settings_for_picture)
     return run_optimisation(session, OptimisationJob(session, request, session.document, system))
+
+
+def _refuse_to_optimise(session: EditingSession) -> None:
+    """Raises UserError for a field, and while another optimisation runs."""
+    if session.system.is_field:
+        raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
+    if running_optimisation(session) is not None:
+        raise UserError("optimise", "one is running", remedy="keep or cancel it first")
+
+
+def _with_first_patterns(request: OptimisationRequest) -> OptimisationRequest:
+    """The request with the kind of its random patterns in its settings."""
+    if request.start_patterns == "now":
+        return request
+    return replace(request, settings=replace(request.settings, begin=request.start_patterns))
 
 
 def run_optimisation(session: EditingSession, job: OptimisationJob) -> OptimisationJob:
@@ -348,7 +454,7 @@ def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation |
     best, job = session.preview_document, running_optimisation(session)
     if best is None:
         return None
-    if job is None or job.latest is None or job.request.superpixel > 1:
+    if job is None or job.latest is None or job.request.superpixel > 1 or isinstance(job, LiveOptimisationJob):
         return UnfinishedOptimisation(best)
     settings, done = job.request.settings, job.latest.iteration
     left = settings.iterations - done

@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.model.system import System
 from holoview.optimise.hologram_job import RunOptions, optimise_hologram
-from holoview.optimise.settings import Settings
+from holoview.optimise.lasers import next_amplitudes
+from holoview.optimise.settings import Settings, next_settings
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback
-
-_STEP_FACTOR = 0.4  # of the first picture's step: a full step would undo much of the hologram before
-_LEAST_AMPLITUDE = 1e-6  # of the brightest laser: a laser that the last picture didn't need may be needed now
 
 
 @dataclass(frozen=True)
@@ -47,9 +45,8 @@ class FilmJob:
 
     @property
     def next_settings(self) -> Settings:
-        """Settings of each hologram after the first: fewer iterations and smaller steps."""
-        step_rad = _STEP_FACTOR * self.settings.step_rad
-        return replace(self.settings, iterations=self.next_iterations, step_rad=step_rad)
+        """Settings of each hologram after the first."""
+        return next_settings(self.settings, self.next_iterations)
 
     def file(self, number: int) -> Path:
         """The hologram of a picture, counted from 0."""
@@ -98,9 +95,7 @@ def optimise_film(
 
 def _with_amplitudes_of(system: System, last: Hologram) -> System:
     """The system with the amplitudes of a hologram; lasers that are on in the system stay on."""
-    amplitudes = np.asarray(last.system.amplitudes)
-    least = _LEAST_AMPLITUDE * amplitudes.max()
-    return system.edit({"amplitudes": np.where(system.amplitudes > 0, np.maximum(amplitudes, least), 0.0)})
+    return system.edit({"amplitudes": next_amplitudes(last.system.amplitudes, system.amplitudes > 0)})
 
 
 def _of_same_bench(path: Path, system: System) -> Hologram:

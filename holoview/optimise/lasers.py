@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.model.effects.registry import ActiveEffects, EffectValues
 from holoview.model.plan import Plan
@@ -45,6 +46,17 @@ def check_effects(plan: Plan, settings: Settings) -> None:
         )
     if "wavelengths" in settings.free:
         raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
+
+
+_LEAST_AMPLITUDE = 1e-6  # of the brightest laser: a laser that the last picture didn't need may be needed now
+
+
+def next_amplitudes(last: NDArray[np.float64], are_on: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Amplitudes (frame, wavelength) to begin a hologram with, from those of the hologram of the picture before.
+
+    are_on: the lasers that are on in the system, and so stay on.
+    """
+    return np.where(are_on, np.maximum(last, _LEAST_AMPLITUDE * np.max(last)), 0.0)
 
 
 def changes_lasers(nominal: System, effects: EffectValues) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +139,16 @@ class Settings:
         if not (0 < low < high < 1e-5 and self.wavelength_spacing_m >= 0 and 0 < self.wavelength_step_m < math.inf):
             found = f"{low * 1e9:g} to {high * 1e9:g} nm, spacing {self.wavelength_spacing_m * 1e9:g} nm"
             raise UserError("wavelength range", found, expected="a rising range, a spacing ≥ 0, a positive step")
+
+
+NEXT_ITERATIONS = 10
+"""Default of the iterations for each picture of a film after the first."""
+_NEXT_STEP = 0.4  # of the first picture's step: a full step would undo much of the hologram before
+
+
+def next_settings(settings: Settings, iterations: int) -> Settings:
+    """Settings for a picture that is like the picture before, from whose hologram it begins: with smaller steps."""
+    return replace(settings, iterations=iterations, step_rad=_NEXT_STEP * settings.step_rad)
 
 
 # --- colour spaces of the loss ---------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -26,11 +26,12 @@ from holoview.optimise.field_loss import ComplexTarget, split_target
 from holoview.optimise.graphed_step import GraphedStep, recorder_for
 from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
-from holoview.optimise.settings import Settings
+from holoview.optimise.settings import NEXT_ITERATIONS, Settings, next_settings
 from holoview.optimise.variables import OptimisationVariables, initial_drive
 from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
+_NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
 _DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes
 _WHOLE_EVERY = 10  # iterations of which one takes all planes
 _FEWEST_PLANES, _LONG_RUN = 4, 100  # from which on one is drawn by default: in short runs noise doesn't average out
@@ -81,6 +82,33 @@ def iterate(
     return _Optimiser(system, stack, settings, start, resume, device, team, record).states()
 
 
+def follow(
+    system: System,
+    stacks: Iterable[NDArray[np.floating]],
+    settings: Settings = _DEFAULT,
+    next_iterations: int = NEXT_ITERATIONS,
+    start: NDArray[np.float32] | None = None,
+    *,
+    device: str = "cpu",
+) -> Iterator[IterationState]:
+    """Optimises for one focal stack after the other; each begins with the hologram before, and all that is prepared.
+
+    stacks: as for `iterate`, all of one shape. A stack is asked for when the iterations of the one before are done, so
+    that a generator may give what a camera sees then. settings: of the first one; `next_settings` of it for the others.
+    Other arguments and errors as of `iterate`. The iterations count from 0 for each stack.
+    """
+    if settings.drawn_pupils or "wavelengths" in settings.free:
+        found = "drawn pupils" if settings.drawn_pupils else "free wavelengths"
+        raise UserError("target", f"that changes, with {found}", expected="patterns and amplitudes")
+    optimiser = None
+    for stack in stacks:
+        if optimiser is None:
+            optimiser = _Optimiser(system, stack, settings, start, None, device, SINGLE_PROCESS, record=True)
+        else:
+            optimiser.go_on(stack, next_settings(settings, next_iterations))
+        yield from optimiser.states()
+
+
 class _Optimiser:
     """The state between two iterations: the problem, its variables, the best hologram and the progress."""
 
@@ -109,11 +137,22 @@ class _Optimiser:
         recorder = recorder_for(device) if record and "patterns" in settings.free else None
         self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)
         self._make_best: Callable[[], Hologram] | None = None
-        self.progress = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
+        self.progress = _NOTHING_DONE
         if resume is not None:
             self._resume(resume)
         elif self.variables.wavelengths_adjusted:
             self.problem.set_wavelengths(self.variables.wavelengths_m)
+
+    def go_on(self, stack: NDArray[np.floating], settings: Settings) -> None:
+        """Begins again for another focal stack from the best hologram so far.
+
+        settings: other iterations and another step than before.
+        """
+        assert self._make_best is not None
+        self.settings, self.target_digest = settings, target_digest(stack, None)
+        self.problem.objective.set_stack(stack)
+        self.variables.begin_again(settings, self._make_best())
+        self._make_best, self.progress = None, _NOTHING_DONE
 
     def states(self) -> Iterator[IterationState]:
         started = time.perf_counter() - self.progress.seconds

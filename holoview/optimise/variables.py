@@ -10,9 +10,11 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optics.slm import nearest_level
 from holoview.optimise.adam import Adam, sqrt_decay
+from holoview.optimise.lasers import next_amplitudes
 from holoview.optimise.level_gradients import curvature_weight, steps_to_neighbour_level
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings, find_loss_space
@@ -37,7 +39,7 @@ class OptimisationVariables:
     def __init__(self, system: System, settings: Settings, drive: torch.Tensor) -> None:
         self.settings = settings
         self.patterns = PatternVariables(system, settings, drive)
-        self.amplitudes = np.array(system.amplitudes)
+        self.amplitudes, self._are_on = np.array(system.amplitudes), system.amplitudes > 0
         self.wavelengths_m = np.array(system.wavelengths_m)
         self._is_nonlinear_loss = find_loss_space(settings.loss_for(system.observer)).is_encoded
         self._amplitude_adam = Adam(torch.from_numpy(self.amplitudes), settings.betas)
@@ -50,6 +52,13 @@ class OptimisationVariables:
     def wavelength_iterations(self) -> int:
         """Iterations in which wavelengths move: the first half. After it, the patterns' steps restart at full size."""
         return self.settings.iterations // 2 if "wavelengths" in self.settings.free else 0
+
+    def begin_again(self, settings: Settings, hologram: Hologram) -> None:
+        """Begins a run with other settings of iterations and step from a hologram of the same bench."""
+        self.settings = settings
+        self.amplitudes = next_amplitudes(hologram.system.amplitudes, self._are_on)
+        self._amplitude_adam.reset()
+        self.patterns.begin_again(settings, torch.from_numpy(hologram.drive))
 
     def evaluation_request(self, iteration: int) -> EvaluationRequest:
         """What the evaluation of an iteration has to compute."""
@@ -167,6 +176,7 @@ class PatternVariables:
         self._modulators = system.modulators
         strokes = torch.tensor([modulator.stroke_m for modulator in system.modulators], dtype=torch.float32)
         self._stroke_m = strokes.reshape(1, -1, 1, 1).to(drive.device)
+        self._per_rad = _drive_per_rad(system, 1.0)
         step_size = _drive_per_rad(system, settings.step_rad).astype(np.float32)
         self._step_size = torch.from_numpy(step_size).to(drive.device)
         self.step_factor = 1.0
@@ -184,6 +194,12 @@ class PatternVariables:
         """Signed optical path (m) from each pixel's level to its neighbour; None if no modulator has levels."""
         steps = steps_to_neighbour_level(self.drive, self._modulators)
         return None if steps is None else steps * self._stroke_m
+
+    def begin_again(self, settings: Settings, drive: Tensor) -> None:
+        """Begins again from another drive, with the steps of other settings."""
+        self.drive.copy_(drive)
+        self.adam.reset()
+        self._step_size.copy_(torch.from_numpy(self._per_rad * settings.step_rad))
 
     def go_back(self, drive: Tensor, factor: float) -> None:
         """Begins again from another drive, with steps that are `factor` times those before."""

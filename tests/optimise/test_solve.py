@@ -17,9 +17,10 @@ from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
+from holoview.optimise.lasers import next_amplitudes
 from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import LOSS_SPACES, Settings
-from holoview.optimise.solve import iterate
+from holoview.optimise.settings import LOSS_SPACES, Settings, next_settings
+from holoview.optimise.solve import follow, iterate
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
@@ -345,3 +346,33 @@ def test_a_start_outside_the_stroke_is_refused(value: float, bench: Bench, stack
     start[0, 1, 2, 3] = value
     with pytest.raises(UserError, match="drive"):
         iterate(system, stack_for(system), start=start)
+
+
+# --- one stack after the other ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loss", ["linear-srgb", "srgb"])
+def test_a_stack_that_follows_is_a_run_from_the_hologram_before(loss: str, bench: Bench, stack_for: Stack) -> None:
+    """To the bit, although all that doesn't depend on the stack is kept."""
+    system = bench()
+    first, second = stack_for(system), stack_for(system)[..., ::-1].copy()
+    settings = hv.Settings(iterations=6, amplitudes_every=3, loss=loss)
+    states = list(follow(system, [first, second, first], settings, next_iterations=4))
+    assert [state.iteration for state in states] == [*range(7), *range(5), *range(5)]
+    begun, expected = system, list(hv.iterate(system, first, settings))
+    for stack in (second, first):
+        best = expected[-1].best
+        amplitudes = next_amplitudes(best.system.amplitudes, system.amplitudes > 0)
+        begun = system.edit({"amplitudes": amplitudes})
+        expected += hv.iterate(begun, stack, next_settings(settings, 4), start=best.drive)
+    assert [state.loss for state in states] == [state.loss for state in expected]
+    assert np.array_equal(states[-1].best.drive, expected[-1].best.drive)
+
+
+def test_stacks_can_follow_only_where_their_bench_stays(bench: Bench, stack_for: Stack) -> None:
+    system = bench()
+    with pytest.raises(hv.UserError, match="free wavelengths"):
+        next(follow(system, [stack_for(system)], hv.Settings(free=("patterns", "wavelengths"))))
+    states = follow(system, [stack_for(system), stack_for(system)[:, 1:]], hv.Settings(iterations=1))
+    with pytest.raises(hv.UserError, match="a stack of shape"):
+        list(states)

@@ -32,8 +32,11 @@ from holoview.document.exports import (
     save_view,
 )
 from holoview.document.jobs import format_job
+from holoview.document.optimisation_job import chosen_optimisation, start_live_optimisation
 from holoview.render.tone_mapping import compose_comparison
 from holoview.render.view_settings import DERIVED_PAGES, displayed_side
+from holoview.targets.focal_stack import SUFFIXES
+from holoview.targets.live_pictures import CAMERA
 from holoview.util.errors import UserError
 from holoview.util.text import plain_name
 from holoview.wavefield.readers.registry import all_readers
@@ -80,6 +83,9 @@ class FilesPanel(Panel):
         add("Light from a field…", partial(self._ask_light, context), help=light)
         target = "The light of a complex field is what the hologram should show."
         add("Target from a field…", partial(self._ask_target, context), help=target)
+        live = "The hologram follows a film, the newest picture of a folder, or a camera, until it is kept."
+        add("Live target from a film or folder…", partial(self._ask_live, context), help=live)
+        add("Live target from the camera", partial(_follow, context, CAMERA), help=live)
         add("Copy image", lambda: _copy(context), "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
         add("Paste picture", lambda: _paste(context), "Ctrl+V", "The clipboard's picture becomes the target.")
 
@@ -147,6 +153,12 @@ class FilesPanel(Panel):
     def _ask_target(self, context: AppContext) -> None:
         self.dialog.ask(FileRequest("Target from a field", _field_suffixes(), context.loader.open_field_as_target))
 
+    def _ask_live(self, context: AppContext) -> None:
+        def use(path: Path) -> None:
+            _follow(context, str(path))
+
+        self.dialog.ask(FileRequest("Live target from a film or folder", SUFFIXES, use, takes_folders=True))
+
     def _save(self, context: AppContext, save: _Save) -> None:
         name = f"{plain_name(context.session.system.name, 'hologram')}{save.suffixes[0]}"
         self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
@@ -155,6 +167,12 @@ class FilesPanel(Panel):
 def _field_suffixes() -> tuple[str, ...]:
     """Of all files that may hold a complex field."""
     return tuple(sorted({suffix for reader in all_readers() for suffix in reader.suffixes}))
+
+
+def _follow(context: AppContext, source: str) -> None:
+    """Optimises for the pictures of a source as is chosen in the panel *Optimise*."""
+    session = context.session
+    start_live_optimisation(session, source, chosen_optimisation(session.optimisation_choices, session.system))
 
 
 def _draw_watch(context: AppContext) -> None:

@@ -17,6 +17,7 @@ from holoview.app.widgets import combo, command_button, share_of_width, tooltip
 from holoview.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
 from holoview.document.focus_edits import focus_range_m
 from holoview.document.optimisation_job import (
+    LiveOptimisationJob,
     OptimisationJob,
     chosen_optimisation,
     last_optimisation,
@@ -165,12 +166,14 @@ def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
     left, text = job.seconds_left, f"{job.fraction:.0%}"
     if left is not None:
         text += f", {left:.0f} s left" if left < 90 else f", {left / 60:.0f} min left"
+    if isinstance(job, LiveOptimisationJob):
+        text = "until it is kept or cancelled"
     imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else text)
     latest = job.latest
     if latest is None:
         imgui.text_disabled(job.note)
     else:
-        imgui.text(f"iteration {latest.iteration} of {latest.iterations}")
+        imgui.text(f"{job.unit} {latest.iteration} of {job.progress_range[1]}")
         imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
     width = share_of_width(3)
     command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
@@ -184,9 +187,8 @@ def _draw_plot(job: OptimisationJob) -> None:
     iterations = np.array([progress.iteration for progress in job.progress])
     decibels = np.array([progress.best_psnr_db for progress in job.progress])
     low, high = float(decibels.min()), float(decibels.max())
-    with plots.plot(
-        "psnr", "iteration", "best PSNR (dB)", (0, float(job.request.settings.iterations)), (low - 0.5, high + 0.5)
-    ) as is_open:
+    first, last = map(float, job.progress_range)
+    with plots.plot("psnr", job.unit, "best PSNR (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
         if is_open:
             plots.line("##best", iterations, decibels, theme.ACCENT)
 
