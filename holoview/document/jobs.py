@@ -214,7 +214,7 @@ class JobManager:
 
 
 def format_job(job: BackgroundJob) -> str:
-    """A job in a line: title, percentage, its note, and the time left."""
-    left = job.seconds_left
-    parts = [f"{job.title} {job.fraction:.0%}", job.note, "" if left is None else f"{left:.0f} s left"]
+    """A job in a line: title, percentage where its end is known, its note, and the time left."""
+    left, title = job.seconds_left, job.title if job.control.total <= 0 else f"{job.title} {job.fraction:.0%}"
+    parts = [title, job.note, "" if left is None else f"{left:.0f} s left"]
     return ", ".join(part for part in parts if part)

@@ -8,7 +8,8 @@ kernel_choice        torch or compiled kernels, whichever are faster on this mac
 vector_fft           FFTs of many lines side by side in the processor's vectors, compiled by numba
 vector_kernels       compiled passes of an iteration over fields, each around such an FFT
 compiled_model       `propagation` by these passes
-solve                the optimisation loop, a generator of states
+solve                the optimisation loop, a generator of states; one stack after the other
+graphed_step         iterations on a card, recorded as CUDA graphs
 named_methods        double phase and Gerchberg–Saxton, to compare with
 settings             options of the optimiser; the colour spaces in which image and target are compared
 eyes                 for which eyes a hologram is optimised: places of the pupil, fixed or drawn, chromatic aberration

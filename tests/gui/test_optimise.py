@@ -9,13 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import holoview as hv
+from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.document.file_loader import target_from_pixels
 from holoview.document.focus_edits import toggle_eye
-from holoview.document.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
+from holoview.document.optimisation_job import (
+    chosen_optimisation,
+    last_optimisation,
+    running_optimisation,
+    start_live_optimisation,
+)
 from tests.gui.conftest import Gui
 from tests.patience import wait_until
 
@@ -124,6 +131,38 @@ def test_without_an_eye_no_pupil_is_moved(gui: Gui) -> None:
     _choose(gui, iterations=1, pupils="3x3:0.3mm", chromatic="ignore")
     _optimise(gui)
     assert "optimised, 1 iterations" in gui.session.document.origin
+
+
+def test_the_hologram_follows_the_newest_picture_of_a_folder(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    """Chosen in the dialog, watched in the panel, and kept."""
+    gui = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel, FilesPanel))
+    gui.app.panel(FilesPanel).dialog.folder = tmp_path
+    gui.draw_until_idle()
+    Image.fromarray(np.full((48, 64, 3), 200, np.uint8)).save(tmp_path / "a.png")
+    _choose(gui, iterations=5)
+    old = gui.session.drive
+    gui.context.commands.run("Live target from a film or folder…")
+    gui.draw_frames(2)
+    gui.engine(lambda ctx: ctx.item_click("//Live target from a film or folder/This folder"))
+    job = running_optimisation(gui.session)
+    assert job is not None
+    _until(gui, lambda: job.latest is not None)
+    Image.fromarray(np.full((48, 64, 3), 30, np.uint8)).save(tmp_path / "b.png")
+    _until(gui, lambda: len(job.progress) > 1)
+    assert gui.session.target_spec is not None and gui.session.target_spec.source.source.endswith("b.png")
+    gui.draw_frames(2)
+    gui.engine(lambda ctx: ctx.item_click("Optimise/Keep"))
+    _until(gui, lambda: not job.is_active)
+    assert job.status == "done" and gui.session.drive is not old
+
+
+def test_the_camera_that_is_not_there_is_told(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("av")
+    monkeypatch.setattr("holoview.targets.live_pictures._LINUX", ("v4l2", "/dev/no-camera"))
+    monkeypatch.setattr("holoview.targets.live_pictures._INPUTS", {})
+    start_live_optimisation(gui.session, "camera")
+    _until(gui, lambda: running_optimisation(gui.session) is None)
+    assert "camera /dev/no-camera: can't be opened" in gui.last_message()
 
 
 def test_brightness_of_the_target_is_one_step_of_undo(gui: Gui) -> None:

@@ -173,7 +173,8 @@ def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
     if latest is None:
         imgui.text_disabled(job.note)
     else:
-        imgui.text(f"{job.unit} {latest.iteration} of {job.progress_range[1]}")
+        of_all = "" if isinstance(job, LiveOptimisationJob) else f" of {latest.iterations}"
+        imgui.text(f"{job.unit} {latest.iteration}{of_all}")
         imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
     width = share_of_width(3)
     command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
