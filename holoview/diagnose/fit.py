@@ -91,7 +91,7 @@ FittedValues = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True)
 class FreeParameters:
-    """What a fit varies: (effect id, parameter) pairs, in which entries of a list are parameters of their own.
+    """The numbers that a fit varies: pairs (effect id, parameter), where entries of a list are parameters of their own.
 
     A component of the vector is the value over its prior, or the value's square over the prior's where images depend on
     the square.

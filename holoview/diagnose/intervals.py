@@ -79,7 +79,7 @@ class LocalJacobian:
 
 @dataclass(frozen=True)
 class LocalInformation:
-    """What captures tell of the causes' parameters at a solution, in units of the priors.
+    """The information in captures on the causes' parameters at a solution, in units of the priors.
 
     normal (parameter, parameter): JᵀJ. scores (capture, parameter): Jᵀr of each capture. residual: flat.
     """

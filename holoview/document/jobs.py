@@ -43,7 +43,7 @@ class JobControl:
 
     @property
     def _shown(self) -> tuple[int, str]:
-        """What a window shows of the progress."""
+        """The part of the progress that a window shows."""
         return int(100 * self.done / self.total) if self.total > 0 else 0, self.note
 
     def check(self) -> None:

@@ -221,7 +221,7 @@ class Problem:
         return self._own_lasers.stop - self._own_lasers.start, self.objective.target.shape[1]
 
     def image_weights(self, amplitudes: Floats) -> Tensor:
-        """What the unit intensity of a laser of this process adds to the image, (own laser, channel) on the CPU."""
+        """The light (own laser, channel), on the CPU, that unit intensity of each own laser adds to the image."""
         table = self._laser_channels() * self._laser_amplitudes(amplitudes)[:, None]
         return torch.from_numpy(table[self._own_lasers])
 

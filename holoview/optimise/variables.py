@@ -61,7 +61,7 @@ class OptimisationVariables:
         self.patterns.begin_again(settings, torch.from_numpy(hologram.drive))
 
     def evaluation_request(self, iteration: int) -> EvaluationRequest:
-        """What the evaluation of an iteration has to compute."""
+        """The quantities that the evaluation of an iteration has to compute."""
         every, wavelength_iterations = self.settings.amplitudes_every, self.wavelength_iterations
         amplitudes_due = iteration % every == 0
         wavelengths_due = iteration % max(1, min(every, wavelength_iterations // _MIN_WAVELENGTH_STEPS)) == 0

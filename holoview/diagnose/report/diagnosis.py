@@ -104,7 +104,7 @@ class Diagnosis:
 
     @property
     def suggestions(self) -> dict[str, str]:
-        """What to do about an error at each of these places."""
+        """Advice on an error at each of these places."""
         return {fit.location: suggest_for(fit.location) for fit in self.free_maps}
 
     def as_json(self) -> dict[str, Any]:

@@ -303,7 +303,7 @@ class Judgement:
 
 
 def judge(sample: NDArray[Any]) -> Judgement:
-    """What real numbers (…, y, x) are by their values."""
+    """The quantity of real numbers (…, y, x), by their values."""
     values = sample.astype(np.float64)
     low, high = float(values.min()), float(values.max())
     if sample.dtype.kind == "b" or (high > low and bool(((values == low) | (values == high)).all())):

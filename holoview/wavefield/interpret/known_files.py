@@ -18,7 +18,7 @@ _TABLE = Path(__file__).with_name("jpeg_pleno.toml")
 
 @dataclass(frozen=True)
 class KnownFile:
-    """What is published about a hologram. name: in the test set. method: of the published reconstruction.
+    """The published facts about a hologram. name: in the test set. method: of the published reconstruction.
 
     distances_m: all published distances, m. facts: what is taken, the first distance among them.
     is_name_inferred: whether the file's name is published nowhere, so that the match is a guess.
@@ -57,7 +57,7 @@ class AlikeFiles:
 
 
 def find_alike(variable: str, colours: int, shape: tuple[int, int]) -> AlikeFiles:
-    """What the holograms of the test set share whose array is like this one; nothing where there is none.
+    """The facts that all holograms of the test set share whose array is like this one; none where no array is.
 
     variable: name of the array. shape: its rows and columns, in either order, because files differ in it.
     """
@@ -82,7 +82,7 @@ def _is_alike(entry: dict[str, Any], variable: str, colours: int, shape: tuple[i
 
 
 def find_known_file(name: str) -> KnownFile | None:
-    """What is published about a file of this name, None for other files."""
+    """The published facts about a file of this name, None for other files."""
     for entry in _entries():
         if any(fnmatch(name.lower(), pattern) for pattern in entry["files"]):
             distances = tuple(entry.get("distances_m", ()))

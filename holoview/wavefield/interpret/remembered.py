@@ -52,7 +52,7 @@ def notes_path(path: Path) -> Path:
 
 
 def read_notes(path: Path) -> ReadRequest:
-    """What is remembered of a file, nothing where there are no notes. Raises UserError for notes that are wrong."""
+    """The remembered statements about a file, none without notes. Raises UserError for notes that are wrong."""
     notes = notes_path(path)
     if not notes.exists():
         return ReadRequest()
@@ -60,7 +60,7 @@ def read_notes(path: Path) -> ReadRequest:
 
 
 def request_of_notes(table: dict[str, Any], where: str) -> ReadRequest:
-    """What a table of notes says of a file; `where` names the table in errors. Raises UserError for wrong notes."""
+    """The statements in a table of notes; `where` names the table in errors. Raises UserError for wrong notes."""
     names = {name: key for key, (name, _) in _LENGTHS.items()} | {
         key.removesuffix("_m"): key for key in (*_PLAIN, "binary")
     }

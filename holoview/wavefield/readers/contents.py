@@ -1,4 +1,4 @@
-"""What a reader finds in a file: arrays that are read part by part, single numbers, and what the format states."""
+"""The contents of a file: arrays that are read part by part, single numbers, and facts that the format states."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class StoredArray:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a format states about a field in units that it defines; None, or an empty tuple, for what it doesn't state.
+    """The facts that a format states about a field in its own units; None, or an empty tuple, for others.
 
     Names and units are those of `ReadRequest`.
     """
