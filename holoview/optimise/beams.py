@@ -20,6 +20,7 @@ import math
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -225,10 +226,23 @@ def flat_view(values: Tensor) -> tuple[NDArray[np.floating], tuple[int, ...], tu
 
     Loops over one axis without gaps use the processor's vectors. Real and imaginary parts of complex numbers alternate.
     """
-    parts = torch.view_as_real(values).flatten(-2) if values.is_complex() else values
-    assert parts.stride(-1) == 1
-    length = 1 + sum((size - 1) * stride for size, stride in zip(parts.shape, parts.stride(), strict=True))
-    return parts.as_strided((length,), (1,)).numpy(), tuple(parts.shape), parts.stride()[:-1]
+    numbers = 2 if values.is_complex() else 1
+    sizes, steps = values.shape, values.stride()
+    assert steps[-1] == 1
+    length = numbers * (1 + sum((size - 1) * step for size, step in zip(sizes, steps, strict=True)))
+    parts = torch.view_as_real(values) if numbers == 2 else values
+    shape, strides = (*sizes[:-1], numbers * sizes[-1]), tuple([numbers * step for step in steps[:-1]])
+    return parts.as_strided((length,), (1,)).numpy(), shape, strides
+
+
+FlatView = tuple[NDArray[np.floating], tuple[int, ...]]
+"""A flat array, and the strides of all axes of a tensor but the last."""
+
+
+def strided_view(values: Tensor) -> FlatView:
+    """`flat_view` without the sizes."""
+    flat, _, strides = flat_view(values)
+    return flat, strides
 
 
 @dataclass(frozen=True)
@@ -293,6 +307,22 @@ class BeamFields:
     adjoint_spectra: ColumnBlocks
     plane_lines: Tensor
     gap_lines: Tensor | None
+
+    @cached_property
+    def flat_spectra(self) -> tuple[FlatView, FlatView]:
+        """W and c_W for compiled passes, which have one block."""
+        return strided_view(self.spectra.blocks[0]), strided_view(self.adjoint_spectra.blocks[0])
+
+    @cached_property
+    def flat_plane_lines(self) -> FlatView:
+        """The same of `plane_lines`."""
+        return strided_view(self.plane_lines)
+
+    @cached_property
+    def flat_gap_lines(self) -> FlatView:
+        """The same of `gap_lines`, which exist."""
+        assert self.gap_lines is not None
+        return strided_view(self.gap_lines)
 
 
 def make_lines(beams: tuple[int, int], rows: int, frequencies: int, like: Tensor, *, by_rows: bool) -> Tensor:

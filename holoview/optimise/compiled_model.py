@@ -14,7 +14,7 @@ import torch
 
 from holoview.model.plan import Plan
 from holoview.optics.slm import sum_pool
-from holoview.optimise.beams import VECTOR, BeamFields, SpectralAxis, flat_view, padded_rows
+from holoview.optimise.beams import VECTOR, BeamFields, SpectralAxis, padded_rows, strided_view
 from holoview.optimise.lasers import Laser
 from holoview.optimise.propagation import ModulatorLight, PlanePropagation
 from holoview.optimise.transfer_functions import TransferFunctions
@@ -31,6 +31,7 @@ from holoview.optimise.vector_kernels import (
     spread_columns,
     transform_columns,
     transform_rows,
+    write_phasors,
 )
 
 Tensor = torch.Tensor
@@ -67,23 +68,24 @@ class CompiledModulatorLight(ModulatorLight):
         """As there."""
         if self.transfer_functions.pixel_shapes is not None:
             return super().compute_spectra(fields, opd_m)
-        phasors = [_padded(pixels) for pixels in self._phasors(fields, opd_m)]
-        light, beams, (y, x) = self._illuminated(fields.group, phasors[0]), fields.group.shape, self.axes
+        phasors, beams, (y, x) = self._phasors(fields, opd_m), fields.group.shape, self.axes
+        light = self._illuminated(fields.group, phasors[0])
+        if light.stride()[-2:] != phasors[0].stride()[-2:]:
+            light = padded_rows(*light.shape, like=light).copy_(light)
         lines = padded_rows(*beams, y.pixels.count, x.pixels.frequencies, like=light)
-        transform_rows(*_view(_padded(light)), *_view(lines), (*beams, y.pixels.count), self._pixels_x[0])
-        spectra = fields.spectra.blocks[0]
-        target, transforms = (spectra, False) if fields.gap_lines is None else (fields.gap_lines, True)
-        scale = self._number(1 / y.gap.padded)
-        ways = (self._pixels_y[0], self._gap_y[1], scale)
-        factors = self._factors(fields)
-        spread_columns(*_view(lines), *factors, *_view(target), transforms, beams, self._widths, *ways)
-        if fields.gap_lines is None:
+        transform_rows(*strided_view(light), *strided_view(lines), (*beams, y.pixels.count), self._pixels_x[0])
+        spectra, transforms = fields.flat_spectra[0], fields.gap_lines is not None
+        target = fields.flat_gap_lines if transforms else spectra
+        ways = (self._pixels_y[0], self._gap_y[1], self._number(1 / y.gap.padded))
+        factors = self.transfer_functions.flat_gap(fields.group.wavelengths)
+        spread_columns(*strided_view(lines), *factors, *target, transforms, beams, self._widths, *ways)
+        if not transforms:
             return phasors
         shape, scale = (*beams, y.last.count), self._number(1 / x.gap.padded)
-        views = (*_view(fields.gap_lines), *_view(fields.plane_lines), *_view(phasors[1]))
+        views = (*fields.flat_gap_lines, *fields.flat_plane_lines, *strided_view(phasors[1]))
         modulate_rows(*views, self.plan.grid.upsample, shape, self._gap_x[1], self._last_x[0], scale)
         one, columns = self._number(1), x.last.frequencies
-        transform_columns(*_view(fields.plane_lines), *_view(spectra), beams, columns, self._last_y[0], one)
+        transform_columns(*fields.flat_plane_lines, *spectra, beams, columns, self._last_y[0], one)
         return phasors
 
     def backpropagate(
@@ -95,34 +97,40 @@ class CompiledModulatorLight(ModulatorLight):
         (y, x), beams, later = self.axes, fields.group.shape, []
         if fields.gap_lines is not None:
             later.append(self._backpropagate_second_modulator(fields, phasors[1]))
-        source = fields.adjoint_spectra.blocks[0] if fields.gap_lines is None else fields.gap_lines
-        lines = padded_rows(*beams, y.pixels.count, x.pixels.frequencies, like=source)
-        ways = (self._gap_y[0], self._pixels_y[1], self._number(1 / y.gap.padded))
         transforms = fields.gap_lines is not None
-        gather_columns(*_view(source), transforms, *self._factors(fields), *_view(lines), beams, self._widths, *ways)
-        pixels = padded_rows(*beams, y.pixels.count, x.pixels.count, like=source)
-        transform_rows(*_view(lines), *_view(pixels), (*beams, y.pixels.count), self._pixels_x[1])
+        source = fields.flat_gap_lines if transforms else fields.flat_spectra[1]
+        lines = padded_rows(*beams, y.pixels.count, x.pixels.frequencies, like=fields.plane_lines)
+        ways = (self._gap_y[0], self._pixels_y[1], self._number(1 / y.gap.padded))
+        factors = self.transfer_functions.flat_gap(fields.group.wavelengths)
+        gather_columns(*source, transforms, *factors, *strided_view(lines), beams, self._widths, *ways)
+        pixels = padded_rows(*beams, y.pixels.count, x.pixels.count, like=lines)
+        transform_rows(*strided_view(lines), *strided_view(pixels), (*beams, y.pixels.count), self._pixels_x[1])
         return [sum_pool(pixels.mul_(self._illuminated(fields.group, phasors[0])), self._repeats), *later]
 
     def _backpropagate_second_modulator(self, fields: BeamFields, pixels: Tensor) -> Tensor:
         if self.transfer_functions.pixel_shapes is not None:
             return super()._backpropagate_second_modulator(fields, pixels)
-        assert fields.gap_lines is not None
-        (y, x), beams = self.axes, fields.group.shape
-        adjoints, columns, one = fields.adjoint_spectra.blocks[0], x.last.frequencies, self._number(1)
-        transform_columns(*_view(adjoints), *_view(fields.plane_lines), beams, columns, self._last_y[1], one)
-        products = padded_rows(*beams, *pixels.shape[1:], like=adjoints)
+        (y, x), beams, lines = self.axes, fields.group.shape, fields.flat_plane_lines
+        transform_columns(*fields.flat_spectra[1], *lines, beams, x.last.frequencies, self._last_y[1], self._number(1))
+        products = padded_rows(*beams, *pixels.shape[1:], like=pixels)
         shape, scale = (*beams, y.last.count), self._number(1 / x.gap.padded)
-        views = (*_view(fields.gap_lines), *_view(fields.plane_lines), *_view(pixels))
+        views = (*fields.flat_gap_lines, *lines, *strided_view(pixels))
         ways = (self._gap_x[1], self._last_x[1], self._gap_x[0], scale)
-        backpropagate_rows(*views, self.plan.grid.upsample, shape, *ways, *_view(products))
+        backpropagate_rows(*views, self.plan.grid.upsample, shape, *ways, *strided_view(products))
         return products
 
-    def _factors(self, fields: BeamFields) -> tuple[Any, tuple[int, ...]]:
-        """B·H_gap of the group's lasers (laser, k_y, tile, k_x)."""
-        storage = self.transfer_functions.gap_storage
-        assert storage is not None
-        return _view(storage[fields.group.wavelengths])
+    def _phasors(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
+        """As there, in rows for compiled passes."""
+        lasers = self.lasers[fields.group.lasers]
+        frames = np.array([frame for frame, _ in lasers])
+        per_metre = 1 / self.plan.system.wavelengths_m[[λ for _, λ in lasers]]
+        paths, strides = strided_view(opd_m)
+        per_metre = per_metre.astype(paths.dtype)
+        shape = (len(lasers), *opd_m.shape[2:])
+        phasors = [padded_rows(*shape, like=fields.plane_lines) for _ in range(opd_m.shape[1])]
+        for modulator, pixels in enumerate(phasors):
+            write_phasors(paths, modulator * strides[1], strides, frames, per_metre, *strided_view(pixels), shape)
+        return phasors
 
 
 class CompiledPlanePropagation(PlanePropagation):
@@ -139,16 +147,16 @@ class CompiledPlanePropagation(PlanePropagation):
         self, fields: BeamFields, block: int, transfers: TransferFunctions, before: int | None, after: int | None
     ) -> None:
         """Carries a block of columns back from a plane and on to the next, in one pass."""
-        stored, does = transfers.planes[block][fields.group.wavelengths], (before is not None, after is not None)
-        first, second = (stored[:, 0 if plane is None else plane] for plane in (before, after))
+        assert block == 0
+        (spectra, _), adjoints = fields.flat_spectra
         move_columns(
-            *_view(fields.plane_lines),
-            _view(fields.spectra.blocks[block])[0],
-            *_view(fields.adjoint_spectra.blocks[block]),
-            *_view(first),
-            *_view(second),
-            transfers.plane_rows.numpy(),
-            does,
+            *fields.flat_plane_lines,
+            spectra,
+            *adjoints,
+            *transfers.flat_plane(fields.group.wavelengths, before or 0),
+            *transfers.flat_plane(fields.group.wavelengths, after or 0),
+            transfers.flat_rows,
+            (before is not None, after is not None),
             fields.group.shape,
             self._x.frequencies,
             self._lines[0],
@@ -157,6 +165,7 @@ class CompiledPlanePropagation(PlanePropagation):
     def evaluate_rows(
         self,
         lines: Tensor,
+        rows: slice,
         weights: Tensor,
         target: Tensor,
         factor: float,
@@ -167,21 +176,16 @@ class CompiledPlanePropagation(PlanePropagation):
         """As there."""
         norms = weights.new_empty(2)
         wants = (carry_back, picture is not None)
-        views = (*_view(target), self._number(factor), *_view(target if picture is None else picture))
-        rows, beams = lines.shape[2], tuple(lines.shape[:2])
+        views = (*strided_view(target), self._number(factor), *strided_view(target if picture is None else picture))
+        limits, beams, colours = (rows.start, rows.stop), tuple(lines.shape[:2]), weights.contiguous().numpy()
         evaluate_rows(
-            *_view(lines), rows, beams, self._lines[1], weights.contiguous().numpy(), *views, wants, norms.numpy()
+            *strided_view(lines),
+            limits,
+            beams,
+            self._lines[1],
+            colours,
+            *views,
+            wants,
+            norms.numpy(),
         )
         return norms[0], norms[1]
-
-
-def _view(values: Tensor) -> tuple[Any, tuple[int, ...]]:
-    """The flat array and the strides of all axes but the last."""
-    flat, _, strides = flat_view(values)
-    return flat, strides
-
-
-def _padded(values: Tensor) -> Tensor:
-    """Values whose rows are followed by zeros; the values themselves if they are stored like that."""
-    room = padded_rows(*values.shape, like=values)
-    return room.copy_(values)

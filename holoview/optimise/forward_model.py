@@ -58,10 +58,11 @@ from holoview.optimise.wavelengths import BeamAdjoint, wavelength_derivative
 
 Tensor = torch.Tensor
 Result = TypeVar("Result")
+_PASSES = 16  # at most, over a plane by compiled code: enough for the threads of a processor
 ProcessRows = Callable[[int, slice, Tensor], Result]
 """Called with a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E for the way back."""
 ProcessLines = Callable[[int, slice, Tensor, PlanePropagation], Result]
-"""The same with the lines of E (laser, source, row, k_x), and with the propagation that evaluates them in one pass."""
+"""The same with all lines of E (laser, source, y, k_x), and with the propagation that evaluates rows in one pass."""
 
 
 class ForwardModel:
@@ -123,6 +124,8 @@ class ForwardModel:
             for group in groups
         ]
         self._light, self._propagation = self._make_parts(by_rows)
+        λ = plan.system.wavelengths_m[[wavelength for _, wavelength in self.lasers]]
+        self._path_factors = torch.from_numpy(-2 * math.pi / λ).to(self.device, self.real_dtype)[:, None, None]
 
     def _make_parts(self, by_rows: bool) -> tuple[ModulatorLight, PlanePropagation]:
         """From the pixels to the spectra, and from there to the planes; by_rows: in compiled passes."""
@@ -251,7 +254,7 @@ class ForwardModel:
     ) -> list[Result]:
         def process(rows: slice) -> Result:
             if process_lines is not None:
-                return process_lines(plane, rows, self._lines[:, :, rows], self._propagation)
+                return process_lines(plane, rows, self._lines, self._propagation)
             return self._propagation.process_rows(
                 self._lines[:, :, rows], lambda fields: process_rows(plane, rows, fields), carry_back=carry_back
             )
@@ -262,7 +265,7 @@ class ForwardModel:
         row_bytes = len(self.lasers) * self.source_count * self.plan.grid.padded[1] * self.complex_dtype.itemsize
         at_a_time = block_bytes(self.device) // row_bytes
         if process_lines is not None:  # whole vectors of rows
-            at_a_time = max(1, at_a_time // VECTOR) * VECTOR
+            at_a_time = max(1, at_a_time // VECTOR, total // (_PASSES * VECTOR)) * VECTOR
         return self._team.map(process, slices(total, at_a_time))
 
     def _clear_adjoints(self, wavelength_gradient: bool) -> None:
@@ -290,22 +293,32 @@ class ForwardModel:
         if has_wavelengths:
             y, x = (axis.gap.frequencies for axis in self.axes)
             incident_adjoint = self._lines.new_empty(*fields.group.shape, y, x)
-        products = torch.stack(self._light.backpropagate(fields, phasors, incident_adjoint), dim=2)
-        derivatives = []
+        of_modulators = self._light.backpropagate(fields, phasors, incident_adjoint)
+        if incident_adjoint is None and level_steps is None:
+            return self._path_gradients(fields.group.lasers, of_modulators), []
+        products, derivatives = torch.stack(of_modulators, dim=2), []
         if incident_adjoint is not None:
             derivatives = self._wavelength_derivatives(index, products, incident_adjoint)
-        return self._path_gradients(fields.group.lasers, products, level_steps), derivatives
+        if level_steps is None:
+            return self._path_gradients(fields.group.lasers, of_modulators), derivatives
+        return self._secants(fields.group.lasers, products, level_steps), derivatives
 
-    def _path_gradients(self, lasers: slice, products: Tensor, level_steps: LevelSteps | None) -> Tensor:
-        """∂L/∂opd (laser, modulator, y, x) or its secant, from products c·w (laser, source, modulator, y, x)."""
+    def _path_gradients(self, lasers: slice, products: Sequence[Tensor]) -> Tensor:
+        """∂L/∂opd (laser, modulator, y, x) from each modulator's products c·w (laser, source, y, x)."""
+        factors = self._path_factors[lasers]
+        gradients = factors.new_empty(len(factors), len(products), *products[0].shape[2:])
+        for modulator, product in enumerate(products):
+            summed = product[:, 0] if product.shape[1] == 1 else product.sum(dim=1)
+            torch.mul(summed.imag, factors, out=gradients[:, modulator])
+        return gradients
+
+    def _secants(self, lasers: slice, products: Tensor, level_steps: LevelSteps) -> Tensor:
+        """The secants in place of `_path_gradients`, from products c·w (laser, source, modulator, y, x)."""
         share = products.shape[1] / self.source_count
         products, gradients = products.sum(dim=1), []
         for laser, product in zip(range(lasers.start, lasers.stop), products, strict=True):
             frame, wavelength = self.lasers[laser]
             λ = float(self.plan.system.wavelengths_m[wavelength])
-            if level_steps is None:
-                gradients.append(product.imag * (-2 * math.pi / λ))
-                continue
             curvatures = (level_steps.curvature[laser] * share).tolist()
             steps = zip(product, level_steps.path_m[frame], curvatures, strict=True)
             gradients.append(torch.stack([secant_gradient(p, step_m, λ, κ) for p, step_m, κ in steps]))

@@ -75,7 +75,7 @@ def _seconds(kernels: Kernels) -> float:
         kernels.replace_by_adjoint(fields, weights, image)
 
     def evaluate_lines(plane: int, rows: slice, lines: torch.Tensor, propagation: PlanePropagation) -> None:
-        propagation.evaluate_rows(lines, weights, target[:, rows], 1.0, None, carry_back=True)
+        propagation.evaluate_rows(lines, rows, weights, target, 1.0, None, carry_back=True)
 
     started = time.thread_time()
     model.forward(opd_m)

@@ -54,24 +54,34 @@ def require_optimisation_memory(system: System, *, free_wavelengths: bool = Fals
 
 @contextmanager
 def memory_guard(
-    plan: Plan, device: str, *, free_wavelengths: bool = False, whole_planes: bool = False, drawn_pupils: int = 0
+    plan: Plan,
+    device: str,
+    *,
+    free_wavelengths: bool = False,
+    whole_planes: bool = False,
+    drawn_pupils: int = 0,
+    is_made: bool = False,
 ) -> Iterator[None]:
     """Raises UserError if the machine has too little memory for an optimisation, or if it runs out inside the block.
 
     drawn_pupils: how many places of the plan's planes are drawn anew; factors that they share are kept as well.
+    is_made: whether it has its memory, which is then not compared with the machine's again.
     The error says how much is needed and which options to lower.
     """
-    needed = _estimate_bytes(plan, free_wavelengths, whole_planes, drawn_pupils)
-    if device == "cpu" and needed > psutil.virtual_memory().total:
-        raise _out_of_memory_error(needed, f"of {_gib(psutil.virtual_memory().total)}")
+
+    def needed() -> int:
+        return _estimate_bytes(plan, free_wavelengths, whole_planes, drawn_pupils)
+
+    if not is_made and device == "cpu" and needed() > psutil.virtual_memory().total:
+        raise _out_of_memory_error(needed(), f"of {_gib(psutil.virtual_memory().total)}")
     try:
         yield
     except MemoryError as error:
-        raise _out_of_memory_error(needed, "and ran out") from error
+        raise _out_of_memory_error(needed(), "and ran out") from error
     except RuntimeError as error:
         if "memory" not in str(error).lower():
             raise
-        raise _out_of_memory_error(needed, f"on {device} and ran out") from error
+        raise _out_of_memory_error(needed(), f"on {device} and ran out") from error
 
 
 def _estimate_bytes(plan: Plan, free_wavelengths: bool, whole_planes: bool, drawn_pupils: int = 0) -> int:

@@ -349,13 +349,14 @@ class RowEvaluation:
         return objective.is_plain and objective.is_whole and not wants_intensity and self.group.size == 1
 
     def evaluate_lines(self, plane: int, rows: slice, lines: Tensor, propagation: PlanePropagation) -> RowResult:
-        """The result of rows of a plane from lines of E (laser, source, row, k_x), which become those of c_E."""
+        """The result of rows of a plane from its lines of E (laser, source, y, k_x); theirs become those of c_E."""
         norms = propagation.evaluate_rows(
             lines,
+            rows,
             beam_weights_of(self.weights, lines.shape[1]),
-            self.objective.target[plane][:, rows],
+            self.objective.target[plane],
             self.objective.slope_of_residual(plane),
-            self.picture[:, rows] if plane == self.pictured_plane else None,
+            self.picture if plane == self.pictured_plane else None,
             carry_back=self.needs_gradient,
         )
         return RowResult(ResidualSums(*norms), None, None)
@@ -372,6 +373,8 @@ class RowEvaluation:
 
 def beam_weights_of(weights: Tensor, sources: int) -> Tensor:
     """The share of each beam in the channels, (beam, channel). weights (own laser, channel): of unit intensities."""
+    if sources == 1:
+        return weights
     return weights[:, None].expand(-1, sources, -1).flatten(0, 1) / sources
 
 

@@ -189,7 +189,8 @@ class Problem:
     @contextmanager
     def guarded(self) -> Iterator[None]:
         """The number of torch's threads that suits the fields, and a UserError if memory runs out inside the block."""
-        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
+        guard = self._memory_guard(self.model.plan, str(self.model.device), is_made=True)
+        with guard, limit_torch_threads(self._padded_samples):
             yield
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:

@@ -236,6 +236,7 @@ class PlanePropagation:
     def evaluate_rows(
         self,
         lines: Tensor,
+        rows: slice,
         weights: Tensor,
         target: Tensor,
         factor: float,
@@ -243,10 +244,10 @@ class PlanePropagation:
         *,
         carry_back: bool,
     ) -> tuple[Tensor, Tensor]:
-        """Compares rows of a plane with their target; carry_back: replaces lines by those of c_E.
+        """Compares rows of a plane with their target; carry_back: replaces their lines by those of c_E.
 
-        lines (laser, source, row, k_x). weights (beam, channel). target (channel, row, x). factor: of image − target in
-        ∂L/∂image. picture (channel, row, x): where to write the image. Returns the norms of
+        lines (laser, source, y, k_x). weights (beam, channel). target (channel, y, x). factor: of image − target in
+        ∂L/∂image. picture (channel, y, x): where to write the image. Returns the norms of
         `Kernels.replace_by_residual`.
         """
         raise AssertionError("`evaluates_lines` is False")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -20,7 +21,7 @@ from holoview.optics.propagate import (
     stopped,
 )
 from holoview.optics.slm import pixel_spectrum
-from holoview.optimise.beams import SpectralAxis, padded_rows, samples_a_pixel, slices
+from holoview.optimise.beams import FlatView, SpectralAxis, padded_rows, samples_a_pixel, slices, strided_view
 
 Tensor = torch.Tensor
 
@@ -66,6 +67,7 @@ class TransferFunctions:
         self._gap_columns = [columns for _, tiles in self.gap_tiles for columns, _ in tiles]
         count = len(self.wavelengths)
         self._stored_rows, self.plane_rows = self._find_rows()
+        self._flat_planes: dict[tuple[int, int, int], FlatView] = {}
         self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), len(self._stored_rows))
         self.gap = self._empty_gap(count)
         for i, λ in enumerate(self.wavelengths):
@@ -83,6 +85,23 @@ class TransferFunctions:
         """H × pupil to a plane in a block of columns, (wavelength, k_y, k_x)."""
         stored = self.planes[block][wavelengths, plane]
         return stored if len(self._stored_rows) == len(self.plane_rows) else stored[:, self.plane_rows]
+
+    def flat_plane(self, wavelengths: slice, plane: int) -> FlatView:
+        """The stored rows (wavelength, row, k_x) of a plane for compiled passes, which have one block."""
+        key = (wavelengths.start, wavelengths.stop, plane)
+        if key not in self._flat_planes:
+            self._flat_planes[key] = strided_view(self.planes[0][wavelengths, plane])
+        return self._flat_planes[key]
+
+    def flat_gap(self, wavelengths: slice) -> FlatView:
+        """The same of `gap_storage`."""
+        assert self.gap_storage is not None
+        return strided_view(self.gap_storage[wavelengths])
+
+    @cached_property
+    def flat_rows(self) -> NDArray[np.int64]:
+        """The same of `plane_rows`."""
+        return self.plane_rows.numpy()
 
     def _find_rows(self) -> tuple[Tensor, Tensor]:
         """The frequencies k_y whose rows of H are stored, as indices, and the row of each frequency."""

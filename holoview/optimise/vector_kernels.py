@@ -41,6 +41,8 @@ from holoview.optimise.vector_fft import (
 
 _PARTS = LANES * LANES  # numbers of a square
 _HALF = LANES // 2  # complex numbers of a row of a square
+_SINE = tuple((-1) ** n / math.factorial(2 * n + 1) for n in range(11))  # Taylor series of sin(x)/x and cos(x) in x²
+_COSINE = tuple((-1) ** n / math.factorial(2 * n) for n in range(12))
 
 
 Line = tuple[Any, ...]
@@ -369,9 +371,10 @@ def evaluate_rows(
 ) -> None:
     """From rows of lines to the image, to the norms of its residuals, and back to lines of c_E.
 
-    lines (laser, source, row, k_x): replaced if does[0], the gradient, is wanted. weights (beam, channel), of 1 or 3
-    channels. target (channel, row, x). factor: of the residuals, for the gradient. picture (channel, row, x): where to
-    write the image if does[1]. norms: of image − target, and of the same clipped to 0…1. line: of `plane_line`.
+    lines (laser, source, row, k_x): replaced if does[0], the gradient, is wanted. rows: the first, and the one behind
+    the last. weights (beam, channel), of 1 or 3 channels. target (channel, row, x). factor: of the residuals, for the
+    gradient. picture (channel, row, x): where to write the image if does[1]. norms: of image − target, and of the same
+    clipped to 0…1. line: of `plane_line`.
     """
     radices, roots, starts, _, band, shown = line
     length, channels = fft_length(radices), weights.shape[1]
@@ -380,8 +383,8 @@ def evaluate_rows(
     slopes = np.empty(shown.size * channels * LANES, lines.dtype)
     squares, lane_values = np.zeros(4 * _PARTS, lines.dtype), np.empty(LANES, lines.dtype)
     frequencies, sums = np.arange(band.size), np.zeros(2 * LANES, np.float64)
-    for row in range(0, rows, LANES):
-        count = min(LANES, rows - row)
+    for row in range(rows[0], rows[1], LANES):
+        count = min(LANES, rows[1] - row)
         for beam in range(beams[0] * beams[1]):
             at = beam // beams[1] * strides[0] + beam % beams[1] * strides[1] + row * strides[2]
             first, second = (fields[beam], b) if radices.size % 2 == 0 else (b, fields[beam])
@@ -556,6 +559,35 @@ def _fold_tile(
         x, y = subtract(multiply(real, u), multiply(imaginary, v)), add(multiply(real, v), multiply(imaginary, u))
         store(folded, to, add(load(folded, to), x))
         store(folded, to + LANES, add(load(folded, to + LANES), y))
+
+
+@compiled
+def write_phasors(
+    paths: Any, first: Any, strides: Any, frames: Any, per_metre: Any, pixels: Any, pixel_strides: Any, shape: Any
+) -> None:
+    """exp(2πi·path/λ) of one modulator's pixels (laser, y, x); its paths (frame, modulator, y, x) begin at `first`.
+
+    frames, per_metre: of each laser, its frame and 1/λ. Turns are reduced in the precision of the paths. Half the angle
+    is within ±π/2, where the Taylor series of sine and cosine are right to 1e-18 and doubling it gives the result.
+    """
+    number = pixels.dtype.type
+    for laser in range(shape[0]):
+        for row in range(shape[1]):
+            at = first + frames[laser] * strides[0] + row * strides[2]
+            to = laser * pixel_strides[0] + row * pixel_strides[1]
+            path, line = paths[at : at + shape[2]], pixels[to : to + 2 * shape[2]]
+            for x in range(shape[2]):
+                turns = path[x] * per_metre[laser]
+                half = number(turns - np.rint(turns)) * number(math.pi)
+                square = half * half
+                sine, cosine = number(_SINE[-1]), number(_COSINE[-1])
+                for i in range(len(_SINE) - 2, -1, -1):
+                    sine = sine * square + number(_SINE[i])
+                for i in range(len(_COSINE) - 2, -1, -1):
+                    cosine = cosine * square + number(_COSINE[i])
+                sine *= half
+                line[2 * x] = cosine * cosine - sine * sine
+                line[2 * x + 1] = number(2) * sine * cosine
 
 
 @compiled
