@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.optics.slm import sum_pool
@@ -35,6 +36,7 @@ from holoview.optimise.vector_kernels import (
 )
 
 Tensor = torch.Tensor
+Floats = NDArray[np.float64]
 assert VECTOR == LANES
 
 
@@ -172,10 +174,12 @@ class CompiledPlanePropagation(PlanePropagation):
         picture: Tensor | None,
         *,
         carry_back: bool,
-    ) -> tuple[Tensor, Tensor]:
+        correlates: bool = False,
+    ) -> tuple[Tensor, Tensor, Floats]:
         """As there."""
         norms = weights.new_empty(2)
-        wants = (carry_back, picture is not None)
+        products = np.zeros((weights.shape[0], sum(weights.shape)))
+        wants = (carry_back, picture is not None, correlates)
         views = (*strided_view(target), self._number(factor), *strided_view(target if picture is None else picture))
         limits, beams, colours = (rows.start, rows.stop), tuple(lines.shape[:2]), weights.contiguous().numpy()
         evaluate_rows(
@@ -187,5 +191,6 @@ class CompiledPlanePropagation(PlanePropagation):
             *views,
             wants,
             norms.numpy(),
+            products,
         )
-        return norms[0], norms[1]
+        return norms[0], norms[1], products

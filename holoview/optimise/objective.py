@@ -343,14 +343,15 @@ class RowEvaluation:
 
     @property
     def is_plain(self) -> bool:
-        """Whether `evaluate_lines` computes everything wanted: the image's squared errors and their gradients."""
+        """Whether `evaluate_lines` computes everything wanted: squared errors, their gradients, normal equations."""
         objective = self.objective
-        wants_intensity = self.least_squares is not None or self.needs_image_products
-        return objective.is_plain and objective.is_whole and not wants_intensity and self.group.size == 1
+        is_plain = objective.is_plain and objective.is_whole and not self.needs_image_products
+        return is_plain and self.group.size == 1
 
     def evaluate_lines(self, plane: int, rows: slice, lines: Tensor, propagation: PlanePropagation) -> RowResult:
         """The result of rows of a plane from its lines of E (laser, source, y, k_x); theirs become those of c_E."""
-        norms = propagation.evaluate_rows(
+        least_squares = self.least_squares
+        *norms, products = propagation.evaluate_rows(
             lines,
             rows,
             beam_weights_of(self.weights, lines.shape[1]),
@@ -358,8 +359,10 @@ class RowEvaluation:
             self.objective.slope_of_residual(plane),
             self.picture if plane == self.pictured_plane else None,
             carry_back=self.needs_gradient,
+            correlates=least_squares is not None,
         )
-        return RowResult(ResidualSums(*norms), None, None)
+        equations = None if least_squares is None else least_squares.of_beams(products)
+        return RowResult(ResidualSums(*norms), equations, None)
 
     def _normal_equations(
         self, plane: int, rows: slice, intensity: Tensor, least_squares: AmplitudeLeastSquares
@@ -426,7 +429,17 @@ class AmplitudeLeastSquares:
         gram = np.zeros((len(own_images), len(self._laser_channels)))
         for columns, images in self._group.broadcast_shards(own_images, len(self._laser_channels)):
             gram[:, columns] = (own_images @ images.T).cpu().double().numpy()
-        products = (own_images @ target_channels.T).cpu().double().numpy()
+        return self._equations(gram, (own_images @ target_channels.T).cpu().double().numpy())
+
+    def of_beams(self, products: Floats) -> NormalEquations:
+        """The same of all lasers from sums of products of beams, as `PlanePropagation.evaluate_rows` returns them."""
+        lasers, beams = len(self._laser_channels), len(products)
+        gram = np.triu(products[:, :beams]) + np.triu(products[:, :beams], 1).T
+        mean = np.kron(np.eye(lasers), np.full(beams // lasers, lasers / beams))  # over the sources of a laser
+        return self._equations(mean @ gram @ mean.T, mean @ products[:, beams:])
+
+    def _equations(self, gram: Floats, products: Floats) -> NormalEquations:
+        """products (own laser, channel): of intensities and the target."""
         return NormalEquations(gram, np.einsum("lc,lc->l", self._laser_channels[self._own_rows], products))
 
     def add(self, part: NormalEquations, weight: float = 1.0) -> None:

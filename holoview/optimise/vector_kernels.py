@@ -321,6 +321,34 @@ def _compare_1(
 
 
 @compiled
+def _add_correlations(
+    fields: Any, places: Any, squares: Any, count: Any, powers: Any, line: Any, products: Any
+) -> None:
+    """Adds Σ I_i·I_j, for j ≥ i, and Σ I_i·target_c in a square of samples to products (beam, beam and channel).
+
+    powers: room for a square of each beam.
+    """
+    beams, zero = fields.shape[0], splat(powers.dtype.type(0))
+    for beam in range(beams):
+        for i in range(places.size):
+            real, imaginary = load(fields[beam], places[i] * BLOCK), load(fields[beam], places[i] * BLOCK + LANES)
+            power = add(multiply(real, real), multiply(imaginary, imaginary))
+            store(powers, beam * _PARTS + i * LANES, power)
+    for beam in range(beams):
+        for other in range(beam, products.shape[1]):
+            total = zero
+            for i in range(places.size):
+                power = load(powers, beam * _PARTS + i * LANES)
+                if other < beams:
+                    total = add(total, multiply(power, load(powers, other * _PARTS + i * LANES)))
+                else:
+                    total = add(total, multiply(power, load(squares, (other - beams) * _PARTS + i * LANES)))
+            store(line, 0, total)
+            for lane in range(count):
+                products[beam, other] += line[lane]
+
+
+@compiled
 def _load_adjoint(block: Any, field: Any, places: Any, weights: Any, factor: Any, slopes: Any) -> None:
     """c_E = 2·g·conj(E) of a beam, g being its weights times the slopes of the channels."""
     if places.size * BLOCK < block.size:
@@ -368,13 +396,14 @@ def evaluate_rows(
     picture_strides: Any,
     does: Any,
     norms: Any,
+    products: Any,
 ) -> None:
     """From rows of lines to the image, to the norms of its residuals, and back to lines of c_E.
 
     lines (laser, source, row, k_x): replaced if does[0], the gradient, is wanted. rows: the first, and the one behind
     the last. weights (beam, channel), of 1 or 3 channels. target (channel, row, x). factor: of the residuals, for the
     gradient. picture (channel, row, x): where to write the image if does[1]. norms: of image − target, and of the same
-    clipped to 0…1. line: of `plane_line`.
+    clipped to 0…1. products: where `_add_correlations` adds if does[2]. line: of `plane_line`.
     """
     radices, roots, starts, _, band, shown = line
     length, channels = fft_length(radices), weights.shape[1]
@@ -382,6 +411,7 @@ def evaluate_rows(
     a, b = np.empty(length * BLOCK, lines.dtype), np.empty(length * BLOCK, lines.dtype)
     slopes = np.empty(shown.size * channels * LANES, lines.dtype)
     squares, lane_values = np.zeros(4 * _PARTS, lines.dtype), np.empty(LANES, lines.dtype)
+    powers = np.empty(len(fields) * _PARTS if does[2] else 0, lines.dtype)
     frequencies, sums = np.arange(band.size), np.zeros(2 * LANES, np.float64)
     for row in range(rows[0], rows[1], LANES):
         count = min(LANES, rows[1] - row)
@@ -399,6 +429,8 @@ def evaluate_rows(
                     for i in range(channel * _PARTS, (channel + 1) * _PARTS - known):
                         squares[i] = squares[i + known]
             places = shown[x : x + LANES]
+            if does[2]:
+                _add_correlations(fields, places, squares, count, powers, lane_values, products)
             if channels == 3:
                 _compare_3(fields, places, weights, squares, slopes, x, count, lane_values, sums)
             else:

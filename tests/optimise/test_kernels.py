@@ -139,7 +139,7 @@ def test_the_pass_from_lines_to_the_loss_and_back_is_that_of_torch(
     stack = np.random.default_rng(3).uniform(0.1, 0.6, (len(system.planes_m), *grid.shape, 3))
     found, expected = (
         Problem(system, stack, Settings(loss=loss), double=True, kernels=kernels).evaluate(
-            noise(0, *system.drive_shape) * 825e-9, np.array(system.amplitudes), EvaluationRequest(path_gradient=True)
+            noise(0, *system.drive_shape) * 825e-9, np.array(system.amplitudes), REQUEST
         )
         for kernels in (compiled, TORCH_KERNELS)
     )
@@ -150,6 +150,8 @@ def test_the_pass_from_lines_to_the_loss_and_back_is_that_of_torch(
     assert found.path_gradient is not None and expected.path_gradient is not None
     difference = float((found.path_gradient - expected.path_gradient).norm())
     assert difference <= near * float(expected.path_gradient.norm())
+    assert found.optimal_amplitudes is not None and expected.optimal_amplitudes is not None
+    np.testing.assert_allclose(found.optimal_amplitudes, expected.optimal_amplitudes, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", BENCHES)
