@@ -263,7 +263,7 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         metavar="N",
         type=whole(0),
         help="so many planes, drawn anew, count in an iteration of the first 70 %%, which takes less time; 0: all "
-        "(1 of four or more in runs of 100 iterations or more without stops, else all)",
+        "(1 of four or more in runs of 100 iterations or more, else all)",
     )
     group.add_argument(
         "--chromatic",

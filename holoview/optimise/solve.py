@@ -229,8 +229,7 @@ class _Optimiser:
         if settings.drawn_planes is not None:
             return settings.drawn_planes
         is_plain = count == len(self.system.planes_m) and settings.plane_weights is None
-        is_open = all(axis.last.frequencies == axis.last.padded for axis in self.problem.model.axes)
-        return 1 if is_plain and is_open and count >= _FEWEST_PLANES and settings.iterations >= _LONG_RUN else 0
+        return 1 if is_plain and count >= _FEWEST_PLANES and settings.iterations >= _LONG_RUN else 0
 
     def _maker_of(self, shown: torch.Tensor) -> Callable[[], Hologram]:
         """Makes the hologram of present patterns when it is asked for, since few are; the same one each time."""
