@@ -10,9 +10,9 @@ illumination     brightness over the first modulator (source_profile), angle (ti
 source_field     a complex field as the light before the first modulator (source_field)
 distance         the focal planes (distance), the gap between the modulators (gap)
 
-stroke           the optical path of full drive (stroke), and its variation over the area (stroke_map)
-lut              the optical path of each level (lut)
-dispersion       the optical path at each wavelength (dispersion), the shape of the table at each (lut_dispersion)
+modulator_response
+                 the optical path of full drive (stroke), and its variation over the area (stroke_map); of each level
+                 (lut); at each wavelength (dispersion), and the shape of the table there (lut_dispersion)
 settling         a part of the pattern before remains (settling), ripple of the phase within an exposure (flicker)
 crosstalk        fringing fields between pixels (crosstalk)
 undiffracted     light that isn't modulated (undiffracted), and adds in intensity (polarisation)

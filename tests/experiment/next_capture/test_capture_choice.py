@@ -12,7 +12,7 @@ from holoview.captures.patterns import random_levels
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import CandidateFit, FreeParameters
 from holoview.diagnose.search_context import NEVER
-from holoview.effects.dispersion import Dispersion
+from holoview.effects.modulator_response import Dispersion
 from holoview.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
