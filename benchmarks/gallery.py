@@ -14,7 +14,7 @@ from pathlib import Path
 from PIL import Image
 
 from holoview.commands.console import progress_bar
-from holoview.study.plots import render_figure
+from holoview.study.charts import render_figure
 from holoview.study.report import version_summary, write_report
 from holoview.study.runner import ResultStore, run_jobs
 from holoview.study.studies import studies_by_name

@@ -26,7 +26,7 @@ from holoview.metrics.image_quality import central_region, contrast_by_pupil, ho
 from holoview.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
 from holoview.model.focus import parse_plane
 from holoview.page.page import export_html
-from holoview.study.plots import make_figure, retinal_figure, speckle_figure
+from holoview.study.charts import make_figure, retinal_figure, speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import file_format
 from holoview.util.errors import UserError

@@ -2,7 +2,7 @@
 
 study           the interface of a study: its jobs at a problem size, what each computes, the analysis of results
 hologram_study  the job that most studies share (optimise a hologram and measure it), and gains beside the paper's
-plots           charts that studies share
+charts          charts that studies share
 runner          runs jobs in this process, in several, or on a Dask cluster, and keeps their results
 report          the report as HTML, CSV and figures
 demonstration   two displays rendered, scored and shown beside the target, for `holoview demo`

@@ -42,7 +42,7 @@ from holoview.optimise.parallel import resolve_torch_device
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.page.page import export_html
-from holoview.study.plots import bar_chart, bar_panels
+from holoview.study.charts import bar_chart, bar_panels
 from holoview.study.study import (
     QUICK,
     Claim,

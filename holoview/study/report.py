@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from holoview.io.pictures import write_png
-from holoview.study.plots import data_uri, render_figure
+from holoview.study.charts import data_uri, render_figure
 from holoview.study.study import QUICK, Claim, Findings, Study, StudyPicture, StudyScale
 from holoview.util.file_writer import write_file
 from holoview.util.packages import __version__

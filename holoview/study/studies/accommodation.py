@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from holoview.colour import SRGB_TO_XYZ
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.metrics.perceptual import band_contrast, contrast_like
+from holoview.study.charts import line_plot
 from holoview.study.hologram_study import SHOWN, job_system, job_target, mean_curve, optimise_job, scheme_jobs
-from holoview.study.plots import line_plot
 from holoview.study.study import (
     Claim,
     Findings,

@@ -15,6 +15,7 @@ from holoview.metrics.image_quality import measure_image_quality
 from holoview.model.eye import chromatic_refraction
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
+from holoview.study.charts import line_plot
 from holoview.study.hologram_study import (
     PRIMARIES_NM,
     QUICK_SIZE,
@@ -36,7 +37,6 @@ from holoview.study.hologram_study import (
     score_settings,
     table_row,
 )
-from holoview.study.plots import line_plot
 from holoview.study.study import (
     Claim,
     Findings,

@@ -13,8 +13,8 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.figures import greyscale_pixels
 from holoview.model import preset
+from holoview.study.charts import bar_chart
 from holoview.study.hologram_study import SHOWN, mean_number, table_row
-from holoview.study.plots import bar_chart
 from holoview.study.study import (
     Claim,
     Findings,

@@ -15,6 +15,7 @@ from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.fidelity import psnr_xyz
 from holoview.metrics.gamut import chromaticity
 from holoview.model import preset
+from holoview.study.charts import bar_chart, bar_panels, line_plot
 from holoview.study.hologram_study import (
     CONTRADICTS,
     METRIC_LABELS,
@@ -37,7 +38,6 @@ from holoview.study.hologram_study import (
     scheme_jobs,
     table_row,
 )
-from holoview.study.plots import bar_chart, bar_panels, line_plot
 from holoview.study.study import (
     QUICK,
     Claim,

@@ -17,6 +17,7 @@ from holoview.metrics.image_quality import measure_image_quality
 from holoview.model.system import System
 from holoview.numerics.sampling import positions
 from holoview.optimise.checkpoint import IterationState
+from holoview.study.charts import line_plot
 from holoview.study.hologram_study import (
     QUICK_SIZE,
     SHOWN,
@@ -36,7 +37,6 @@ from holoview.study.hologram_study import (
     score_numbers,
     score_settings,
 )
-from holoview.study.plots import line_plot
 from holoview.study.study import (
     Claim,
     Findings,

@@ -14,6 +14,7 @@ import numpy as np
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.model.scheme import with_scheme
+from holoview.study.charts import heat_map, line_plot
 from holoview.study.hologram_study import (
     CONTRADICTS,
     DIRECTION_ONLY,
@@ -36,7 +37,6 @@ from holoview.study.hologram_study import (
     row_of_lasers,
     scheme_jobs,
 )
-from holoview.study.plots import heat_map, line_plot
 from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob, StudyScale
 
 _CLAIMS = (

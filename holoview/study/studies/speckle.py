@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8
 from holoview.metrics.speckle import CONE_ARCMIN, independent_patterns, seen_by_cones, speckle_contrast
 from holoview.model.system import System
+from holoview.study.charts import line_plot
 from holoview.study.hologram_study import (
     CONTRADICTS,
     DIRECTION_ONLY,
@@ -26,7 +27,6 @@ from holoview.study.hologram_study import (
     mean_number,
     table_row,
 )
-from holoview.study.plots import line_plot
 from holoview.study.study import (
     Claim,
     Findings,
