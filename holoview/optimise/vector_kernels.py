@@ -382,6 +382,22 @@ def _store_picture(
 
 
 @compiled
+def _drop_first(squares: Any, channels: Any, known: Any) -> None:
+    """Moves the numbers of each channel to its front, over the first `known` of them."""
+    for channel in range(channels):
+        for i in range(channel * _PARTS, (channel + 1) * _PARTS - known):
+            squares[i] = squares[i + known]
+
+
+@compiled
+def _root_of_sum(values: Any) -> Any:
+    total = values[0]
+    for value in values[1:]:
+        total += value
+    return math.sqrt(total)
+
+
+@compiled
 def evaluate_rows(
     lines: Any,
     strides: Any,
@@ -424,10 +440,7 @@ def evaluate_rows(
             start = min(x, shown.size - LANES)
             _load_targets(target, target_strides, channels, row, count, start, squares)
             if x > start:  # a square ends with the row: its last columns are new
-                known = (x - start) * LANES
-                for channel in range(channels):
-                    for i in range(channel * _PARTS, (channel + 1) * _PARTS - known):
-                        squares[i] = squares[i + known]
+                _drop_first(squares, channels, (x - start) * LANES)
             places = shown[x : x + LANES]
             if does[2]:
                 _add_correlations(fields, places, squares, count, powers, lane_values, products)
@@ -443,10 +456,7 @@ def evaluate_rows(
             _load_adjoint(a, fields[beam], shown, weights[beam], factor, slopes)
             at = beam // beams[1] * strides[0] + beam % beams[1] * strides[1] + row * strides[2]
             _store_rows(fft(a, b, radices, roots, starts), lines, at, strides[2], count, band, squares)
-    for lane in range(1, LANES):
-        sums[0] += sums[lane]
-        sums[LANES] += sums[LANES + lane]
-    norms[0], norms[1] = math.sqrt(sums[0]), math.sqrt(sums[LANES])
+    norms[0], norms[1] = _root_of_sum(sums[:LANES]), _root_of_sum(sums[LANES:])
 
 
 # --- modulators ------------------------------------------------------------------------------------------------------
