@@ -56,6 +56,7 @@ from holoview.numerics.sampling import frequency_indices
 from holoview.optics.bench import relay_response
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.slm import pixel_spectrum
+from holoview.util.progress import ProgressCallback, no_progress
 from holoview.view import random_drive
 
 
@@ -398,12 +399,20 @@ class FrameTimings:
 
 
 def benchmark_frame(
-    system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
+    system: System,
+    device: Device,
+    rounds: int,
+    *,
+    half: bool = False,
+    strategy: StrategyOption = "auto",
+    progress: ProgressCallback = no_progress,
 ) -> FrameTimings:
     """Time frames and edits of a system at its middle focal plane, without padding unless the job says otherwise.
 
-    half: store fields as f16. Raises UserError if the device's limits or memory don't suffice.
+    half: store fields as f16. progress: counts the rounds.
+    Raises UserError if the device's limits or memory don't suffice.
     """
+    progress(0, 1 + rounds, "the fastest transforms")
     base = system.edit({"propagation": "periodic"})
     single = one_wavelength(base)
     renderers = {
@@ -416,7 +425,7 @@ def benchmark_frame(
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _pruned_jobs(base)
     jobs |= _cuda_jobs(base)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
-    samples = time_interleaved(jobs, rounds)
+    samples = time_interleaved(jobs, rounds, progress=progress)
     criteria = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
     full = renderers[FULL]
     strategies = {name: renderer.strategy for name, renderer in renderers.items()}
@@ -539,6 +548,8 @@ COLD, WARM = "first image of the viewer, cold caches", "first image of the viewe
 RENDER_COLD, RENDER_WARM = "holoview render, cold caches", "holoview render, warm caches"
 RENDER_TORCH = "holoview render --backend torch"
 _LIMITS_S, _GOALS_S = {COLD: 3.0, WARM: 1.5}, {COLD: 2.0, WARM: 1.0}
+_STARTS_S = 60.0
+"""After so long no further round of starts begins."""
 _CACHE_VARIABLES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR", "LOCALAPPDATA")
 _VIEW = ("view", "bench.toml", "--new", "--offscreen", "--until-image")
 _RENDER = ("render", "bench.toml", "--random", "0", "--output", "image.png")
@@ -553,9 +564,18 @@ class _Command:
     until_line: bool = False
 
 
-def first_image_timings(system: System, adapter: str | None = None, rounds: int = 3) -> dict[str, JobTimings]:
+def first_image_timings(
+    system: System,
+    adapter: str | None = None,
+    rounds: int = 3,
+    *,
+    progress: ProgressCallback = no_progress,
+    interruption: Callable[[], bool] = lambda: False,
+) -> dict[str, JobTimings]:
     """Wall and processor time (s) of each job, `rounds` times; the processor time is that until the process has ended.
 
+    On a machine where processes start slowly, fewer rounds are made. An interruption ends the measurement; jobs that
+    were never timed are then absent.
     system: the bench that is shown at one plane. adapter: a part of the name of the WebGPU adapter.
     Raises RuntimeError with what a command printed if it fails.
     """
@@ -567,7 +587,7 @@ def first_image_timings(system: System, adapter: str | None = None, rounds: int 
         RENDER_WARM: _Command((*_RENDER, "--backend", "wgpu", *on), is_warm=True),
         RENDER_TORCH: _Command((*_RENDER, "--backend", "torch"), is_warm=True),
     }
-    return _time_commands(system, commands, rounds)
+    return _time_commands(system, commands, rounds, progress, interruption)
 
 
 def first_image_criteria(timings: dict[str, JobTimings]) -> list[Criterion]:
@@ -586,19 +606,47 @@ def first_image_criterion(system: System, adapter: str | None = None) -> Criteri
     return first_image_criteria(_time_commands(system, {COLD: command}, 1))[0]
 
 
-def _time_commands(system: System, commands: dict[str, _Command], rounds: int) -> dict[str, JobTimings]:
+def _time_commands(
+    system: System,
+    commands: dict[str, _Command],
+    rounds: int,
+    progress: ProgressCallback = no_progress,
+    interruption: Callable[[], bool] = lambda: False,
+) -> dict[str, JobTimings]:
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    for name, sample in _command_runs(system, commands, rounds, progress, interruption):
+        samples[name].append(sample)
+    return {name: JobTimings(*zip(*pairs, strict=True)) for name, pairs in samples.items() if pairs}
+
+
+def _command_runs(
+    system: System,
+    commands: dict[str, _Command],
+    rounds: int,
+    progress: ProgressCallback,
+    interruption: Callable[[], bool],
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The timed runs of commands, round by round, after one of each that needs warm caches."""
+    warming = [name for name, command in commands.items() if command.is_warm]
+    plan = [(-1, name) for name in warming] + [(number, name) for number in range(rounds) for name in commands]
+    deadline = time.perf_counter() + _STARTS_S
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "bench.toml").write_text(preset.dumps(system), encoding="utf-8")
-        for command in commands.values():
-            if command.is_warm:
-                _run(command, folder, folder / "warm")
-        for number in range(rounds):
-            for job, command in commands.items():
-                caches = folder / ("warm" if command.is_warm else f"cold {number} {job}")
-                samples[job].append(_run(command, folder, caches))
-    return {job: JobTimings(*zip(*pairs, strict=True)) for job, pairs in samples.items()}
+        for done, (number, job) in enumerate(plan):
+            is_next_round = number > 0 and plan[done - 1][0] < number
+            if interruption() or (is_next_round and time.perf_counter() > deadline):
+                return
+            progress(done, len(plan), job)
+            caches = folder / ("warm" if commands[job].is_warm else f"cold {number} {job}")
+            try:
+                sample = _run(commands[job], folder, caches)
+            except RuntimeError:
+                if interruption():  # which the command was told as well
+                    return
+                raise
+            if number >= 0:
+                yield job, sample
 
 
 def _run(command: _Command, folder: Path, caches: Path) -> tuple[float, float]:

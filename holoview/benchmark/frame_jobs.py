@@ -19,6 +19,7 @@ from holoview.gpu.line_fft import Strategy, supported_strategies
 from holoview.gpu.tune import FftTuner, StrategyOption, TuningResult
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.util.progress import ProgressCallback, no_progress
 from holoview.view import random_drive
 
 TimedJob = Callable[[], None]
@@ -53,11 +54,15 @@ class JobTimings:
 
 
 def time_interleaved(
-    jobs: Mapping[str, TimedJob], rounds: int, warm_up: int = 1, limit_s: float = math.inf
+    jobs: Mapping[str, TimedJob],
+    rounds: int,
+    warm_up: int = 1,
+    limit_s: float = math.inf,
+    progress: ProgressCallback = no_progress,
 ) -> dict[str, JobTimings]:
     """Time `rounds` rounds of all jobs, after `warm_up` rounds that aren't timed.
 
-    limit_s: no further round begins after this time, but one round is always timed.
+    limit_s: no further round begins after this time, but one round is always timed. progress: counts the rounds.
     """
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in jobs}
     deadline = time.perf_counter() + limit_s
@@ -65,6 +70,7 @@ def time_interleaved(
         if number > warm_up and time.perf_counter() > deadline:
             break
         for name, job in jobs.items():
+            progress(number, warm_up + rounds, name)
             start, cpu_start = time.perf_counter(), time.process_time()
             job()
             if number >= warm_up:

@@ -94,9 +94,13 @@ def run(args: argparse.Namespace) -> int:
         return 0
     _check_strategy(args.strategy, system, device)
     options = {"half": args.half, "strategy": args.strategy}
-    frame = benchmark_frame(system, device, rounds, **options)
+    with progress_bar("frames and edits") as show:
+        frame = benchmark_frame(system, device, rounds, progress=show, **options)
     timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
-    first_image = first_image_timings(system, args.adapter, min(rounds, _MOST_STARTS))
+    with deferred_interrupt("start of a process") as interruption, progress_bar("first images") as show:
+        first_image = first_image_timings(
+            system, args.adapter, min(rounds, _MOST_STARTS), progress=show, interruption=interruption
+        )
     criteria = [*frame.criteria, *first_image_criteria(first_image)]
     result = _result(system, device, frame, criteria, timed, rounds)
     result["first_image"] = {name: sample.as_dict() for name, sample in first_image.items()}
@@ -104,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(result)
     else:
         print(_table(result))
-    return 0
+    return interruption.exit_code
 
 
 def _optimiser(args: argparse.Namespace, rounds: int) -> int:

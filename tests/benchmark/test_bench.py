@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,43 @@ def test_every_first_image_is_timed_and_warm_ones_find_the_caches_of_the_same_co
     assert criteria[0].value == timings[frame_benchmark.COLD].seconds[0]
 
 
+def _starts(monkeypatch: pytest.MonkeyPatch, runs: list[str], then: Callable[[], None] = lambda: None) -> None:
+    """Commands that only note that they were started, in place of processes."""
+
+    def run(command: Any, folder: Path, caches: Path) -> tuple[float, float]:
+        runs.append(" ".join(command.arguments))
+        then()
+        return 1.0, 1.0
+
+    monkeypatch.setattr(frame_benchmark, "_run", run)
+
+
+def test_where_processes_start_slowly_one_round_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs: list[str] = []
+    told: list[tuple[int, int, str]] = []
+    _starts(monkeypatch, runs)
+    monkeypatch.setattr(frame_benchmark, "_STARTS_S", -1.0)
+    timings = frame_benchmark.first_image_timings(_system(), rounds=3, progress=lambda *step: told.append(step))
+    assert [len(job.seconds) for job in timings.values()] == [1] * 5 and len(runs) == 8
+    assert [done for done, _, _ in told] == [*range(8)] and told[0][1] == 18
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_interruption_keeps_what_was_timed(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
+    """Whether or not the command that runs then was told as well, and fails."""
+    runs: list[str] = []
+
+    def fail() -> None:
+        if fails and len(runs) == 6:
+            raise RuntimeError("interrupted")
+
+    _starts(monkeypatch, runs, fail)
+    timings = frame_benchmark.first_image_timings(_system(), rounds=3, interruption=lambda: len(runs) >= 6)
+    assert (
+        list(timings) == [frame_benchmark.COLD, frame_benchmark.WARM, frame_benchmark.RENDER_COLD][: 2 if fails else 3]
+    )
+
+
 @pytest.mark.gpu
 @pytest.mark.slow
 def test_first_images_come_from_processes_of_their_own(device: Device) -> None:
@@ -190,7 +228,7 @@ def test_the_command_prints_a_table_and_json(
 ) -> None:
     times = JobTimings((2.5,), (1.0,))
     names = (frame_benchmark.COLD, frame_benchmark.WARM, frame_benchmark.RENDER_TORCH)
-    monkeypatch.setattr(bench, "first_image_timings", lambda *_: dict.fromkeys(names, times))
+    monkeypatch.setattr(bench, "first_image_timings", lambda *_, **options: dict.fromkeys(names, times))
     arguments = ["bench", "--size", "64x48", "--rounds", "1", "--strategy", "workgroup"]
     assert main(arguments) == 0
     table = capsys.readouterr().out
