@@ -1,16 +1,21 @@
-"""Times an iteration of the optimiser on the processor and on the card that PyTorch computes on, for equal patterns."""
+"""Times an iteration of the optimiser on the processor and on the card that PyTorch computes on, for equal patterns.
+
+Also the way of a hologram from there to the shaders.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import cycle
 from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
 import torch
 
-from holoview.benchmark.frame_jobs import time_interleaved
+from holoview.benchmark.frame_jobs import full_frame, open_renderer, time_interleaved
+from holoview.gpu.device import Device
 from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.memory import with_compact_grid
@@ -64,6 +69,27 @@ def time_iterations(system: System, rounds: int, limit_s: float, devices: tuple[
         "losses": losses,
         "failures": failures,
     }
+
+
+def time_handover(system: System, device: Device, rounds: int, name: str = "auto") -> dict[str, float]:
+    """Median times (ms) on the way of a hologram from the optimiser to its picture, for a device of torch.
+
+    The shaders' library can't share a card's memory with torch: patterns are copied to the processor, and from there.
+    """
+    renderer, place = open_renderer(system, device), resolve_torch_device(name)
+    patterns = cycle([torch.rand(system.drive_shape, device=place) for _ in range(2)])
+
+    def show() -> None:
+        renderer.edit(drive=next(patterns).cpu().numpy())
+        renderer.update(with_srgb=False)
+        device.wait()
+
+    jobs = {
+        f"patterns from {place} to the processor": lambda: (next(patterns).cpu(), None)[1],
+        "patterns to the shaders, and a frame": show,
+        "a frame": full_frame(renderer),
+    }
+    return {job: timing.median_ms for job, timing in time_interleaved(jobs, rounds).items()}
 
 
 def _step(device: str, states: Iterator[IterationState]) -> None:

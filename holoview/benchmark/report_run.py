@@ -587,9 +587,11 @@ class ReportRun:
         }
 
     def _optimiser(self) -> dict[str, Any]:
-        from holoview.benchmark.optimiser_iteration import time_iterations
+        from holoview.benchmark.optimiser_iteration import time_handover, time_iterations
 
-        return time_iterations(self._middle_system(), self.options.rounds, self.options.limit_s)
+        system, rounds = self._middle_system(), self.options.rounds
+        handover = time_handover(system, self.device, rounds)
+        return time_iterations(system, rounds, self.options.limit_s) | {"handover_ms": handover}
 
     def _quality_on_card(self) -> dict[str, Any]:
         return self._quality(_CARD_QUALITY_SIZE, "cuda")

@@ -329,6 +329,10 @@ def _optimiser(data: Values) -> Iterator[str]:
         ]
         yield from _table(["torch device", "ms", "times as fast as the processor", "loss after 3 iterations"], lines)
         yield from (f"\n{name}: {reason}" for name, reason in found["failures"].items())
+        yield ""
+        yield from _table(
+            ["a hologram's way to the shaders", "ms"], [[n, _number(t)] for n, t in found["handover_ms"].items()]
+        )
     if not results(data, OPTIMISER):
         yield "Not measured."
 

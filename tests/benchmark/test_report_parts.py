@@ -21,7 +21,7 @@ from holoview.benchmark.machine import (
     processor_name,
     read_card,
 )
-from holoview.benchmark.optimiser_iteration import time_iterations
+from holoview.benchmark.optimiser_iteration import time_handover, time_iterations
 from holoview.benchmark.report_run import FrameCase, case_system, frame_bytes, parts_ms, time_case
 from holoview.benchmark.report_text import goals, share_of_copy
 from holoview.gpu.device import TIMESTAMPS, Device
@@ -194,6 +194,12 @@ def test_an_iteration_is_timed_where_torch_has_a_device() -> None:
     assert found["losses"]["cpu"] == found["losses"]["cpu:0"]
     assert found["losses"]["cpu"][-1] < found["losses"]["cpu"][0]
     assert "isn't available" in found["failures"]["nonsense"]
+
+
+def test_a_hologram_goes_from_the_optimiser_to_the_shaders(device: Device) -> None:
+    found = time_handover(case_system(_base(), (64, 48), 2), device, 2, "cpu")
+    assert list(found) == ["patterns from cpu to the processor", "patterns to the shaders, and a frame", "a frame"]
+    assert all(time_ms > 0 for time_ms in found.values())
 
 
 # --- goals ----------------------------------------------------------------------------------------------------------
