@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
 import resource
@@ -354,20 +355,26 @@ SAME = {"gap": "aberration1", "distance": "aberration2", "stroke": "stroke_map"}
 """Effects with more numbers that contain the same physics."""
 
 
-def run(path: Path, options: list[str]) -> dict[str, Any]:
-    """One diagnosis by the command line: what it said when, its verdict, processor seconds, and memory."""
+def run(path: Path, options: list[str], limit_s: float = math.inf) -> dict[str, Any]:
+    """One diagnosis by the command line: what it said when, its verdict, processor seconds, and memory.
+
+    limit_s: it is stopped after so long, without a verdict.
+    """
     found = path.with_suffix(".found.json")
     found.unlink(missing_ok=True)
     command = [sys.executable, "-m", "holoview", "diagnose", str(path), "--json", str(found), *options]
     began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     memory = _Memory(process.pid)
+    stop = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), process.kill)
+    stop.start()
     said = []
     for line in process.stderr or ():
         for text in re.findall(r"so far: ([^(\r\n]+)", line):
             seconds = time.monotonic() - began, sum(map(_processor_seconds, _family(process.pid)))
             said.append((*(round(one, 1) for one in seconds), text.strip().split(" and ")))
     code = process.wait()
+    stop.cancel()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     truth = json.loads(path.with_suffix(".json").read_text())
     result: dict[str, Any] = {"file": str(path), **truth, "said": said, "code": code, "pss_gb": memory.most() / 1e9}
@@ -471,6 +478,7 @@ def main() -> None:
     do = parts.add_parser("run")
     do.add_argument("files", type=Path, nargs="+")
     do.add_argument("-o", "--output", type=Path, required=True)
+    do.add_argument("--limit", type=float, default=math.inf, help="seconds after which a diagnosis is stopped")
     do.add_argument("--options", nargs=argparse.REMAINDER, default=[], help="of holoview diagnose; the last argument")
     show = parts.add_parser("table")
     show.add_argument("files", type=Path, nargs="+")
@@ -482,7 +490,7 @@ def main() -> None:
             print(args.folder / f"{args.bench}-{seed}.h5", flush=True)
     elif args.part == "run":
         for path in args.files:
-            result = run(path, args.options)
+            result = run(path, args.options, args.limit)
             with args.output.open("a") as file:
                 file.write(json.dumps(result) + "\n")
             print(table([result]).splitlines()[-1], flush=True)

@@ -82,6 +82,7 @@ _SCAN_EDGE_SIZE = 1.0  # [prior] First simplex for hard edges after a scan.
 _FIRST_EDGE_SIZE = 0.5  # [prior] First simplex for hard edges after a fit.
 _LAST_EDGE_SIZE = 0.05  # [prior] Last simplex for hard edges.
 _EDGE_EVALUATIONS = 100  # [1] Evaluations of one simplex search.
+EDGE_EVALUATIONS = 2 * _EDGE_EVALUATIONS  # [1] Of `refine_hard_edges`, at most.
 _EDGE_ITERATIONS = 3  # [1] Iterations of the fit of other parameters between two simplex searches.
 _EDGE_TOLERANCE = 1e-3  # [1] Tolerance of that fit.
 

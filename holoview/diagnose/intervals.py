@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,9 +193,14 @@ def _edge_half_widths(
 def _profile_of_edge(
     fit: CandidateFit, at: LocalInformation, axis: int, comparison: Comparison, config: SearchConfig
 ) -> float:
-    """How far a parameter with a hard edge may move alone before the captures object, in priors."""
-    function, minimum, bounds = _at_solution(fit, at, comparison)
-    rise = config.verdict.min_delta_chi2 * max(1.0, minimum.cost / comparison.pixel_count)
+    """How far a parameter with a hard edge may move alone before the captures object, in priors.
+
+    Of large pictures only some captures are asked: where few object, all do, so that the result is rather too large.
+    """
+    where, some = comparison.parts()[-1]
+    part = replace(at, residual=at.residual[where])
+    function, minimum, bounds = _at_solution(fit, part, some)
+    rise = config.verdict.min_delta_chi2 * max(1.0, minimum.cost / some.pixel_count)
     step, along = float(bounds.step[axis]), np.eye(len(at.parameters))[axis]
     return profile_half_width(
         function, minimum, (along,), bounds, rise, shortest=_EDGE_STEPS[0] * step, longest=_EDGE_STEPS[1] * step

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from holoview.diagnose.fit import (
+    EDGE_EVALUATIONS,
     FINAL_TOLERANCE,
     CandidateFit,
     cost_or_inf,
@@ -40,7 +41,7 @@ from holoview.diagnose.judge import (
     rank_on_held_out,
     score_on_held_out,
 )
-from holoview.diagnose.screening import COSTLY_FIELDS, is_very_costly, prediction_cost
+from holoview.diagnose.screening import COSTLY_FIELDS, is_very_costly, prediction_cost, usual_budget
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 
@@ -107,7 +108,9 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
         tolerance=FINAL_TOLERANCE,
         include_fine=include_fine,
     )
-    for improve in (refit_with_longer_steps, refine_hard_edges, drop_negligible_values):
+    is_affordable = EDGE_EVALUATIONS * len(context.split.fine) <= usual_budget(context)
+    edges = [refine_hard_edges] if is_affordable else []  # otherwise the middle has found them
+    for improve in (refit_with_longer_steps, *edges, drop_negligible_values):
         refined = improve(effects, refined, comparison)
     if error > TOLERANT_MIN_ERROR and context.relative_model_error(refined.values) > error:
         return fit

@@ -156,8 +156,12 @@ def search_cost(context: SearchContext, effect: Effect) -> float:
 
 def is_dear(context: SearchContext, effect: Effect) -> bool:
     """Whether the search of an effect may take a large part of the budget of fields."""
-    budget = context.config.budget.fields_for(field_samples(context.data.captures))
-    return search_cost(context, effect) > _DEAR_SHARE * budget
+    return search_cost(context, effect) > _DEAR_SHARE * usual_budget(context)
+
+
+def usual_budget(context: SearchContext) -> float:
+    """Fields of a search that isn't thorough, in pictures of this size."""
+    return context.config.budget.fields_for(field_samples(context.data.captures))
 
 
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:

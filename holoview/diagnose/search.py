@@ -62,6 +62,10 @@ _JOINT_FITS = 3  # [fits] Joint fits of a base and one more cause after each sta
 _REFINED_JOINT_FITS = 2  # [fits] The best of these are refined.
 _MAX_CAUSES = 3
 """[causes] At most so many are named. Evidence: the search study named pairs only; more: none recorded."""
+_MAX_CAUSES_BEYOND_MIDDLE = 2
+"""[causes] Up to so many, further ones are searched in whole pictures beside those of a corrected middle, unless the
+search is thorough. Evidence: measured: with 1024 × 768 modulator pixels a field takes a second, and the derivatives by
+all effects that vary over the field took minutes; the middle shows most causes."""
 _PROMISING_SHARE = 0.5
 """[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the nominal
 excess, on held-out or on smooth captures; no ranges are scanned for a further cause that leaves less than this share of
@@ -89,6 +93,7 @@ MAX_FURTHER_EXCESS_SHARE = 0.8  # [1] A further cause must leave less than this 
 _RERANKED = 3  # [candidates] Refined again once nuisances are known.
 _RERANKED_EXCESS_FACTOR = 4.0  # [1] Of those whose excess is below so many times the best …
 _RERANKED_EXCESS = 0.1  # [χ²/n] … plus this.
+_EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,8 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
     """The causes that a first search suggests, fitted to the captures of another context.
 
     If these don't explain them, effects are searched beside them that vary over the field, or whose search takes few
-    fields.
+    fields. Where every effect was searched in a middle without the light from beyond it, it is enough that the verdict
+    is `explained`; otherwise the fit has to be at the floor.
     """
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
@@ -145,7 +151,13 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         result = rank_on_held_out(context, [*refined, *initial.fits])
     elif further and result.nominal.excess > jitter_excess(result.pixel_count):
         result = _search_single_causes(context, further, progress)
-    return prefer_fewer_numbers(context, _with_further_causes(context, result, further, progress))
+    most = _MAX_CAUSES
+    if initial.over_field_only and math.isfinite(context.field_budget):
+        is_explained = decide(result, context.equivalents, context.config.verdict).verdict in _EXPLAINED
+        most = 0 if is_explained else _MAX_CAUSES_BEYOND_MIDDLE
+    result = _with_further_causes(context, result, further, progress, most)
+    has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
+    return result if has_simplest_names else prefer_fewer_numbers(context, result)
 
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
@@ -166,10 +178,14 @@ def _is_consistent(context: SearchContext, result: SearchResult) -> bool:
 
 
 def _with_further_causes(
-    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+    context: SearchContext,
+    result: SearchResult,
+    effects: Sequence[Effect],
+    progress: ProgressCallback,
+    most: int = _MAX_CAUSES,
 ) -> SearchResult:
-    """Causes added one by one, as long as they improve the prediction of held-out captures."""
-    for number in range(max(len(result.best.causes), 1) + 1, _MAX_CAUSES + 1):
+    """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures."""
+    for number in range(max(len(result.best.causes), 1) + 1, most + 1):
         if _is_done(context, result):
             break
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))

@@ -148,6 +148,9 @@ class SampledEdges:
     def samples(size: float, centre: float) -> np.ndarray:
         return np.floor(4 * np.array([size + centre, size - centre]))
 
+    def parts(self) -> list[tuple[slice, SampledEdges]]:
+        return [(slice(None), self)]
+
     def residual(self, values: dict[str, dict[str, float]]) -> np.ndarray:
         found = self.noise.copy()
         found[:2] = 10 * (self.samples(**values["aperture"]) - self.true)
