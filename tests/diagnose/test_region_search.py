@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -17,7 +18,7 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.trials import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import MIN_FIELDS, PLAIN, BudgetConfig, RegionConfig, SearchConfig
+from holoview.diagnose.config import MIN_FIELDS, PLAIN, BudgetConfig, RegionConfig, SearchConfig, VerdictConfig
 from holoview.diagnose.crop import (
     MAX_TIME_SHARE,
     measure_missing_light,
@@ -144,6 +145,23 @@ def test_a_weak_fault_that_the_middle_hides_is_searched_in_whole_pictures(make_c
     for explains, causes in ((False, {"gap"}), (True, set(truth))):
         found = refine_candidates(context, InitialCandidates((fit,), explains), lambda *_: None)
         assert {*found.best.causes} == causes
+
+
+def test_whole_pictures_that_are_explained_are_searched_only_if_the_search_is_thorough(
+    make_context: MakeContext,
+) -> None:
+    """The limit of an explanation is set so high that a gap beside vignetting explains the captures."""
+    truth = {"gap": {"gap_error": 1e-4}, "vignetting": {"fall_y": 0.2}}
+    context = make_context(truth)
+    context = replace(context, config=SearchConfig(verdict=VerdictConfig(explained_excess=2.0)))
+    context = replace(context, effects={name: context.effects[name] for name in truth})
+    gap = context.effects["gap"]
+    fit = local_fit([gap], {"gap": identity_values(gap)}, context.data_weighted_comparison(context.split.fine, 0.1))
+    initial = InitialCandidates((fit,), are_searched=True, over_field_only=True)
+    for budget, causes in ((1e6, {"gap"}), (math.inf, set(truth))):
+        found = refine_candidates(replace(context, field_budget=budget), initial, lambda *_: None)
+        assert {*found.best.causes} == causes
+        assert found.best.excess < 2.0
 
 
 def test_without_light_from_beyond_the_middle_shows_the_noise_alone() -> None:
