@@ -18,13 +18,17 @@ from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
-from holoview.wavefield.interpret.remembered import notes_path
+from holoview.wavefield.interpret.remembered import notes_path, over, read_notes
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import ReadRequest, Recording, read_wavefield
 from holoview.wavefield.request import Order
-from holoview.wavefield.wavefield import Provenance, Wavefield
+from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
 
 Length = float | str
+_CORNERS = (
+    "its light lay in four pieces at the corners, as of a transform whose zero frequency stands there: "
+    "the alternating phase is taken away (--file-note checkerboard=false keeps it)"
+)
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,7 @@ def open_hologram(
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
-    from holoview.wavefield.imaging import corner_note, image_field, with_square_pitch  # slow start: it imports torch
+    from holoview.wavefield.imaging import image_field, is_at_corners, with_square_pitch  # slow start: it imports torch
 
     reading = read_wavefield(paths, request, progress)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
@@ -156,9 +160,13 @@ def open_hologram(
 
         field = seen_from(field, request.viewpoint)
     seen, moved = image_field(field, request.propagation)
-    corners = corner_note(field, seen) if reading.recording is None else ""
+    is_stated = over(request, read_notes(Path(paths[0]))).checkerboard is not None
+    if reading.recording is None and not is_stated and is_at_corners(field, seen):
+        field = replace(field, values=without_checkerboard(field.values))
+        seen, moved = image_field(field, request.propagation)
+        notes = (*notes, _CORNERS)
     seen, resampled = with_square_pitch(seen)
-    notes = (*notes, *(note for note in (moved, resampled, corners) if note))
+    notes = (*notes, *(note for note in (moved, resampled) if note))
     hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (

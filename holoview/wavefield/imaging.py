@@ -25,8 +25,8 @@ _AT_CORNERS = -0.25  # balance between the middle (1) and the edges (−1) of an
 _MOST_SAMPLES = 16384  # along a side of the window of a far image
 
 
-def corner_note(field: Wavefield, seen: Wavefield) -> str:
-    """A sentence for the user if the image lies in four pieces at the corners; empty if it doesn't.
+def is_at_corners(field: Wavefield, seen: Wavefield) -> bool:
+    """Whether the image lies in four pieces at the corners, as of a transform whose zero frequency stands there.
 
     seen: of `image_field`. Light that goes around the corners of its window, or near by of the samples' band, has
     Σ I·cos(2πk/N)/ΣI near −1 along both axes, k counted from the middle; light around the middle has it near 1, and
@@ -36,12 +36,7 @@ def corner_note(field: Wavefield, seen: Wavefield) -> str:
     cosines = [np.cos(2 * np.pi * (np.arange(n) - n // 2) / n) for n in power.shape]
     total = float(power.sum()) or 1.0
     balances = [float(power.sum(axis=1 - axis) @ cosine) / total for axis, cosine in enumerate(cosines)]
-    if max(balances) > _AT_CORNERS:
-        return ""
-    return (
-        "its light lies in four pieces at the corners, as of a transform whose zero frequency stands there: "
-        "--file-note checkerboard=true takes the alternating phase away"
-    )
+    return max(balances) <= _AT_CORNERS
 
 
 def _power(values: NDArray[np.complexfloating]) -> NDArray[np.floating]:

@@ -41,11 +41,13 @@ def test_an_image_in_four_corners_is_recognised_and_mended(distance_m: float, tm
     assert not [note for note in right.notes if "corners" in note]
     np.save(tmp_path / "corners.npy", without_checkerboard(values))
     wrong = open_hologram([tmp_path / "corners.npy"], request)
-    assert [note for note in wrong.notes if "checkerboard=true" in note]
-    (tmp_path / "corners.npy.holoview.toml").write_text("checkerboard = true\n")
-    mended = open_hologram([tmp_path / "corners.npy"], request)
-    assert not [note for note in mended.notes if "corners" in note]
-    np.testing.assert_array_equal(mended.hologram.drive, right.hologram.drive)
+    assert [note for note in wrong.notes if "checkerboard=false" in note]
+    np.testing.assert_array_equal(wrong.hologram.drive, right.hologram.drive)
+    for stated in (True, False):
+        (tmp_path / "corners.npy.holoview.toml").write_text(f"checkerboard = {str(stated).lower()}\n")
+        opened = open_hologram([tmp_path / "corners.npy"], request)
+        assert not [note for note in opened.notes if "corners" in note]
+        assert np.array_equal(opened.hologram.drive, right.hologram.drive) == stated
 
 
 def test_light_that_fills_the_band_says_nothing(tmp_path: Path) -> None:
