@@ -58,13 +58,12 @@ _DARK = 0.05  # of the mean power, which keeps darkness dark
 _FADED = 0.1  # of a side: hard edges of the frame would be the sharpest ones at distance 0
 _MUCH_SPARSER = 1.25
 _CLEARLY_SHARPER: dict[Measure, float] = {"edge sparsity": 1.06, "normalised variance": 1.2}
-"""[1] A picture is clearly sharper than another if each of its measures is so many times as large, or the sparsity of its
-edges alone `_MUCH_SPARSER` times. Evidence: of six
-published recordings and fields and five simulated ones, in focus on one side, the measures are 1.06 to 3.3 and 1.22 to
-840 times those of the other side; of holograms that are equal on both sides, 0.998 to 1.005; of a diffuse photograph,
-which has no edges, 0.98 and 0.85. Of six simulated amplitudes with smooth phases, which
-act as lenses, the measures are 1.37 to 1.73 and 0.92 to 4.3 times; at 0.3 to 4 times their distance, where neither side
-is in focus, the wrong side has at most 1.06 times the sparsity of the right one."""
+"""[1] A picture is clearly sharper than another if each of its measures is so many times as large, or the sparsity of
+its edges alone `_MUCH_SPARSER` times. Evidence: of six published recordings and fields and five simulated ones, in
+focus on one side, the measures are 1.06 to 3.3 and 1.22 to 840 times those of the other side; of holograms that are
+equal on both sides, 0.998 to 1.005; of a diffuse photograph, which has no edges, 0.98 and 0.85. Of six simulated
+amplitudes with smooth phases, which act as lenses, the measures are 1.37 to 1.73 and 0.92 to 4.3 times; at 0.3 to 4
+times their distance, where neither side is in focus, the wrong side has at most 1.06 times the right one's sparsity."""
 _SAMPLES_COMPARED = 256
 _TINY = 1e-30  # where a picture is dark
 _MOST_COMPARED = 1 << 24  # samples of a field both sides of which are compared unasked
