@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -136,7 +136,26 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Renders, writes a PNG for each plane, and prints their names with the speckle contrast."""
+    """Renders, writes a PNG for each plane and viewpoint, and prints their names with the speckle contrast."""
+    if not args.viewpoint or len(args.viewpoint) == 1:
+        return _run(args, print_json)
+    if args.output is None:
+        raise UserError("--viewpoint", "several without -o", expected="a name, which is numbered: OUT-view1.png")
+    for flag in ("remember", "pupil_path"):
+        if getattr(args, flag):
+            raise UserError(f"--{flag.replace('_', '-')}", "with several viewpoints", expected="one viewpoint")
+    results: list[dict[str, Any]] = []
+    codes = []
+    for place, viewpoint in enumerate(args.viewpoint, 1):
+        own = {"viewpoint": [viewpoint], "output": path_with_suffix(args.output, f"view{place}")}
+        codes.append(_run(argparse.Namespace(**vars(args) | own), results.append))
+    if args.json:
+        print_json({"viewpoints": [{"viewpoint": v} | r for v, r in zip(args.viewpoint, results, strict=True)]})
+    return max(codes)
+
+
+def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> int:
+    """The same seen from one place. report: takes what --json prints."""
     shown = _shown(args)
     system, drive = shown.system, shown.drive
     warn_of_camera_effects(system)
@@ -148,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
     if args.frames is not None:
         raise UserError("--frames", "without --pupil-path", expected="both, or neither")
     if args.show is not None:
-        return _show_field(args, shown, planes_m)
+        return _show_field(args, shown, planes_m, report)
     if args.stage is not None or args.laser is not None:
         flag = "--stage" if args.stage is not None else "--laser"
         raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
@@ -174,7 +193,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
         read = {"read": shown.read} if shown.read else {}
-        print_json(result | {"exposure_stops": round(stops, 3), "notes": view.notes} | read)
+        report(result | {"exposure_stops": round(stops, 3), "notes": view.notes} | read)
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         if stops and args.exposure in (None, "auto"):
@@ -201,7 +220,9 @@ def _simulated(
         )
 
 
-def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64]) -> int:
+def _show_field(
+    args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64], report: Callable[[dict[str, Any]], None]
+) -> int:
     """Writes a PNG of the field at a stage for each plane, and prints what its colours mean."""
     system, stage, laser = shown.system, args.stage or "plane", (args.laser or 1) - 1
     output = args.output or default_output(system.name, "", ".png")
@@ -224,7 +245,7 @@ def _show_field(args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.flo
         most = float(np.abs(field.values).max())
         files.append(entry | {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m})
     if args.json:
-        print_json({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
+        report({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
     for entry in [] if args.json else files:
         print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}")
     return saver.exit_code

@@ -112,6 +112,12 @@ def test_from_a_viewpoint_the_image_stays_and_the_rest_is_dark(holoview: Run) ->
     assert holoview(*seen, "--viewpoint=-1,0,16").code == 0
     # 16 samples of 8 µm focus to λz/(16·8 µm) = 42 µm, 5 samples
     assert np.abs(np.subtract(_brightest("seen.png"), POINT)).max() <= 5
+    one = Path("seen.png").read_bytes()
+    several = holoview(*seen, "--viewpoint=0,0,32", "--viewpoint=-1,0,16", "--json")
+    names = [view["planes"][0]["file"] for view in json.loads(several.out)["viewpoints"]]
+    assert several.code == 0 and names == ["seen-view1.png", "seen-view2.png"]
+    assert np.array_equal(np.asarray(Image.open(names[1])), np.asarray(Image.open("seen.png")))
+    assert Path("seen.png").read_bytes() == one  # it isn't written again
     behind = hv.load_field("lens.npy", pitch="8um", wavelengths="532nm", viewpoint=Viewpoint((-1.0, 0.0), 16.0))
     lit = np.abs(behind.drive[0, 0]) > 0
     assert lit[24:40, :16].all() and lit.sum() == 256

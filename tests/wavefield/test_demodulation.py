@@ -143,6 +143,10 @@ def test_the_kind_of_a_recording_is_guessed_from_its_spectrum_and_said() -> None
         found = field_of_recording(_recording(pictures, None))  # type: ignore[arg-type]
         assert words in found.report[0]
         assert found.field.frames == 1
+    x = np.arange(SHAPE[1]) / SHAPE[1]
+    faint = np.round(np.abs(0.1 * _object(3, 3.0) + REFERENCE * _wave((0.16, 0.2))) ** 2 + 40 * np.cos(6 * math.pi * x))
+    for picture, words in ((faint, "off-axis"), (faint / 3, "in-line")):  # a camera counts, a table of numbers doesn't
+        assert words in field_of_recording(_recording([picture], None)).report[0]
     assert field_of_recording(_recording([fringes] * 2, "off-axis")).field.frames == 2
 
 
