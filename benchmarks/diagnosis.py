@@ -73,15 +73,15 @@ def bench(rows: int = 96, columns: int = 128) -> System:
     )
 
 
-def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, first_seed: int) -> Iterator[Case]:
+def cases(args: argparse.Namespace) -> Iterator[Case]:
     """The cases, in an order in which all effects come early."""
-    names = [n for n in listed_effects() if not only or n in only]
-    system = bench()
-    for repeat in range(repeats):
-        for family in families:
+    names = [n for n in listed_effects() if not args.only or n in args.only]
+    system, sizes = bench(*args.shape), args.sizes
+    for repeat in range(args.repeats):
+        for family in args.families:
             for size in sizes if family in ("singles", "pairs", "deleted") else ["-"]:
                 for k, name in enumerate(names if family in ("singles", "deleted") else range(_count(family, names))):
-                    seed = first_seed + 1000 * repeat + 37 * k + 7 * (list(SIZES).index(size) if size in SIZES else 3)
+                    seed = args.seed + 1000 * repeat + 37 * k + 7 * (list(SIZES).index(size) if size in SIZES else 3)
                     rng = np.random.default_rng(seed)
                     hidden = _hidden(family, name, names, rng)
                     facts = replace(system, planes_m=np.array(_planes(hidden) or system.planes_m))
@@ -191,7 +191,9 @@ def _is_even(effect: str, name: str) -> bool:
 
 
 def _same(a: str, b: str) -> bool:
-    return a == b or b in listed_effects()[a].degenerate_with or a in listed_effects()[b].degenerate_with
+    """Whether two causes are the same, or the same physics; b may be a wrong record, which is no effect."""
+    effects = listed_effects()
+    return a == b or (b in effects and (b in effects[a].degenerate_with or a in effects[b].degenerate_with))
 
 
 def summary(lines: list[Case]) -> str:
@@ -253,7 +255,7 @@ def main() -> None:
         print(summary([Case(**json.loads(line)) for path in args.summary for line in path.read_text().splitlines()]))
         return
     done = []
-    for case in cases(args.families, args.sizes, args.only, args.repeats, args.seed):
+    for case in cases(args):
         try:
             done.append(solve(case, args))
         except UserError as error:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import t as student
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.fit import FittedValues, FreeParameters, free_parameters_of
-from holoview.diagnose.intervals import Interval
+from holoview.diagnose.intervals import LEVEL, Interval
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 
 Floats = NDArray[np.float64]
@@ -29,9 +30,6 @@ MIN_EXPLAINED = 0.5
 
 MIN_SIGMAS = 5.0
 """[σ] A parameter must lie so far from its identity. Evidence: derivation: as `VerdictConfig.min_delta_chi2`, 5²."""
-
-INTERVAL_SIGMAS = 1.96
-"""[σ] Half-width of an interval. Evidence: derivation: 95 % of a normal distribution."""
 
 SPARE_CAPTURES = 2
 """[captures] Needed beyond one for each wavelength and parameter. Evidence: none recorded; a spread needs some."""
@@ -79,10 +77,11 @@ def fit_power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLawF
     if 1.0 - (left / spread) ** 2 < MIN_EXPLAINED:
         return None
     values = free.unpack(solution.x)
-    sigma = _standard_deviations(free, solution.x, solution.jac, solution.fun, len(captures) - fitted_numbers)
-    own = values[effect.id]
+    degrees_of_freedom = len(captures) - fitted_numbers
+    sigma = _standard_deviations(free, solution.x, solution.jac, solution.fun, degrees_of_freedom)
+    own, factor = values[effect.id], float(student.ppf(0.5 + LEVEL / 2, degrees_of_freedom))
     intervals = {
-        (e, p.name): Interval(own[p.name], float(s), INTERVAL_SIGMAS * float(s))
+        (e, p.name): Interval(own[p.name], float(s), factor * float(s))
         for (e, p), s in zip(free.entries, sigma, strict=True)
     }
     significant = any(abs(own[p.name] - p.identity) > MIN_SIGMAS * intervals[e, p.name].sigma for e, p in free.entries)

@@ -120,6 +120,25 @@ def test_what_no_effect_describes_is_not_explained(tmp_path: Path) -> None:
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and found.after.chi2_per_pixel > 1.1
 
 
+@pytest.mark.explores
+def test_a_black_level_beside_a_turned_modulator_has_a_rival_at_one_exposure_time(tmp_path: Path) -> None:
+    """Light of the room adds the same to every picture: what its shot noise would be doesn't decide."""
+    faults = Faults(turn_rad=0.004, black=45.0)
+    laboratory = Laboratory(shape=(48, 64), each=6, fine=4, exposure_s=0.06, faults=faults)
+    captures = read_captures(write_session(tmp_path / "c.h5", laboratory))
+    effects = [listed_effects()[n] for n in (*FEW, "ambient", "camera_black", "slm_alignment")]
+    sampling = SamplingConfig(finer=2, padding=3, points=2)
+    found = diagnose(captures, effects, free_maps=False, sampling=sampling)
+    named = [{c.effect for c in found.causes}, *({*rival} for rival in found.rivals)]
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert {frozenset(names - {"slm_alignment"}) for names in named} == {
+        frozenset({"ambient"}),
+        frozenset({"camera_black"}),
+    }
+    turned = next(c for c in found.causes if c.effect == "slm_alignment").intervals["rotation"]
+    assert abs(turned.value - 0.004) <= FAIL_AT * turned.half_width
+
+
 def _sample(name: str) -> Diagnosis:
     return diagnose(read_captures(SAMPLES / f"{name}.h5"), workers=1, free_maps=False)
 
