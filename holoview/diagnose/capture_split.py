@@ -59,7 +59,8 @@ def split_captures(
 
     roughness: of each capture's patterns. left_out: captures that no set contains; at least two others remain. Of each
     wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
-    out. Of large pictures each set has fewer, so that their pixels fit into memory.
+    out, and with one capture in each plane, whole planes. Of large pictures each set has fewer, so that their pixels fit
+    into memory.
     """
     groups = _by_wavelength(captures, roughness, left_out)
     most = max(max_pixels // captures.images[0].size, len(groups))
@@ -70,6 +71,8 @@ def split_captures(
     spare = [k for group in groups if len(group) > 2 for k in group[1:]]  # with one to hold out beside it
     coarse += _of_missing_planes(coarse, spare, captures, roughness, sizes[0])
     rest = [[k for k in group if k not in coarse] for group in groups]
+    if not any(rest):  # every capture shows a plane of its own
+        return _split_scarce(groups, sizes)
     held_out = [
         k
         for group in rest
@@ -119,7 +122,7 @@ def _of_missing_planes(
 
 
 def _split_scarce(groups: list[list[int]], sizes: list[int]) -> CaptureSplit:
-    """The split of few captures, of which whole wavelengths are held out, at least one."""
+    """The split of few captures, of which whole wavelengths or planes are held out, at least one capture."""
     everything = [k for group in groups for k in group]
     held_out = everything[1::_SCARCE_STRIDE] or everything[-1:]
     fitted = [k for k in everything if k not in held_out] or everything

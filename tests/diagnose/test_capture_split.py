@@ -15,8 +15,10 @@ Make = Callable[..., Captures]
 
 @pytest.mark.parametrize("count", [2, 3, 4, 6, 12, 32, 100])
 @pytest.mark.parametrize("wavelengths", [1, 2, 4, 10])
-def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int) -> None:
-    captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
+@pytest.mark.parametrize("planes", [1, 3, 100])
+def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int, planes: int) -> None:
+    lasers, distances = np.linspace(450e-9, 640e-9, wavelengths), np.linspace(3e-3, 5e-3, planes)
+    captures = make_captures(count, wavelength_m=np.resize(lasers, count), distance_m=np.resize(distances, count))
     found = split_captures(captures, np.random.default_rng(count).uniform(size=count))
     assert len(found.coarse) and len(found.fine) and len(found.held_out)
     assert not set(found.held_out) & (set(found.rough) | set(found.fine) | set(found.coarse))

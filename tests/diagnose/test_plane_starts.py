@@ -61,6 +61,13 @@ def test_one_plane_has_no_error_of_its_own() -> None:
     assert _start(_context({"distance": {"distance_error": 2e-4}}, ("4 mm",))) == []
 
 
+def test_a_plane_can_be_where_the_camera_goes_no_further() -> None:
+    """On one side of it there is nothing to compare."""
+    context = _context({"plane_errors": {"distances": (4e-3,), "errors": (0.3e-3,)}}, ("0 mm", "4 mm", "6 mm"))
+    (found,) = _start(context)
+    assert found["distances"] == (4e-3,) and found["errors"] == pytest.approx((0.3e-3,), rel=0.1)
+
+
 def test_beside_a_cause_it_is_what_that_leaves() -> None:
     faults = {"plane_errors": {"distances": (4e-3,), "errors": (0.2e-3,)}, "gap": {"gap_error": 1e-4}}
     (found,) = _start(_context(faults), {"gap": {"gap_error": 1e-4}})

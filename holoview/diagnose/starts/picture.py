@@ -268,10 +268,11 @@ class _PlaneSearch:
         for _ in range(_PLANE_ROUNDS):
             low, high = self._costs(errors - step), self._costs(errors + step)
             bend = low + high - 2 * here
-            vertex = np.where(bend > 0, (low - high) / (2 * np.where(bend > 0, bend, 1.0)), np.sign(low - high))
+            is_bowl = (bend > 0) & np.isfinite(bend)  # at the lowest place of the camera a side is infinite
+            vertex = np.where(is_bowl, (low - high) / (2 * np.where(is_bowl, bend, 1.0)), np.sign(low - high))
             moved = errors + step * np.clip(vertex, -1.0, 1.0)
             there = self._costs(moved)
-            curvature = np.maximum(bend, 0.0) / (2 * step**2)
+            curvature = np.where(is_bowl, bend, 0.0) / (2 * step**2)
             better = there < here
             errors, here = np.where(better, moved, errors), np.where(better, there, here)
             step = step * _PLANE_STEP_RATIO
