@@ -14,7 +14,6 @@ raises its odds most. Choices are made among 20 proposals of the pool; all end o
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import tempfile
 from collections import defaultdict
@@ -25,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from benchmarks.common import append_line, lines_or_summary, read_lines
 from benchmarks.rig_adaptive import are_same, hidden_candidates, make_rig, sample_effects
 from holoview.captures.dataset import join_captures
 from holoview.diagnose.config import SearchConfig
@@ -243,8 +242,7 @@ def run(bench: LinearBench, policy: Policy, started: int, least: int, rng: np.ra
 def summarise(file: Path) -> None:
     """Prints a table: how many captures each policy took, and how often it was right."""
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for line in file.read_text(encoding="utf-8").splitlines():
-        row = json.loads(line)
+    for row in read_lines(file):
         groups[row["policy"]].append(row)
     print("| captures by | benches | captures | median | certain and right | certain and wrong |")
     print("| --- | --- | --- | --- | --- | --- |")
@@ -260,14 +258,7 @@ def main() -> None:
     parser.add_argument("--derivatives", type=Path, default=Path("out/derivatives.npz"), help="made if it isn't there")
     parser.add_argument("--first", type=int, default=0, help="seed of the first bench")
     parser.add_argument("--benches", type=int, default=120)
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/capture_bound.jsonl"))
-    parser.add_argument("--summary", type=Path, help="print the table of such a file, and measure nothing")
-    args = parser.parse_args()
-    if args.summary is not None:
-        summarise(args.summary)
-        return
-    torch.set_num_threads(1)
-    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args = lines_or_summary(parser, "capture_bound", summarise)
     if not args.derivatives.exists():
         made = measure_derivatives(seed=1)
         np.savez(args.derivatives, owner=made.owner, places=made.places, roots=made.roots)
@@ -277,8 +268,7 @@ def main() -> None:
         bench = draw_bench(derivatives, seed)
         for name, (policy, started, least) in POLICIES.items():
             row = run(bench, policy, started, least, np.random.default_rng((seed, 4)))
-            with args.output.open("a", encoding="utf-8") as lines:
-                lines.write(json.dumps({"seed": seed, "truth": bench.truth, "policy": name} | row) + "\n")
+            append_line(args.output, {"seed": seed, "truth": bench.truth, "policy": name} | row)
     summarise(args.output)
 
 

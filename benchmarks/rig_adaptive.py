@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import statistics
 import tempfile
 import time
@@ -28,8 +27,8 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-import torch
 
+from benchmarks.common import append_line, lines_or_summary, read_lines
 from benchmarks.diagnosis import bench
 from holoview.diagnose.fit import free_parameters_of, has_list
 from holoview.diagnose.power_law import changes_only_power
@@ -234,7 +233,7 @@ def summarise(file: Path) -> None:
 
     Captures: of all benches, and the median. Seconds of thinking: of the processor before each capture and after the
     last, with the final diagnosis; median (most)."""
-    rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    rows = read_lines(file)
     groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         groups[row["kind"], row["planner"]].append(row)
@@ -258,23 +257,15 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=12, help="benches")
     parser.add_argument("--step", type=int, default=1, help="between two seeds, for several processes side by side")
     parser.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/rig_adaptive.jsonl"))
-    parser.add_argument("--summary", type=Path, help="print the table of such a file, and measure nothing")
-    args = parser.parse_args()
-    if args.summary is not None:
-        summarise(args.summary)
-        return
-    torch.set_num_threads(1)
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    before = args.output.read_text(encoding="utf-8").splitlines() if args.output.exists() else []
-    done = {(row["seed"], row["planner"]) for row in map(json.loads, before)}
+    args = lines_or_summary(parser, "rig_adaptive", summarise)
+    before = read_lines(args.output) if args.output.exists() else []
+    done = {(row["seed"], row["planner"]) for row in before}
     for seed in range(args.first, args.first + args.count * args.step, args.step):
         for planner in args.planners:
             if (seed, planner) in done:
                 continue
             row = run_case(draw_case(seed), planner)
-            with args.output.open("a", encoding="utf-8") as lines:
-                lines.write(json.dumps(row) + "\n")
+            append_line(args.output, row)
             print({key: value for key, value in row.items() if key != "reasons"}, flush=True)
 
 
