@@ -59,8 +59,8 @@ def split_captures(
 
     roughness: of each capture's patterns. left_out: captures that no set contains; at least two others remain. Of each
     wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
-    out, and with one capture in each plane, whole planes. Of large pictures each set has fewer, so that their pixels fit
-    into memory.
+    out, and with one capture in each plane, whole planes. Of large pictures each set has fewer, so that their pixels
+    fit into memory.
     """
     groups = _by_wavelength(captures, roughness, left_out)
     most = max(max_pixels // captures.images[0].size, len(groups))
