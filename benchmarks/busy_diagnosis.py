@@ -50,7 +50,8 @@ CONDITIONS: dict[str, tuple[list[str], int, int]] = {
 def diagnosed(name: str, workers: int) -> dict[str, Any]:
     """The diagnosis of a file."""
     family, size, only, fields = FILES[name]
-    case = next(cases([family], [size], only, 1, _SEED))
+    drawn = {"families": [family], "sizes": [size], "only": only, "repeats": 1, "seed": _SEED, "shape": [96, 128]}
+    case = next(cases(argparse.Namespace(**drawn)))
     among = FEW if len(only) > 1 or family == "deleted" else listed_effects()
     library = [listed_effects()[key] for key in among if family != "deleted" or key not in case.truth]
     config = SearchConfig(budget=BudgetConfig(max_fields=fields))
