@@ -29,6 +29,10 @@ _CORNERS = (
     "its light lay in four pieces at the corners, as of a transform whose zero frequency stands there: "
     "the alternating phase is taken away (--file-note checkerboard=false keeps it)"
 )
+_CORNERS_OF_PHASES = (
+    "most of its light goes to the corners of the spectrum: a double-phase pattern sends the light there that its "
+    "image doesn't use; if the image itself lies there in four pieces, --file-note checkerboard=true puts it together"
+)
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,12 @@ def open_hologram(
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
-    from holoview.wavefield.imaging import image_field, is_at_corners, with_square_pitch  # slow start: it imports torch
+    from holoview.wavefield.imaging import (  # slow start: it imports torch
+        has_phases_alone,
+        image_field,
+        is_at_corners,
+        with_square_pitch,
+    )
 
     reading = read_wavefield(paths, request, progress)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
@@ -162,9 +171,10 @@ def open_hologram(
     seen, moved = image_field(field, request.propagation)
     is_stated = over(request, read_notes(Path(paths[0]))).checkerboard is not None
     if reading.recording is None and not is_stated and is_at_corners(field, seen):
-        field = replace(field, values=without_checkerboard(field.values))
-        seen, moved = image_field(field, request.propagation)
-        notes = (*notes, _CORNERS)
+        notes = (*notes, _CORNERS_OF_PHASES if has_phases_alone(field) else _CORNERS)
+        if not has_phases_alone(field):
+            field = replace(field, values=without_checkerboard(field.values))
+            seen, moved = image_field(field, request.propagation)
     seen, resampled = with_square_pitch(seen)
     notes = (*notes, *(note for note in (moved, resampled) if note))
     hologram = Hologram.of_field(seen)

@@ -22,6 +22,7 @@ from holoview.wavefield.request import Propagation
 from holoview.wavefield.wavefield import Wavefield
 
 _AT_CORNERS = -0.25  # balance between the middle (1) and the edges (−1) of an axis; ±0.02 of light spread at random
+_EQUAL = 1e-5  # amplitudes of exp(iφ) in float32 differ by less
 _MOST_SAMPLES = 16384  # along a side of the window of a far image
 
 
@@ -37,6 +38,12 @@ def is_at_corners(field: Wavefield, seen: Wavefield) -> bool:
     total = float(power.sum()) or 1.0
     balances = [float(power.sum(axis=1 - axis) @ cosine) / total for axis, cosine in enumerate(cosines)]
     return max(balances) <= _AT_CORNERS
+
+
+def has_phases_alone(field: Wavefield) -> bool:
+    """Whether all samples of the field have the same amplitude, as the pattern of a phase modulator has."""
+    amplitude = np.abs(field.values)
+    return bool(amplitude.max() - amplitude.min() <= _EQUAL * amplitude.max())
 
 
 def _power(values: NDArray[np.complexfloating]) -> NDArray[np.floating]:

@@ -50,6 +50,24 @@ def test_an_image_in_four_corners_is_recognised_and_mended(distance_m: float, tm
         assert np.array_equal(opened.hologram.drive, right.hologram.drive) == stated
 
 
+def test_a_double_phase_pattern_keeps_its_alternating_phases(tmp_path: Path) -> None:
+    """Of a small bright square before a dim ground, whose pattern sends more than nine tenths of its light to the corners.
+
+    φ ± acos(a) in turn is exp(iφ)·(a ± i·√(1 − a²)): the image's own light stands around the middle of the spectrum.
+    """
+    seen = np.full(SHAPE, 0.05, complex)
+    seen[80:120, 108:148] = 1
+    spectrum, frequencies = np.fft.fft2(seen), [np.fft.fftfreq(n, PITCH_M) for n in SHAPE]
+    cosine = np.sqrt(1 - (λ * frequencies[0][:, None]) ** 2 - (λ * frequencies[1]) ** 2)
+    field = np.fft.ifft2(spectrum * np.exp(-2j * np.pi * 0.02 / λ * cosine))
+    turn = np.arccos(np.abs(field) / np.abs(field).max()) * (1 - 2 * (np.indices(SHAPE).sum(axis=0) % 2))
+    pattern = ((np.angle(field) + turn) % (2 * np.pi)).astype(np.float32)
+    np.save(tmp_path / "pattern.npy", pattern)
+    opened = open_hologram([tmp_path / "pattern.npy"], ReadRequest((PITCH_M, PITCH_M), (λ,), 0.02))
+    assert [note for note in opened.notes if "checkerboard=true" in note]
+    np.testing.assert_allclose(opened.hologram.field().values[0, 0], np.exp(1j * pattern), atol=1e-5)
+
+
 def test_light_that_fills_the_band_says_nothing(tmp_path: Path) -> None:
     """Random phases: each balance has a standard deviation of √(1/2/n) = 3e-3 for n samples, 80 times below −0.25."""
     values = np.exp(2j * np.pi * np.random.default_rng(0).random(SHAPE)).astype(np.complex64)
