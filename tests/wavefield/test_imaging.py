@@ -51,7 +51,7 @@ def test_an_image_in_four_corners_is_recognised_and_mended(distance_m: float, tm
 
 
 def test_a_double_phase_pattern_keeps_its_alternating_phases(tmp_path: Path) -> None:
-    """Of a small bright square before a dim ground, whose pattern sends more than nine tenths of its light to the corners.
+    """Of a small bright square before a dim ground: more than nine tenths of the light go to the corners.
 
     φ ± acos(a) in turn is exp(iφ)·(a ± i·√(1 − a²)): the image's own light stands around the middle of the spectrum.
     """
