@@ -1,4 +1,4 @@
-"""Adam (Kingma & Ba, arXiv:1412.6980): moments and step, and learning-rate schedules.
+"""Adam (Kingma & Ba, arXiv:1412.6980): moments and step, and two learning-rate schedules.
 
 The caller owns the variables, so that they can be projected after each step or live in numpy.
 """
@@ -56,14 +56,9 @@ class Adam:
         self.step_count = 0
 
 
-def sqrt_decay(done: float, total: float) -> float:
+def sqrt_decay(done: int, total: int) -> float:
     """√(1 − done/total): falls from 1 to 0, most steeply at the end."""
     return math.sqrt(1 - min(done, total) / total)
-
-
-def held_decay(done: float, total: float) -> float:
-    """1 in the first half, and in the second `sqrt_decay` from 1 to 0."""
-    return sqrt_decay(max(0.0, done - total / 2), total / 2)
 
 
 def cosine_decay(done: float, total: int) -> float:

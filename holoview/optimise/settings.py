@@ -25,8 +25,7 @@ class Settings:
 
     iterations: number of gradient steps, at least 1.
     seed: of random initial patterns.
-    step_rad: Adam's step in the first half of the iterations, as phase at the middle wavelength; then it falls as the
-    square root of the fraction of the second half that is left.
+    step_rad: Adam's first step, as phase at the middle wavelength; it falls as √(fraction of iterations left).
     betas: Adam's decay rates of the mean gradient and of its mean square, each from 0 to below 1.
     amplitudes_every: iterations between two solutions for the laser amplitudes, and between two wavelength steps.
     free: the variables that are optimised, of "patterns", "amplitudes" and "wavelengths"; the others keep the values of

@@ -13,7 +13,7 @@ from scipy import ndimage
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optics.slm import nearest_level
-from holoview.optimise.adam import Adam, held_decay, sqrt_decay
+from holoview.optimise.adam import Adam, sqrt_decay
 from holoview.optimise.lasers import next_amplitudes
 from holoview.optimise.level_gradients import curvature_weight, steps_to_neighbour_level
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
@@ -127,7 +127,7 @@ class OptimisationVariables:
         first_half, total = self.wavelength_iterations, self.settings.iterations
         if iteration < first_half:
             return sqrt_decay(iteration, first_half)
-        return held_decay(iteration - first_half, total - first_half)
+        return sqrt_decay(iteration - first_half, total - first_half)
 
     def _step_amplitudes(self, gradient: Floats) -> None:
         """A step of the amplitudes' logarithms, whose gradient is a·∂L/∂a; lasers that are off stay off."""

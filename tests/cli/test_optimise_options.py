@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-import torch
 from PIL import Image
 
 from holoview.io.hologram import load_hologram
 from holoview.io.pictures import memory_cells
+from holoview.optimise.forward_model import ForwardModel
 
 Run = Callable[..., Any]
 
@@ -138,7 +138,7 @@ def test_too_little_memory_says_how_much_is_needed_and_what_to_lower(
     def full(*_: Any, **__: Any) -> None:
         raise RuntimeError("[enforce fail at alloc_cpu.cpp] DefaultCPUAllocator: can't allocate memory")
 
-    monkeypatch.setattr(torch.fft, "ifft", full)
+    monkeypatch.setattr(ForwardModel, "process_planes", full)
     outcome = holoview("optimise", "simultaneous", picture, *QUICK)
     assert outcome.code == 2
     assert "needs about " in outcome.err and "GiB of memory" in outcome.err

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.optimise.adam import Adam, held_decay, sqrt_decay
+from holoview.optimise.adam import Adam, sqrt_decay
 
 BETAS = (0.9, 0.99)
 
@@ -59,8 +59,6 @@ def test_the_fall_is_the_root_of_what_is_left() -> None:
     assert [sqrt_decay(done, 4) for done in (0, 3, 4, 5, 100)] == [1.0, 0.5, 0.0, 0.0, 0.0]
     values = [sqrt_decay(done, 20) for done in range(21)]
     assert all(later < earlier for earlier, later in pairwise(values))
-    held = [held_decay(done, 40) for done in range(41)]
-    assert held == [1.0] * 20 + values
 
 
 def test_a_floor_slows_what_the_gradient_says_little_about_and_nothing_else() -> None:
