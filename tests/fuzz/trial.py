@@ -31,8 +31,8 @@ ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
     *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.document.archive"),
     *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
-    *(f"holoview.wavefield.readers.{name}" for name in ("hdf5_file", "matlab5", "openholo", "pictures", "tiff_file")),
-    *("holoview.wavefield.reading", "holoview.wavefield.readers.exr_file", "holoview.wavefield.readers.numpy_file"),
+    *(f"holoview.wavefield.readers.{name}" for name in ("exr_file", "hdf5_file", "matlab5", "numpy_file", "openholo")),
+    *("holoview.wavefield.reading", "holoview.wavefield.readers.picture_file", "holoview.wavefield.readers.tiff_file"),
     *("holoview.rig.virtual.server", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
