@@ -73,7 +73,8 @@ def test_it_goes_on_from_the_best_patterns(killed: tuple[Path, int]) -> None:
     job.stop_and_keep()
     assert session.wait_until_idle(PATIENCE_S)
     assert session.history[-1].label.startswith("Optimise")
-    assert session.drive.shape == best.drive.shape and first.best_psnr_db > _psnr(best.origin) - 0.1
+    # amplitudes, solved for anew, are the best in XYZ, not in sRGB: 0.0 to 0.12 dB less in ten runs; a fresh start: 1.5
+    assert session.drive.shape == best.drive.shape and first.best_psnr_db > _psnr(best.origin) - 0.5
     session.close()
 
 
