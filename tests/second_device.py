@@ -13,6 +13,9 @@ from typing import Any
 import torch
 from torch.overrides import TorchFunctionMode
 
+import holoview as hv
+from holoview.model.system import System
+
 CARD = torch.device("cuda")
 _TO_HOST = (torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__)
 _COPIES = (torch.Tensor.__setitem__, torch.Tensor.copy_)
@@ -101,3 +104,12 @@ def _tensors(value: Any) -> Iterator[torch.Tensor]:
     elif isinstance(value, list | tuple):
         for item in value:
             yield from _tensors(item)
+
+
+def small_bench(**changes: Any) -> System:
+    """A bench of three lasers, two modulators and two planes, small enough to compute on both; with some changes."""
+    lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": "white"}
+    small = {"shape": [12, 16], "propagation": "compact", "planes": ["10 mm", "11 mm"]}
+    if "modulators" in changes:
+        small.pop("shape")
+    return hv.load("holochrome-8").edit({**lasers, **small, **changes})

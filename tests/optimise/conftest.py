@@ -19,6 +19,7 @@ from holoview.numerics.sampling import positions
 from holoview.optics.bench import pupil_without_effects
 from holoview.optics.propagate import transfer_function
 from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.kernels import TORCH_KERNELS
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 
@@ -205,3 +206,9 @@ def stack_for() -> Callable[..., np.ndarray]:
 def double_problem() -> Callable[[System, np.ndarray, Settings], Problem]:
     """A `Problem` that computes in float64, so that finite differences can check it to eight digits."""
     return partial(Problem, double=True)
+
+
+@pytest.fixture
+def kernels_of_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The processor computes with the kernels that a card has, so that both round alike."""
+    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)

@@ -16,10 +16,11 @@ import holoview as hv
 from holoview.model.system import System
 from holoview.optimise import solve
 from holoview.optimise.graphed_step import GraphedStep
-from holoview.optimise.kernels import TORCH_KERNELS
 from holoview.optimise.problem import Problem
 from holoview.optimise.variables import PatternVariables
-from tests.second_device import SecondDevice
+from tests.second_device import SecondDevice, small_bench
+
+pytestmark = pytest.mark.usefixtures("kernels_of_a_card")
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "patterns": {"free": ("patterns",)},
@@ -103,19 +104,6 @@ def one_thread() -> Any:
     torch.set_num_threads(before)
 
 
-@pytest.fixture(autouse=True)
-def same_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
-
-
-def _system(**changes: Any) -> System:
-    lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": "white"}
-    small = {"shape": [12, 16], "propagation": "compact", "planes": ["10 mm", "11 mm"]}
-    if "modulators" in changes:
-        small.pop("shape")
-    return hv.load("holochrome-8").edit({**lasers, **small, **changes})
-
-
 def _states(system: System, device: str, record: bool, **settings: Any) -> list[tuple[float, Any]]:
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
     stack = np.random.default_rng(0).random((len(system.planes_m), rows, columns, 3), dtype=np.float32)
@@ -154,7 +142,7 @@ def _are_equal(found: list[tuple[float, Any]], expected: list[tuple[float, Any]]
 def test_repeated_recordings_are_iterations(
     bench: str, settings: str, recorders: list[Recorder], memories: SecondDevice
 ) -> None:
-    system, chosen = _system(**BENCHES[bench]), SETTINGS[settings]
+    system, chosen = small_bench(**BENCHES[bench]), SETTINGS[settings]
     expected = _states(system, "cpu", True, **chosen)
     with memories:
         assert _are_equal(_states(system, "cuda", True, **chosen), expected)
@@ -166,7 +154,7 @@ def test_iterations_that_need_the_processor_are_not_recorded(
     name: str, recorders: list[Recorder], memories: SecondDevice
 ) -> None:
     changes, settings = OTHERS[name]
-    system = _system(**changes)
+    system = small_bench(**changes)
     expected = _states(system, "cpu", True, **settings)
     with memories:
         assert _are_equal(_states(system, "cuda", True, **settings), expected)
@@ -175,7 +163,7 @@ def test_iterations_that_need_the_processor_are_not_recorded(
 
 def test_drawn_pupils_keep_the_recording(recorders: list[Recorder], memories: SecondDevice) -> None:
     """Their targets and stops change in the same memory."""
-    system = _system(eye={"pupil": "2 mm"})
+    system = small_bench(eye={"pupil": "2 mm"})
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
 
     def stacks(places_m: Any) -> np.ndarray:
@@ -196,12 +184,12 @@ def test_a_recording_that_fails_is_said_and_launched_instead(
         raise RuntimeError("operation not permitted when stream is capturing\nmore lines")
 
     monkeypatch.setattr(solve, "recorder_for", lambda device: fails if device == "cuda" else None)
-    expected = _states(_system(), "cpu", True)
+    expected = _states(small_bench(), "cpu", True)
     with (
         memories,
         pytest.warns(RuntimeWarning, match="aren't recorded as CUDA graphs: operation not permitted") as said,
     ):
-        assert _are_equal(_states(_system(), "cuda", True), expected)
+        assert _are_equal(_states(small_bench(), "cuda", True), expected)
     assert len(said) == 1
 
 
@@ -214,6 +202,6 @@ def test_on_a_card_both_ways_agree(bench: str, settings: str) -> None:
     The step of a pixel with a small gradient depends on rounding: only losses are compared, whose relative differences
     stay below 1e-4 over 8 steps (1e-7 of the amplitudes of 768 pixels or more, magnified at most a hundredfold).
     """
-    system, chosen = _system(**BENCHES[bench]), SETTINGS[settings]
+    system, chosen = small_bench(**BENCHES[bench]), SETTINGS[settings]
     launched, recorded = (_states(system, "cuda", record, **chosen) for record in (False, True))
     assert [loss for loss, _ in recorded] == pytest.approx([loss for loss, _ in launched], rel=1e-4)

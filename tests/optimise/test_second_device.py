@@ -15,9 +15,10 @@ from holoview.model.effects.registry import listed_effects
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.optimise.kernels import TORCH_KERNELS
 from holoview.view import random_drive
-from tests.second_device import SecondDevice
+from tests.second_device import SecondDevice, small_bench
+
+pytestmark = pytest.mark.usefixtures("kernels_of_a_card")
 
 BENCHES: dict[str, dict[str, Any]] = {
     "plain": {},
@@ -40,21 +41,9 @@ OF_LASERS = {"bandwidth", "second_line", "flicker", "polarisation", "laser_power
 """Effects that change the lasers themselves, which the optimiser refuses."""
 
 
-@pytest.fixture(autouse=True)
-def same_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The processor computes with the kernels that a card has, so that both round alike."""
-    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
-
-
-def _system(**changes: Any) -> System:
-    lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": "white"}
-    small = {"shape": [12, 16], "propagation": "compact", "planes": ["10 mm", "11 mm"]}
-    return hv.load("holochrome-8").edit({**lasers, **small, **changes})
-
-
 def _with_effect(name: str) -> System:
     parameters = listed_effects()[name].parameters
-    return _system(**{f"effects.{name}.{p.name}": p.nudged(1.0) for p in parameters})
+    return small_bench(**{f"effects.{name}.{p.name}": p.nudged(1.0) for p in parameters})
 
 
 def _losses(system: System, settings: dict[str, Any], device: str) -> list[float]:
@@ -66,7 +55,7 @@ def _losses(system: System, settings: dict[str, Any], device: str) -> list[float
 @pytest.mark.parametrize("bench", BENCHES)
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_the_optimiser_keeps_to_its_device(bench: str, settings: str) -> None:
-    system = _system(**BENCHES[bench])
+    system = small_bench(**BENCHES[bench])
     expected = _losses(system, SETTINGS[settings], "cpu")
     with SecondDevice() as memories:
         assert _losses(system, SETTINGS[settings], "cuda") == expected
