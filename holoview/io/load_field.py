@@ -171,12 +171,11 @@ def open_hologram(
     seen, moved = image_field(field, request.propagation)
     is_stated = over(request, read_notes(Path(paths[0]))).checkerboard is not None
     if reading.recording is None and not is_stated and is_at_corners(field, seen):
-        if has_phases_alone(field):
-            notes = (*notes, _CORNERS_OF_PHASES)
-        else:
+        keeps_them = has_phases_alone(field)
+        notes = (*notes, _CORNERS_OF_PHASES if keeps_them else _CORNERS)
+        if not keeps_them:
             field = replace(field, values=without_checkerboard(field.values))
             seen, moved = image_field(field, request.propagation)
-            notes = (*notes, _CORNERS)
     seen, resampled = with_square_pitch(seen)
     notes = (*notes, *(note for note in (moved, resampled) if note))
     hologram = Hologram.of_field(seen)
