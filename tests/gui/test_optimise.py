@@ -148,8 +148,7 @@ def test_the_hologram_follows_the_newest_picture_of_a_folder(make_gui: Callable[
     assert job is not None
     _until(gui, lambda: job.latest is not None)
     Image.fromarray(np.full((48, 64, 3), 30, np.uint8)).save(tmp_path / "b.png")
-    _until(gui, lambda: len(job.progress) > 1)
-    assert gui.session.target_spec is not None and gui.session.target_spec.source.source.endswith("b.png")
+    _until(gui, lambda: len(job.progress) > 1 and gui.session.target_spec.source.source.endswith("b.png"))
     gui.draw_frames(2)
     gui.engine(lambda ctx: ctx.item_click("Optimise/Keep"))
     _until(gui, lambda: not job.is_active)

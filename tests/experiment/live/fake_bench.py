@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -62,8 +63,8 @@ def write_rig(folder: Path, kind: str = "fake") -> Path:
 class FakeBench:
     """Devices that show the rig's nominal light.
 
-    laser: (wavelength, power) that is on. hangs: by device, set while it hangs. fails: by device, whether it does.
-    calls: what was asked of the devices. opened: how often.
+    laser: (wavelength, power) that is on. hangs: by device, set while it hangs. hangs_while: by device, what it hangs
+    by. fails: by device, whether it does. calls: what was asked of the devices. opened: how often.
     """
 
     def __init__(self, path: Path) -> None:
@@ -71,7 +72,7 @@ class FakeBench:
         self.laser: tuple[float, float] | None = None
         self.exposure_s, self.distance_m, self.levels = 0.01, 0.0, np.zeros((24, 32), np.uint8)
         self.hangs, self.fails = defaultdict[str, bool](bool), defaultdict[str, bool](bool)
-        self.calls, self.opened = list[str](), 0
+        self.calls, self.opened, self.hangs_while = list[str](), 0, dict[str, Callable[[], bool]]()
         self.hung, self._rng = Event(), np.random.default_rng(0)
         self._light: dict[tuple[Any, ...], Any] = {}
 
@@ -84,11 +85,15 @@ class FakeBench:
         """A call of a device begins: it may hang, and it may fail."""
         self.calls.append(call)
         until = time.monotonic() + PATIENCE_S
-        while self.hangs[device] and time.monotonic() < until:
+        while self._hangs(device) and time.monotonic() < until:
             self.hung.set()
             time.sleep(0.005)
         if self.fails[device]:
             raise DeviceError(device, "didn't answer", remedy="check its cable")
+
+    def _hangs(self, device: str) -> bool:
+        while_so = self.hangs_while.get(device)
+        return self.hangs[device] or (while_so is not None and while_so())
 
     def picture(self) -> Counts:
         """What the camera sees: the nominal light with its noise."""
