@@ -25,6 +25,7 @@ from holoview.app.window import Window
 from holoview.colour import fitting_stops
 from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
 from holoview.document.file_loader import show_example
+from holoview.document.jobs import format_job
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model import preset
@@ -505,7 +506,7 @@ def draw_status(context: AppContext) -> None:
         tooltip(f"{context.session.save_problem}. It is tried again every few seconds.")
     for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
-        imgui.text(f"{job.title} {job.fraction:.0%}")
+        imgui.text(f"{job.title} {job.fraction:.0%}" if job.control.total > 0 else format_job(job))
 
 
 def _draw_limits(context: AppContext) -> None:

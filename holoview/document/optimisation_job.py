@@ -33,7 +33,7 @@ from holoview.model.system import System
 from holoview.optimise.checkpoint import IterationState
 from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, target_at_places
 from holoview.optimise.memory import with_compact_grid
-from holoview.optimise.settings import FIELD_LOSS, Settings
+from holoview.optimise.settings import FIELD_LOSS, NEXT_ITERATIONS, Settings
 from holoview.render.planes import render_each, render_planes
 from holoview.render.scene import Drive
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
@@ -211,7 +211,8 @@ class OptimisationJob(BackgroundJob):
 class LiveOptimisationJob(OptimisationJob):
     """An optimisation for pictures that change, until it is ended; the picture of the moment is the session's target.
 
-    source: of the pictures, as `open_live_pictures` takes it. count: of the pictures so far.
+    source: of the pictures, as `open_live_pictures` takes it. count: of the pictures so far. progress: of each picture
+    after its latest run of iterations.
     """
 
     unit, count = "picture", 0
@@ -248,20 +249,31 @@ class LiveOptimisationJob(OptimisationJob):
         return self._as_document(state)
 
     def _stacks(self, control: JobControl, pictures: LivePictures) -> Iterator[NDArray[np.float32]]:
-        """A focal stack whenever there is another picture, until the result is kept."""
+        """A focal stack for each run of iterations, until the result is kept.
+
+        A picture that stays gets further runs, until it has had as many iterations as the first picture.
+        """
         shown: Picture | None = None
+        stack, left = np.zeros(0, np.float32), 0
         while not self._keep.is_set():
             picture = pictures.next()
-            if picture is shown:
+            if picture is shown and left <= 0:
                 control.sleep(_POLL_S)
                 continue
-            shown, self.count = picture, self.count + 1
-            now = self._session.target_spec
-            if self.count == 1 or now is None:
-                now = TargetSpec(picture, self._source)
-            target_spec = replace(now, source=picture)
-            self._session.call_on_owner(partial(self._show_target, target_spec))
-            yield target_spec.stack_for(self.system)
+            if picture is not shown:
+                shown, self.count = picture, self.count + 1
+                stack, left = self._stack_for(picture), self.request.settings.iterations
+            left -= self.request.settings.iterations if self.count == 1 else NEXT_ITERATIONS
+            yield stack
+
+    def _stack_for(self, picture: Picture) -> NDArray[np.float32]:
+        """The focal stack of a picture, which becomes the session's target."""
+        now = self._session.target_spec
+        if self.count == 1 or now is None:
+            now = TargetSpec(picture, self._source)
+        target_spec = replace(now, source=picture)
+        self._session.call_on_owner(partial(self._show_target, target_spec))
+        return target_spec.stack_for(self.system)
 
     def _show_target(self, target_spec: TargetSpec) -> None:
         if self.is_active:
@@ -270,7 +282,8 @@ class LiveOptimisationJob(OptimisationJob):
     def _report(self, control: JobControl, state: IterationState) -> None:
         if state.iteration == state.iterations:
             made = OptimisationProgress(self.count, self.count, state.loss, state.psnr_db, state.best_psnr_db)
-            self.progress = [*self.progress[1 - _MOST_PICTURES :], made]
+            before = [progress for progress in self.progress if progress.iteration < self.count]
+            self.progress = [*before[1 - _MOST_PICTURES :], made]
         control.report(0, 0, f"picture {self.count}, PSNR {state.best_psnr_db:.2f} dB")
 
 

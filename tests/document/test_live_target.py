@@ -17,8 +17,12 @@ from holoview.document.optimisation_job import (
     start_live_optimisation,
     unfinished_optimisation,
 )
+from holoview.document.target_builder import TargetSpec
 from holoview.optimise.eyes import OptimisedEyes
+from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
+from holoview.optimise.solve import follow
+from holoview.targets.picture import read_picture
 from holoview.util.errors import UserError
 from tests.patience import wait_until
 
@@ -63,6 +67,22 @@ def test_the_target_and_the_hologram_follow_a_folder(session: EditingSession, tm
     session.undo()
     session.undo()
     assert session.drive is old and session.target_spec is None, "two edits: the target and the patterns"
+
+
+def test_a_picture_that_stays_gets_as_many_iterations_as_the_first(session: EditingSession, tmp_path: Path) -> None:
+    """Twenty, here as two runs of ten that each begin with the hologram before."""
+    _write(tmp_path, "a.png", 0)
+    job = start_live_optimisation(session, str(tmp_path), _request())
+    _until(session, lambda: len(job.progress) == 1)
+    _write(tmp_path, "b.png", 16)
+    targets = (TargetSpec(read_picture(tmp_path / name), name) for name in ("a.png", "b.png"))
+    first, second = (target.stack_for(session.system) for target in targets)
+    states = follow(with_compact_grid(session.system), [first, second, second], job.request.settings)
+    _, once, twice = (state.best_psnr_db for state in states if state.iteration == state.iterations)
+    assert twice > once
+    _until(session, lambda: len(job.progress) == 2 and job.progress[1].best_psnr_db == twice)
+    job.cancel()
+    _until(session, lambda: not job.is_active)
 
 
 def test_a_cancelled_one_leaves_the_patterns(session: EditingSession, tmp_path: Path) -> None:
