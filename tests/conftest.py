@@ -23,6 +23,7 @@ from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import give_back_freed_memory
+from holoview.util.processes import wait_for_threads
 from tests.randomness import SeedMover, draw_other_noise
 
 LONGEST = (
@@ -102,6 +103,11 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     """A process of xdist tells how many seeds it moved."""
     if _mover is not None and hasattr(session.config, "workeroutput"):
         session.config.workeroutput[_MOVED] = _mover.moved
+
+
+def pytest_unconfigure() -> None:
+    """Waits for work in the background that closed sessions left behind: it would abort the process."""
+    wait_for_threads(60.0)
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
