@@ -319,6 +319,8 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
     job = live.job
     if job is not None:
         imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
+        if live.forecast:
+            imgui.text_wrapped(live.forecast)
         if live.so_far:
             imgui.text_wrapped(f"so far: {live.so_far}")
         if imgui.button("Cancel##diagnosis"):

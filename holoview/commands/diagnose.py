@@ -185,6 +185,7 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
             time_s=math.inf if args.thorough else args.time,
             is_asked_to_end=interruption,
             so_far=so_far.note,
+            forecast=print_stderr,
             **_search_options(args),
         )
     return _Diagnosed(stated.with_notes(found), recorded, bench, interruption.exit_code)

@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -48,6 +48,7 @@ from holoview.diagnose.search_context import (
     SearchContext,
     SearchEnd,
     describe_so_far,
+    describe_work,
     equivalent_effects,
     field_samples,
 )
@@ -56,7 +57,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import ActiveEffects, is_user_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
-from holoview.util.progress import ProgressCallback, no_progress
+from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 
 _CORRECTION_SHARE = 0.7
 """[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
@@ -80,7 +81,8 @@ def diagnose(
     thorough: bool = False,
     time_s: float | None = None,
     is_asked_to_end: Callable[[], bool] | None = None,
-    so_far: Callable[[str], None] | None = None,
+    so_far: TextCallback | None = None,
+    forecast: TextCallback | None = None,
     sampling: SamplingConfig = PLAIN,
     config: SearchConfig | None = None,
 ) -> Diagnosis:
@@ -100,6 +102,8 @@ def diagnose(
     longer. None: it ends at its budget of fields alone, so that the result doesn't depend on the machine's speed.
     is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
     so_far: called with a sentence when the search has found a better result.
+    forecast: called with a sentence before the search: how many fields it computes at most, and the seconds that these
+    are expected to take on this machine, measured with the first predictions. Notes of `progress` go on from there.
     sampling: how predictions sample light.
     config: settings of all stages.
 
@@ -115,8 +119,8 @@ def diagnose(
     check_known_effects(captures, known)
     candidates = list(listed_effects().values() if effects is None else effects)
     ceiling_s = math.inf if time_s is None else time_s
-    options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, sampling)
-    request = _Request(candidates, known, uncertain or {}, *options, config or SearchConfig())
+    options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
+    request = _Request(candidates, known, uncertain or {}, *options, sampling, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -139,7 +143,8 @@ class _Request:
     thorough: bool
     time_s: float
     is_asked_to_end: Callable[[], bool] | None
-    so_far: Callable[[str], None] | None
+    so_far: TextCallback | None
+    forecast: TextCallback | None
     sampling: SamplingConfig
     config: SearchConfig
 
@@ -189,7 +194,8 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     useless = find_useless_captures(captures)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
-    middle = middle_of_context(whole)
+    with whole.measuring_pace():
+        middle = middle_of_context(whole)
     weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
@@ -235,7 +241,7 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
     """The diagnosis of captures with checked records, within a share of the budget."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
-        outcome = _find_causes(prepared, request.progress)
+        outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
         wants_maps = request.free_maps and not prepared.whole.end.was_asked
         diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
@@ -245,26 +251,27 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
     return with_wrong_records(diagnosis, records)
 
 
-def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOutcome:
+def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: TextCallback) -> SearchOutcome:
     """The causes and the bad captures: searched in the middle of large pictures, refined and judged in whole
-    pictures."""
+    pictures. forecast: is told how much work that is."""
     whole = prepared.whole
     judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
     if prepared.middle is None:
         search = partial(search_once, whole, progress=progress)
-        return judge(whole, search(doubtful_captures(whole, progress)), search)
+        return judge(whole, search(_doubtful(whole, progress, forecast, [])), search)
     progress(0, 1, "light from beyond the middle")
-    missing = measure_missing_light(whole, prepared.middle)
+    with whole.measuring_pace():
+        missing = measure_missing_light(whole, prepared.middle)
     middle = dataclasses.replace(prepared.middle, missing_light=missing)
+    is_corrected = not whole.data.captures.is_fourier and len(prepared.only) > 1
     search = partial(search_once, middle, progress=progress)
-    found = search(doubtful_captures(middle, progress))
+    found = search(_doubtful(middle, progress, forecast, [middle, whole] if is_corrected else [whole]))
     where = describe_middle(middle)
     if whole.end.was_asked:
         outcome = judge(middle, found, search)
         return dataclasses.replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
     if whole.data.captures.slm_frame is not None:  # cut too: its error is at most that of a smaller part
         whole = dataclasses.replace(whole, missing_light=missing)
-    is_corrected = not whole.data.captures.is_fourier and len(prepared.only) > 1
     if is_corrected:
         progress(0, 1, "light from beyond the middle, as predicted")
         whole = with_fitting_stops(whole, prepared.weighted, found.decision.values)
@@ -281,6 +288,16 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback) -> SearchOu
         outcome = dataclasses.replace(outcome, result=dataclasses.replace(outcome.result, unseen_rivals=unseen))
     notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
     return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
+
+
+def _doubtful(
+    context: SearchContext, progress: ProgressCallback, forecast: TextCallback, later: Sequence[SearchContext]
+) -> Collection[int]:
+    """The captures that stand out, whose predictions tell how long the search takes, and later searches after it."""
+    with context.measuring_pace():
+        doubtful = doubtful_captures(context, progress)
+    forecast(describe_work([context, *later]))
+    return doubtful
 
 
 def _found_without_light_from_beyond(

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
@@ -27,7 +28,9 @@ from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
+from holoview.util.processes import process_cpu_count
 from holoview.util.progress import ProgressCallback
+from holoview.util.units import format_duration
 
 MAX_TOLERATED_ERROR = 1.0
 """[error] Weights tolerate at most so large an error of the model. Evidence: the search study screened with weights
@@ -97,9 +100,14 @@ class SearchEnd:
             raise SearchEnded
 
     @property
+    def last_begin_s(self) -> float:
+        """Seconds from the beginning after which nothing new is begun."""
+        return self._last_begin * self.time_s
+
+    @property
     def is_near(self) -> bool:
         """Whether too little time is left to begin something new."""
-        return time.monotonic() - self._began > self._last_begin * self.time_s
+        return time.monotonic() - self._began > self.last_begin_s
 
     @property
     def seconds_left(self) -> float:
@@ -116,21 +124,26 @@ NEVER = SearchEnd()
 
 
 class Pace:
-    """How fast a search computes fields on this machine, from its beginning to the last count."""
+    """How fast a search computes fields on this machine, from its beginning to the last count.
+
+    first: seconds a field takes, for as long as the search has computed few; None: not known.
+    """
 
     def __init__(self) -> None:
-        self._first: tuple[float, int] | None = None
+        self.first: float | None = None
+        self._begin: tuple[float, int] | None = None
         self._last = (0.0, 0)
 
     def seconds_for(self, fields: float, done: int) -> float | None:
-        """Expected seconds of so many more fields; None before enough are done. done: number of fields so far."""
+        """Expected seconds of so many more fields; None while nothing was measured. done: number of fields so far."""
         now = time.monotonic()
-        if self._first is None:
-            self._first = self._last = (now, done)
+        if self._begin is None:
+            self._begin = self._last = (now, done)
         if done > self._last[1]:
             self._last = (now, done)
-        seconds, counted = (last - first for last, first in zip(self._last, self._first, strict=True))
-        return None if counted < _MIN_PACE_FIELDS else fields * seconds / counted
+        seconds, counted = (last - begin for last, begin in zip(self._last, self._begin, strict=True))
+        a_field = self.first if counted < _MIN_PACE_FIELDS else seconds / counted
+        return None if a_field is None else fields * a_field
 
 
 def describe_so_far(result: _Result) -> str:
@@ -297,6 +310,15 @@ class SearchContext:
         """How many fields of the budget aren't spent; read as `budget_exhausted`."""
         return max(self.field_budget - self.predictor.fields_requested, 0.0)
 
+    @contextmanager
+    def measuring_pace(self) -> Iterator[None]:
+        """Measures how long a field takes, with those that the block predicts in this process."""
+        began, before = time.monotonic(), self.predictor.fields_requested
+        yield
+        if fields := self.predictor.fields_requested - before:
+            side_by_side = min(self.workers.workers, process_cpu_count())
+            self.pace.first = (time.monotonic() - began) / (fields * side_by_side)
+
     def telling_time_left(self, progress: ProgressCallback) -> ProgressCallback:
         """Progress whose notes say how long the search will take at most on this machine."""
 
@@ -304,7 +326,7 @@ class SearchContext:
             computed = self.predictor.fields_requested
             by_fields = self.pace.seconds_for(self.fields_left, computed)
             left = min(math.inf if by_fields is None else by_fields, self.end.seconds_left)
-            words = f"{note} (at most {max(left, 1.0):.2g} s more)" if left < math.inf else note
+            words = f"{note} (at most {format_duration(max(left, 1.0))} more)" if left < math.inf else note
             progress(done, total, words)
 
         return told
@@ -386,6 +408,20 @@ class SearchContext:
         here = self.predictor.fields_requested - before
         self.predictor.fields_in_workers += sum(fields for _, fields in finished) - here
         return [result for result, _ in finished]
+
+
+def describe_work(contexts: Sequence[SearchContext]) -> str:
+    """A sentence on when searches in these contexts, one after the other, begin nothing new, and how long that is
+    expected to take on this machine, as far as `SearchContext.measuring_pace` has measured."""
+    fields, end = sum(context.field_budget for context in contexts), contexts[-1].end
+    counts = [context.field_budget if math.isfinite(fields) else 1000.0 for context in contexts]
+    seconds = sum(count * (context.pace.first or 0.0) for count, context in zip(counts, contexts, strict=True))
+    about = f"about {format_duration(max(seconds, 0.1))} on this machine"
+    limits = [f"{fields:_.0f} fields, {about}".replace("_", " ")] if math.isfinite(fields) else []
+    limits += [format_duration(end.last_begin_s)] if math.isfinite(end.time_s) else []
+    if limits:
+        return f"The search begins nothing new after {', or after '.join(limits)}. Most searches end sooner."
+    return f"The search takes as long as it needs; 1000 fields take {about}."
 
 
 def field_samples(captures: Captures) -> int:

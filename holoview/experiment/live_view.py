@@ -234,7 +234,7 @@ class LiveDiagnosis:
     """Diagnoses captures of a rig as jobs of the session; a running diagnosis gives way to one of more captures.
 
     time_s: how long a search may take. diagnosis: the last result, None before the first. seen: captures that were
-    there when it was begun. so_far: a sentence of the running one, or "". is_on: whether it begins by itself.
+    there when it was begun. so_far, forecast: sentences of the running one, or "". is_on: whether it begins by itself.
     registration: of the rig, if it was aligned; the effects that it knows aren't named as causes.
     """
 
@@ -242,7 +242,7 @@ class LiveDiagnosis:
         self._session, self._run = session, run
         self.time_s, self.is_on = TIME_S, True
         self.diagnosis: Diagnosis | None = None
-        self.seen, self.so_far = 0, ""
+        self.seen, self.so_far, self.forecast = 0, "", ""
         self.registration: Registration | None = None
         self._job: BackgroundJob | None = None
         self._next: tuple[list[Captures], int] | None = None
@@ -274,11 +274,11 @@ class LiveDiagnosis:
     def clear(self) -> None:
         """Forgets the diagnosis, as for other captures."""
         self.cancel()
-        self.diagnosis, self.seen, self._begun, self.so_far = None, 0, 0, ""
+        self.diagnosis, self.seen, self._begun, self.so_far, self.forecast = None, 0, 0, "", ""
 
     def _start(self, captures: list[Captures], seen: int) -> None:
         self.cancel()
-        self._begun, self.so_far, self._next = seen, "", (captures, seen)
+        self._begun, self.so_far, self.forecast, self._next = seen, "", "", (captures, seen)
         self._start_next()
 
     def _start_next(self) -> None:
@@ -296,17 +296,18 @@ class LiveDiagnosis:
             progress=control.report,
             time_s=time_s,
             is_asked_to_end=lambda: control.is_cancelled,
-            so_far=lambda text: self._session.call_on_owner(partial(self._note, control, text)),
+            so_far=lambda text: self._session.call_on_owner(partial(self._note, control, "so_far", text)),
+            forecast=lambda text: self._session.call_on_owner(partial(self._note, control, "forecast", text)),
         )
         control.check()
         return found
 
-    def _note(self, control: JobControl, text: str) -> None:
+    def _note(self, control: JobControl, name: str, text: str) -> None:
         if self._job is not None and self._job.control is control and not control.is_cancelled:
-            self.so_far = text
+            setattr(self, name, text)
 
     def _show(self, seen: int, found: Diagnosis) -> None:
-        self.diagnosis, self.seen, self.so_far = found, seen, ""
+        self.diagnosis, self.seen, self.so_far, self.forecast = found, seen, "", ""
 
 
 def cause_text(cause: Cause) -> CauseText:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import re
 import time
@@ -17,7 +18,15 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.diagnose import search_context
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.search_context import NEVER, BestSoFar, Pace, SearchEnd, SearchEnded, describe_so_far
+from holoview.diagnose.search_context import (
+    NEVER,
+    BestSoFar,
+    Pace,
+    SearchEnd,
+    SearchEnded,
+    describe_so_far,
+    describe_work,
+)
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
@@ -63,12 +72,15 @@ def test_time_over_raises_and_never_does_not() -> None:
 
 
 def test_the_pace_tells_how_long_the_rest_takes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hundred fields a second; counts that don't change, while processes work, don't count as slow."""
+    """A hundred fields a second, after a first measurement of 33. Counts that don't change, while processes work, don't
+    count as slow."""
+    assert Pace().seconds_for(1000, 0) is None
     now, pace = [50.0], Pace()
+    pace.first = 0.03
     monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    assert pace.seconds_for(1000, 0) is None
+    assert pace.seconds_for(1000, 0) == pytest.approx(30.0)
     now[0] += 1.0
-    assert pace.seconds_for(1000, 99) is None
+    assert pace.seconds_for(1000, 99) == pytest.approx(30.0)
     now[0] += 1.0
     assert pace.seconds_for(1000, 200) == pytest.approx(10.0)
     now[0] += 60.0
@@ -83,8 +95,52 @@ def test_progress_says_how_long_a_search_takes_at_most(make_context: MakeContext
         context.predictor(np.arange(12), {})
     tell(0, 1, "one cause")
     replace(context, end=SearchEnd(7.0)).telling_time_left(lambda done, total, note: notes.append(note))(1, 1, "two")
-    assert notes[0] == "one cause" and re.fullmatch(r"one cause \(at most \S+ s more\)", notes[1])
+    assert notes[0] == "one cause" and re.fullmatch(r"one cause \(at most \S+ (s|min|h) more\)", notes[1])
     assert re.fullmatch(r"two \(at most [67] s more\)|two \(at most 6\.\d s more\)", notes[2])
+
+
+@pytest.mark.parametrize(
+    ("fields", "end", "expected"),
+    [
+        ([32_000.0], NEVER, "begins nothing new after 32 000 fields, about 2.7 min on this machine. Most"),
+        ([800.0, 600.0], NEVER, "begins nothing new after 1 400 fields, about 7 s on this machine. Most"),
+        ([800.0], SearchEnd(100.0, last_begin=0.7), "after 800 fields, about 4 s on this machine, or after 70 s. Most"),
+        ([math.inf], SearchEnd(100.0, last_begin=0.7), "begins nothing new after 70 s. Most"),
+        ([math.inf], NEVER, "takes as long as it needs; 1000 fields take about 5 s on this machine."),
+    ],
+    ids=["default", "middle and whole", "--time beside a budget", "--time", "--thorough"],
+)
+def test_the_work_of_searches_in_words(
+    make_context: MakeContext, fields: list[float], end: SearchEnd, expected: str
+) -> None:
+    contexts = [replace(make_context(), field_budget=count, end=end, pace=Pace()) for count in fields]
+    for context in contexts:
+        context.pace.first = 0.005
+    assert expected in describe_work(contexts)
+
+
+def test_first_predictions_set_the_pace(make_context: MakeContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four fields of a quarter of a second, in one of two processes that will share the work."""
+    context, now = replace(make_context(), workers=WorkerPool(2)), [7.0]
+    monkeypatch.setattr(search_context, "process_cpu_count", lambda: 2)
+    monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with context.measuring_pace():
+        context.predictor(np.arange(4), {})
+        now[0] += 1.0
+    assert context.pace.first == pytest.approx(0.125)
+
+
+def test_the_work_is_told_before_the_search_and_changes_nothing() -> None:
+    captures, told = make_captures(small_system(), FAULTS, SESSION), list[str]()
+
+    def progress(done: int, total: int, note: str) -> None:
+        assert told or not note.startswith("one cause")
+        assert "one cause" not in note or re.search(r"at most [\d.]+ (s|min|h) more", note)
+
+    silent = diagnose(captures, EFFECTS, free_maps=False).as_json()
+    watched = diagnose(captures, EFFECTS, free_maps=False, progress=progress, forecast=told.append).as_json()
+    assert re.fullmatch(r"The search .* 32 000 fields, about [\d.]+ (s|min|h) on this machine\. .*", *told)
+    assert silent | {"seconds": 0, "records": 0} == watched | {"seconds": 0, "records": 0}
 
 
 def test_somebody_asks_in_this_process_only() -> None:

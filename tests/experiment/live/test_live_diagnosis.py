@@ -15,7 +15,7 @@ from holoview.document.editing_session import EditingSession
 from holoview.experiment.live_view import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged
 from tests.experiment.live.fake_bench import PLAN, FakeBench, write_rig
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 
 class _Slow:
@@ -27,6 +27,7 @@ class _Slow:
     def __call__(self, captures: Captures, **options: Any) -> Diagnosis:
         self.counts.append(len(captures))
         options["so_far"](f"of {len(captures)}")
+        options["forecast"](f"{len(captures)} fields")
         while not self.may_end.wait(0.002) and not options["is_asked_to_end"]():
             pass
         return cast(Diagnosis, f"of {len(captures)}")
@@ -75,7 +76,16 @@ def test_one_that_was_cancelled_shows_nothing(session: EditingSession, slow: _Sl
     live.start(captures[:5])
     live.cancel()
     assert session.wait_until_idle(PATIENCE_S)
-    assert live.diagnosis is None and live.job is None and live.so_far == ""
+    assert live.diagnosis is None and live.job is None and live.so_far == live.forecast == ""
+
+
+def test_a_running_one_says_how_long_it_takes(session: EditingSession, slow: _Slow, captures: list[Captures]) -> None:
+    live = LiveDiagnosis(session, slow)
+    live.start(captures[:5])
+    wait_until(lambda: live.forecast == "5 fields", session.poll)
+    slow.may_end.set()
+    assert session.wait_until_idle(PATIENCE_S)
+    assert live.forecast == ""
 
 
 def test_it_doesnt_begin_by_itself_when_that_is_off(
