@@ -36,6 +36,7 @@ COMMANDS = {
     "study": "make a figure of the paper again, with its numbers",
     "focus": "find the distance at which a hologram is sharpest",
     "point": "show the light at a point, along the axis, and where it is from",
+    "compare": "score a hologram and its views beside a reference, as JPEG Pleno does",
     "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }

@@ -131,7 +131,7 @@ def _add_part_options(group: argparse._ArgumentGroup) -> None:
         metavar="X,Y,SIZE",
         action="append",
         help="see it through a square part, the rest being dark: its place from -1 (left, upper edge) to 1, and its "
-        "side in samples or degrees as seen from the image: -1,0,2deg; render takes it several times",
+        "side in samples or degrees as seen from the image: -1,0,2deg; render and compare take it several times",
     )
     group.add_argument(
         "--colour-shift",
@@ -172,7 +172,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         propagation=args.propagation,
         decimate=args.decimate or 1,
         most_samples=MOST_UNASKED,
-        viewpoint=None if args.viewpoint is None else _viewpoint(*args.viewpoint),
+        viewpoint=None if args.viewpoint is None else _only_viewpoint(*args.viewpoint),
         colour_shifts_m=tuple(parse_shift(list(parse_lengths(t, "--colour-shift"))) for t in args.colour_shift or ()),
         **_aperture(args.aperture),
     )
@@ -187,10 +187,15 @@ def _numbers(text: str) -> Any:
         return text
 
 
-def _viewpoint(text: str, *others: str) -> Viewpoint:
+def _only_viewpoint(text: str, *others: str) -> Viewpoint:
     """The viewpoint that --viewpoint states. Raises UserError for other texts, and for several."""
     if others:
-        raise UserError("--viewpoint", f"{1 + len(others)} times", expected="once; several times with render")
+        raise UserError("--viewpoint", f"{1 + len(others)} times", expected="once; several times with render, compare")
+    return parse_viewpoint(text)
+
+
+def parse_viewpoint(text: str) -> Viewpoint:
+    """The viewpoint that a text such as -1,0,2deg states. Raises UserError for other texts."""
     numbers = _numbers(text)
     if isinstance(numbers, str) or len(numbers) != 3:
         expected = "x,y,size: places from -1 to 1, and a side of samples or degrees, such as -1,0,2deg"

@@ -98,13 +98,20 @@ def seen_from(field: Wavefield, viewpoint: Viewpoint) -> Wavefield:
 
     Raises UserError for an aperture that is larger than the field, and for degrees without a distance.
     """
+    return aperture_of(field, viewpoint, field.distance_m).alone(field)
+
+
+def aperture_of(field: Wavefield, viewpoint: Viewpoint, distance_m: float) -> SyntheticAperture:
+    """The aperture of a viewpoint, whose degrees are those seen from an image at a distance.
+
+    Raises UserError as `seen_from` does.
+    """
     shape = (round(viewpoint.size),) * 2
     if viewpoint.in_degrees:
-        shape = samples_of_degrees(field.distance_m, field.pitch_m, (viewpoint.size,) * 2, (0.0, 0.0))[0]
+        shape = samples_of_degrees(distance_m, field.pitch_m, (viewpoint.size,) * 2, (0.0, 0.0))[0]
     x, y = viewpoint.place
     places = [place * (n - size) / 2 for place, n, size in zip((y, x), field.shape, shape, strict=True)]
-    aperture = SyntheticAperture.from_samples(field, (shape[0], shape[1]), (places[0], places[1]))
-    return aperture.alone(field)
+    return SyntheticAperture.from_samples(field, (shape[0], shape[1]), (places[0], places[1]))
 
 
 def seen_through(
@@ -134,27 +141,37 @@ def seen_through(
 
 
 def published_picture(
-    amplitude: NDArray[np.floating], shape: tuple[int, int] | None = None, percentiles: Sequence[float] = (0.0, 100.0)
+    amplitude: NDArray[np.floating],
+    shape: tuple[int, int] | None = None,
+    percentiles: Sequence[float] = (0.0, 100.0),
+    *,
+    like: NDArray[np.floating] | None = None,
 ) -> NDArray[np.uint8]:
     """An amplitude (y, x) or (y, x, colour) as an 8-bit picture: resized, clipped at two percentiles, then 0 … 255.
 
     shape: rows and columns, by cubic convolution with a = −1/2 (Keys, IEEE Trans. Acoust. Speech Signal Process. 29,
     1153 (1981)), widened where the picture becomes smaller. percentiles: of all colours together; the lower one becomes
-    0 and the upper one 255.
+    0 and the upper one 255. like: the amplitude, of the same shape, whose percentiles are taken; its own if None.
 
     Raises UserError for percentiles that aren't rising from 0 to 100.
     """
     low, high = percentiles
     if not 0 <= low < high <= 100:
         raise UserError("percentiles", f"{low:g}, {high:g}", expected="two rising ones between 0 and 100")
-    values = np.asarray(amplitude, np.float32)
-    if shape is not None and values.shape[:2] != shape:
-        channels = values[..., None] if values.ndim == 2 else values
-        resized = [
-            np.asarray(Image.fromarray(channels[..., i]).resize((shape[1], shape[0]), Image.Resampling.BICUBIC))
-            for i in range(channels.shape[-1])
-        ]
-        values = resized[0] if values.ndim == 2 else np.stack(resized, axis=-1)
-    black, white = np.percentile(values, (low, high))
+    values = _resized(amplitude, shape)
+    black, white = np.percentile(values if like is None else _resized(like, shape), (low, high))
     span = float(white - black) or 1.0
     return np.rint(np.clip((values - black) / span, 0, 1) * 255).astype(np.uint8)
+
+
+def _resized(amplitude: NDArray[np.floating], shape: tuple[int, int] | None) -> NDArray[np.float32]:
+    """An amplitude (y, x) or (y, x, colour) with the rows and columns of a shape."""
+    values = np.asarray(amplitude, np.float32)
+    if shape is None or values.shape[:2] == shape:
+        return values
+    channels = values[..., None] if values.ndim == 2 else values
+    resized = [
+        np.asarray(Image.fromarray(channels[..., i]).resize((shape[1], shape[0]), Image.Resampling.BICUBIC))
+        for i in range(channels.shape[-1])
+    ]
+    return resized[0] if values.ndim == 2 else np.stack(resized, axis=-1)
