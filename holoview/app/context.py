@@ -26,8 +26,8 @@ from holoview.document.file_loader import FileLoader, most_samples_for
 from holoview.document.focus_edits import PupilMotion
 from holoview.document.measurements import LimitNotes, LiveMeasurement, LiveScore
 from holoview.document.optimisation_job import RetinalCurves
-from holoview.document.order_edits import OrderEditor
 from holoview.document.received_fields import ReceivedFields
+from holoview.document.recording_edits import RecordingEditor
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.render.page_images import PageImages
@@ -292,7 +292,7 @@ class AppContext:
         self.side_renderers = SideRenderers(device, session, renderer)
         self.plane_previews = PlanePreviews(device)
         self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
-        self.order_editor = OrderEditor(session)
+        self.recording_editor = RecordingEditor(session)
         self.point_probe = PointProbe(device, session.call_on_owner, session.messages.post_error)
         self.live_measurement = LiveMeasurement(session, window.wake)
         self.live_psnr = LiveScore("psnr", session, window.wake)
@@ -319,7 +319,7 @@ class AppContext:
             or self.plane_previews.is_busy
             or self.page_images.is_busy
             or self.point_probe.is_busy
-            or self.order_editor.is_busy
+            or self.recording_editor.is_busy
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
             or self.live_psnr.is_busy
@@ -393,7 +393,7 @@ class AppContext:
         self.side_renderers.close()
         self.page_images.close()
         self.point_probe.close()
-        self.order_editor.close()
+        self.recording_editor.close()
 
     def _run_command(self, name: str) -> None:
         self.attempt(self.commands.run, name)

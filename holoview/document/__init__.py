@@ -8,7 +8,7 @@ target_builder        the image that a hologram should show, built on a worker t
 measurements          measurements of an image; those of the displayed one, kept up to date
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash; jobs that measure speckle
 file_loader           opens files: recognises, reads, and reloads them when they are rewritten; the shipped example
-order_edits           moves the order of a recording that a field is cut out of
+recording_edits       kind, order and steps of the recording that a field is of
 received_fields       shows fields that other running programs send
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session

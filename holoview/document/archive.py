@@ -26,7 +26,7 @@ from holoview.document.document import Document, HistoryStep, as_readonly_drive
 from holoview.document.editing_session import OptimisationChoices
 from holoview.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.document.target_builder import TargetSpec, example_target
-from holoview.io.load_field import RecordedOrders
+from holoview.io.load_field import Recorded
 from holoview.model import preset
 from holoview.model.focus import PupilPath
 from holoview.model.system import System
@@ -160,8 +160,8 @@ class SessionArchive:
             "path": None if document.path is None else str(document.path),
         }
 
-    def _recorded_table(self, recorded: RecordedOrders | None, recordings: dict[str, Any]) -> dict[str, Any] | None:
-        """The JSON of chosen orders; their recording is added to the table that all documents share."""
+    def _recorded_table(self, recorded: Recorded | None, recordings: dict[str, Any]) -> dict[str, Any] | None:
+        """The JSON of a recording; what its document shares with others is added to the table of recordings."""
         if recorded is None:
             return None
         recording = recorded.recording
@@ -171,8 +171,7 @@ class SessionArchive:
             pictures, lasers = self._store_array(recording.pictures), recording.wavelengths_m.tolist()
             orders = [asdict(order) for order in recording.orders]
             recordings[key] = table | {"pictures": pictures, "wavelengths_m": lasers, "orders": orders}
-        orders = [asdict(order) for order in recorded.orders]
-        return {"recording": key, "orders": orders, "is_moved": recorded.is_moved}
+        return {"recording": key, "is_moved": recorded.is_moved}
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
         table = {key: getattr(target_spec, key) for key in _TARGET_KEYS}
@@ -354,16 +353,19 @@ class _Reader:
             )
         return self._targets[key]
 
-    def _recorded(self, table: Mapping[str, Any] | None) -> RecordedOrders | None:
+    def _recorded(self, table: Mapping[str, Any] | None) -> Recorded | None:
         if table is None:
             return None
         key = typed_value(table["recording"], str, "recording")
         if key not in self._recordings:
             entry = self._table["recordings"][key]
-            own: dict[str, Any] = {"pictures": self._array(entry["pictures"]), "steps": "equal"}
+            steps = entry["steps"]
+            own: dict[str, Any] = {"pictures": self._array(entry["pictures"]), "steps": steps}
+            if steps not in ("equal", "unknown"):
+                own["steps"] = typed_value(steps, tuple[float, ...], "steps")
             own["wavelengths_m"] = np.array(typed_value(entry["wavelengths_m"], tuple[float, ...], "wavelengths"))
             self._recordings[key] = record_from_table(Recording, entry, "recording: ", skips_unknown=True, **own)
-        return record_from_table(RecordedOrders, table, skips_unknown=True, recording=self._recordings[key])
+        return record_from_table(Recorded, table, skips_unknown=True, recording=self._recordings[key])
 
     def _view(self, table: Mapping[str, Any]) -> ViewSettings:
         key = table.get("pupil_path")

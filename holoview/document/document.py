@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.document.target_builder import TargetSpec
-from holoview.io.load_field import RecordedOrders
+from holoview.io.load_field import Recorded
 from holoview.model.system import System
 from holoview.render.scene import Drive, Scene, image_shape
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
@@ -39,7 +39,7 @@ class Document:
     target_spec: TargetSpec | None = None
     origin: str = ""
     path: Path | None = None
-    recorded: RecordedOrders | None = None
+    recorded: Recorded | None = None
 
     def __post_init__(self) -> None:
         if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:

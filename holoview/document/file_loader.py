@@ -26,7 +26,7 @@ from holoview.document.jobs import BackgroundJob, JobControl
 from holoview.document.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.document.target_builder import TargetSpec, example_target
 from holoview.io.hologram import load_hologram
-from holoview.io.load_field import RecordedOrders, is_field_file, open_hologram
+from holoview.io.load_field import Recorded, is_field_file, open_hologram
 from holoview.io.pictures import read_pattern
 from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
@@ -322,7 +322,7 @@ class FileContent:
     path: Path | None = None
     plane_m: float | None = None
     notes: tuple[str, ...] = field(default=())
-    recorded: RecordedOrders | None = None
+    recorded: Recorded | None = None
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
-from holoview.wavefield.interpret.remembered import notes_path, over, read_notes
+from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
-from holoview.wavefield.reading import ReadRequest, Recording, read_wavefield
+from holoview.wavefield.reading import Reading, ReadRequest, Recording, read_wavefield
 from holoview.wavefield.request import Order
 from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
 
@@ -42,8 +42,8 @@ class OpenedHologram:
     provenance: where each property of a field of another program is known from; empty for files of holoview.
     notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
     planes count; 0 for a field in its own plane. other_side: the hologram of the conjugate field, seen in the same way,
-    where its image is clearly sharper: the file's phase or distance may have the other sign. recorded: the off-axis
-    recording that the field was cut out of, to choose another part.
+    where its image is clearly sharper: the file's phase or distance may have the other sign. recorded: the camera's
+    recording that the field was made of.
     """
 
     hologram: Hologram
@@ -51,37 +51,58 @@ class OpenedHologram:
     notes: tuple[str, ...] = ()
     moved_m: float = 0.0
     other_side: Hologram | None = None
-    recorded: RecordedOrders | None = None
+    recorded: Recorded | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedOrders:
-    """An off-axis recording and the order of its spectrum that the field of each wavelength is cut out of.
+class Recorded:
+    """A camera's recording that a field was made of, to choose its kind, orders or steps anew.
 
-    is_moved: whether the field is brought to its image, from where planes count, by one Fresnel transform.
+    recording: with its kind, side, steps, and an order for each wavelength of an off-axis one. is_moved: whether the
+    field is brought to its image, from where planes count, by one Fresnel transform.
+
+    Raises UserError for a recording of unknown kind, and for one without its orders.
     """
 
     recording: Recording
-    orders: tuple[Order, ...]
     is_moved: bool = False
 
-    def with_order(self, wavelength: int, order: Order) -> RecordedOrders:
+    def __post_init__(self) -> None:
+        recording = self.recording
+        wanted = len(recording.wavelengths_m) if recording.kind == "off-axis" else 0
+        if recording.kind in (None, "none") or len(recording.orders) != wanted:
+            found = f"of kind {recording.kind} with {len(recording.orders)} orders"
+            raise UserError("recording", found, expected="off-axis with orders, in-line or phase-shifting")
+
+    def with_order(self, wavelength: int, order: Order) -> Recorded:
         """With another order for the wavelength of an index."""
-        orders = tuple(order if i == wavelength else kept for i, kept in enumerate(self.orders))
-        return replace(self, orders=orders)
+        orders = tuple(order if i == wavelength else kept for i, kept in enumerate(self.recording.orders))
+        return replace(self, recording=replace(self.recording, orders=orders))
 
-    def found(self) -> RecordedOrders:
-        """With the orders that stand out of the spectra. Raises UserError where none does."""
-        from holoview.wavefield.demodulation import find_order  # slow start: it imports scipy
+    def conjugate(self) -> Recorded:
+        """The conjugate field: of an off-axis recording, from the orders on the other side."""
+        orders = tuple(order.conjugate() for order in self.recording.orders)
+        side = not orders and not self.recording.conjugated
+        return replace(self, recording=replace(self.recording, orders=orders, conjugated=side))
 
-        return replace(self, orders=tuple(find_order(picture) for picture in self.recording.pictures[0]))
+    def found(self, **changes: Any) -> Recorded:
+        """With the orders that stand out of the spectra, of an off-axis recording.
+
+        changes: other fields of the recording, such as its kind. Raises UserError where nothing is found.
+        """
+        from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
+
+        return replace(
+            self,
+            recording=field_of_recording(replace(self.recording, orders=(), conjugated=False, **changes)).recording,
+        )
 
     def hologram(self) -> Hologram:
-        """The field of the orders, as `open_hologram` shows it. Raises UserError for orders beyond the samples."""
-        from holoview.wavefield.demodulation import off_axis_field  # slow start: it imports scipy
+        """The field, as `open_hologram` shows it. Raises UserError for orders beyond the samples, and other kinds."""
+        from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
         from holoview.wavefield.imaging import image_field  # slow start: it imports torch
 
-        field = off_axis_field(self.recording, self.orders).field
+        field = field_of_recording(self.recording).field
         return Hologram.of_field(image_field(field, "fresnel" if self.is_moved else "asm")[0])
 
 
@@ -154,23 +175,14 @@ def open_hologram(
         with_square_pitch,
     )
 
-    reading = read_wavefield(paths, request, progress)
-    notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
-    field, recorded = reading.wavefield, None
-    if reading.recording is not None:
-        from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
-
-        found = field_of_recording(reading.recording)
-        field, notes = found.field, (*notes, *found.report)
-        recorded = RecordedOrders(reading.recording, found.orders) if found.orders else None
-    assert field is not None
+    reading, found = _read(paths, request, progress)
+    field, notes = found.field, found.notes
     if request.viewpoint is not None:
         from holoview.wavefield.synthetic_aperture import seen_from  # slow start: it imports torch
 
         field = seen_from(field, request.viewpoint)
     seen, moved = image_field(field, request.propagation)
-    is_stated = over(request, read_notes(Path(paths[0]))).checkerboard is not None
-    if reading.recording is None and not is_stated and is_at_corners(field, seen):
+    if reading.recording is None and reading.request.checkerboard is None and is_at_corners(field, seen):
         keeps_them = has_phases_alone(field)
         notes = (*notes, _CORNERS_OF_PHASES if keeps_them else _CORNERS)
         if not keeps_them:
@@ -190,10 +202,43 @@ def open_hologram(
     if reading.recording is None and is_sharper_on_other_side(field):
         other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), request.propagation)[0])
         notes = (*notes, "the image is sharper with the other sign of the phase (--conjugate) or of the distance")
-    if recorded is not None and moved:
-        recorded = replace(recorded, is_moved=True)
+    recorded = None if found.recording is None else Recorded(found.recording, bool(moved))
     moved_m = field.distance_m if moved else 0.0
     return OpenedHologram(hologram, reading.provenance, notes, moved_m, other, recorded)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldOfFiles:
+    """A field in its own plane. recording: that it was made of. notes: remarks for the user, each a sentence."""
+
+    field: Wavefield
+    recording: Recording | None = None
+    notes: tuple[str, ...] = ()
+
+
+def field_of_files(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> FieldOfFiles:
+    """The field of a file of holoview or of another program, or of several that are its parts, in its own plane.
+
+    Raises UserError as `open_hologram` does, and for patterns of modulators.
+    """
+    if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
+        return FieldOfFiles(_at_distance(load_hologram(paths[0]), request).field())
+    return _read(paths, request, None)[1]
+
+
+def _read(
+    paths: Sequence[str | os.PathLike[str]], request: ReadRequest, progress: StepCallback | None
+) -> tuple[Reading, FieldOfFiles]:
+    """What files of other programs hold, and the field that it is or was made of."""
+    reading = read_wavefield(paths, request, progress)
+    notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
+    if reading.wavefield is not None:
+        return reading, FieldOfFiles(reading.wavefield, None, notes)
+    from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
+
+    assert reading.recording is not None
+    found = field_of_recording(reading.recording)
+    return reading, FieldOfFiles(found.field, found.recording, (*notes, *found.report))
 
 
 def is_field_file(path: Path) -> bool:

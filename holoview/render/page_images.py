@@ -23,7 +23,6 @@ from holoview.render.scene import DeviceImage, Drive, Scene, uploaded_image
 from holoview.render.tone_mapping import field_picture
 from holoview.render.view_settings import ViewSettings
 from holoview.util.processes import LatestTask
-from holoview.wavefield.reading import Recording
 
 Xyz = NDArray[np.float32]
 _DECADES = 6.0  # of power that the picture of a recording's spectrum spans
@@ -71,9 +70,9 @@ class PageImages:
             self._request("spectrum", (system, scene.drive, scene.system.eye is not None), eyebox_xyz)
         return self._pictures.get(view.page)
 
-    def recording(self, recording: Recording, wavelength: int) -> DeviceImage | None:
-        """The power spectrum of the first picture of a recording, 0 in the middle; None until it is computed."""
-        self._request("recording", (wavelength, recording), _recording_xyz)
+    def recording(self, pictures: NDArray[np.float32], wavelength: int) -> DeviceImage | None:
+        """The power spectrum of the first of a recording's pictures, 0 in the middle; None until it is computed."""
+        self._request("recording", (wavelength, pictures), _recording_xyz)
         return self._pictures.get("recording")
 
     def close(self) -> None:
@@ -117,11 +116,11 @@ def _seen_field(
     return SeenField(xyz, values, f"{stage}, {system.wavelengths_m[laser] * 1e9:.4g} nm: {picture.scale}")
 
 
-def _recording_xyz(wavelength: int, recording: Recording) -> Xyz:
-    """The picture XYZ (y, x, 3) of the spectrum of a recording, grey over `_DECADES` of power."""
+def _recording_xyz(wavelength: int, pictures: NDArray[np.float32]) -> Xyz:
+    """The picture XYZ (y, x, 3) of the spectrum of a recording's first picture, grey over `_DECADES` of power."""
     from holoview.wavefield.demodulation import recording_spectrum  # slow start: it imports scipy
 
-    power = recording_spectrum(recording.pictures[0, wavelength])
+    power = recording_spectrum(pictures[0, wavelength])
     level = np.clip(1 + np.log10(np.maximum(power / power.max(), 1e-30)) / _DECADES, 0, 1) if power.any() else power
     return (srgb_decode(level)[..., None] * SRGB_TO_XYZ.sum(axis=1)).astype(np.float32)
 

@@ -36,6 +36,11 @@ _BEYOND_NOISE = 0.98  # of an order's light lies within its radius
 _PEAK_BINS = 3  # around a peak, which the fading of the picture's edges widens
 _SOFT = 0.1  # of the radius, over which the filter falls
 _FAINT = 0.1  # of a picture's variance: an order with less may be no order; public recordings have 0.06 to 0.49
+_MOST_JUDGED = 1024  # rows and columns of the middle by which steps of the reference are recognised
+_ONE_MEAN = 0.1  # of the mean of three phase-shifted pictures, within which the means of each lie
+_ONE_WAY = 0.8  # |Σ(c + is)²|/Σ|c + is|² of three pictures; 1 of differences in one direction
+_MOST_UNEXPLAINED = 0.08  # 0.003 in the median of drawn sets, at most 0.055; 0.16 of speckles that drift
+_MOST_BESIDE_LINE = 1 / 3  # 0.03 in the median of drawn sets; 0.75 of speckles that drift
 _FAINT_UNLESS_COUNTED = 0.15  # the same of numbers that no camera counted: of 288 speckle patterns at most 0.11
 
 
@@ -49,14 +54,20 @@ _DOUBT = (
 class Demodulated:
     """A field from a recording, and how it was found.
 
-    orders: of each wavelength, of an off-axis recording. steps_rad: (wavelength, picture) phases of the reference, of a
+    recording: of its kind, with the orders, the steps and the side that were taken, so that it gives this field again.
+    steps_rad: (wavelength, picture) phases of the reference, of a
     phase-shifting set; the first is 0. report: the findings, in words.
     """
 
     field: Wavefield
-    orders: tuple[Order, ...] = ()
+    recording: Recording
     steps_rad: NDArray[np.float64] | None = None
     report: tuple[str, ...] = ()
+
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        """Of each wavelength, of an off-axis recording; else none."""
+        return self.recording.orders
 
     def conjugate(self, reason: str) -> Demodulated:
         """The conjugate field, from the other orders, or from phase steps in the other direction.
@@ -67,7 +78,7 @@ class Demodulated:
         kept = self.report[: len(self.report) - len(orders)]
         return Demodulated(
             replace(self.field, values=np.conj(self.field.values)),
-            orders,
+            replace(self.recording, orders=orders, conjugated=not orders),
             None if self.steps_rad is None else -self.steps_rad,
             (*kept, *(order.describe() for order in orders), reason),
         )
@@ -77,7 +88,8 @@ def field_of_recording(recording: Recording) -> Demodulated:
     """The field of a recording of any kind, by the function for its kind.
 
     An in-line recording of two pictures has the background as the second. Where the kind isn't known, it is taken for
-    off-axis if an order is found in its spectrum, else for in-line.
+    phase-shifting if its pictures fit to steps of the reference (`shifted_steps`), for off-axis if an order is found in
+    its spectrum, else for in-line.
 
     A recording holds its field and the conjugate field, focused on the other side of the camera: two orders, or phase
     steps in one of two directions. If the recording doesn't say which is wanted, the field is taken whose image is
@@ -101,6 +113,10 @@ def _field_of_kind(recording: Recording) -> Demodulated:
         return _in_line_with_background(recording)
     if recording.kind == "off-axis":
         return off_axis_field(recording, recording.orders)
+    shifts = shifted_steps(recording.pictures)
+    if shifts is not None:
+        found = phase_shifting_field(recording, shifts.steps)
+        return replace(found, report=(f"the recording was {shifts.describe()}", *found.report))
     try:
         found, guess = off_axis_field(recording), "taken for off-axis, as an order stands out of its spectrum"
     except UserError:
@@ -118,7 +134,8 @@ def _in_line_with_background(recording: Recording) -> Demodulated:
     """The field of the first picture, divided by the second if there are two."""
     if len(recording.pictures) != 2:
         return in_line_field(recording)
-    return in_line_field(replace(recording, pictures=recording.pictures[:1]), recording.pictures[1])
+    found = in_line_field(replace(recording, pictures=recording.pictures[:1]), recording.pictures[1])
+    return replace(found, recording=replace(found.recording, pictures=recording.pictures))
 
 
 # --- off-axis ---------------------------------------------------------------------------------------------------------
@@ -204,7 +221,11 @@ def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodu
     for frame, index in np.ndindex(*pictures.shape[:2]):
         values[frame, index] = demodulate_picture(pictures[frame, index], chosen[index])
     doubts = _doubts(pictures, values) if is_found else ()
-    return Demodulated(_wavefield(recording, values), chosen, report=(*doubts, *(order.describe() for order in chosen)))
+    return Demodulated(
+        _wavefield(recording, values),
+        replace(recording, kind="off-axis", orders=chosen, conjugated=False),
+        report=(*doubts, *(order.describe() for order in chosen)),
+    )
 
 
 def _doubts(pictures: NDArray[Any], values: Complexes) -> tuple[str, ...]:
@@ -315,7 +336,8 @@ def in_line_field(recording: Recording, background: Floats | None = None) -> Dem
         if not (mean > 0).all():
             raise UserError("recording", "a black picture", expected="an in-line hologram")
         values, words = pictures / mean, "divided by its own mean"
-    return Demodulated(_wavefield(recording, values.astype(np.complex64)), report=(words,))
+    settled = replace(recording, kind="in-line", conjugated=False)
+    return Demodulated(_wavefield(recording, values.astype(np.complex64)), settled, report=(words,))
 
 
 # --- phase shifting ---------------------------------------------------------------------------------------------------
@@ -347,13 +369,83 @@ def phase_shifting_field(recording: Recording, steps_rad: Steps = "equal") -> De
         steps = np.tile(np.asarray(steps_rad, np.float64), (pictures.shape[1], 1))
     values = np.empty((1, *pictures.shape[1:]), np.complex64)
     for index, shifts in enumerate(steps):
-        model = np.stack([np.ones(count), np.cos(shifts), np.sin(shifts)], axis=1)
+        model = _shift_model(shifts)
         if np.linalg.cond(model) > 100:
             raise UserError("steps", f"{np.round(shifts, 3).tolist()} rad", expected="three phases well apart")
         _, cosine, sine = np.tensordot(np.linalg.pinv(model), pictures[:, index], axes=1)
         values[0, index] = (cosine + 1j * sine) / 2
     words = [f"reference phases {', '.join(f'{step:.3f}' for step in shifts)} rad" for shifts in steps]
-    return Demodulated(_wavefield(recording, values), steps_rad=steps, report=tuple(words))
+    settled = replace(recording, kind="phase-shifting", steps=steps_rad, conjugated=False)
+    return Demodulated(_wavefield(recording, values), settled, steps, tuple(words))
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """Steps of the reference that explain how the pictures of a set differ.
+
+    steps: rad. left: of the variance of their differences, for each degree of freedom, the part that no shift explains.
+    """
+
+    steps: tuple[float, ...]
+    left: float
+
+    def describe(self) -> str:
+        """The guess and its reason in words."""
+        count, step = len(self.steps), round(math.degrees(self.steps[1]))
+        reason = f"a shift of the reference explains how its {count} pictures differ, to {self.left:.1%}"
+        return f"taken for phase-shifting in steps of {step}°, as {reason}"
+
+
+def shifted_steps(pictures: NDArray[np.floating[Any]]) -> Shifted | None:
+    """The steps of a phase-shifting set of 3 to 5 pictures (picture, wavelength, y, x); None for other pictures.
+
+    Steps of 2π/N are tried, and of a quarter turn, in I_n = a + c·cos δ_n + s·sin δ_n. Four or five pictures have to
+    differ in two independent ways, of which the weaker has more than twelve times the power of what the steps don't
+    explain (of four pictures I₀ + I₂ − I₁ − I₃); pictures that differ at random have the same power in all.
+
+    Three pictures always fit. Theirs have the same mean within a tenth, and c and s are not one a multiple of the
+    other, as where the light's power changes. Beside a strong reference a = |O|² + |R|² varies little: four times its
+    variance is at most a third of c² + s², where pictures that differ at random have as much. Beside an even reference
+    c² + s² = 4|R|²(a − |R|²) follows a straight line of a: it varies around it by at most a third of its squared mean,
+    where pictures that differ at random have the whole or more.
+    """
+    count = len(pictures)
+    if not 3 <= count <= 5:
+        return None
+    parts = [slice((n - min(n, _MOST_JUDGED)) // 2, (n + min(n, _MOST_JUDGED)) // 2) for n in pictures.shape[-2:]]
+    rows = pictures[..., parts[0], parts[1]].reshape(count, -1).astype(np.float64)
+    left = _unexplained_of_three if count == 3 else _unexplained
+    found = [left(rows, np.arange(count) * step) for step in dict.fromkeys((2 * math.pi / count, math.pi / 2))]
+    best = min(found, key=lambda shifts: shifts.left)
+    return best if best.left < (_MOST_BESIDE_LINE if count == 3 else _MOST_UNEXPLAINED) else None
+
+
+def _unexplained(rows: Floats, steps: Floats) -> Shifted:
+    """What given steps leave of four or five pictures (picture, pixel)."""
+    model = _shift_model(steps)
+    fitted = model @ (np.linalg.pinv(model) @ rows)
+    differences = fitted - fitted.mean(axis=0)
+    weaker = float(np.linalg.eigvalsh(differences @ differences.T)[-2])
+    rest = float(np.square(rows - fitted).sum()) / (len(rows) - 3)
+    return Shifted(tuple(map(float, steps)), rest / weaker if weaker > 0 else math.inf)
+
+
+def _unexplained_of_three(rows: Floats, steps: Floats) -> Shifted:
+    """How far three pictures (picture, pixel) are from an object wave beside one reference; infinite where c ∝ s."""
+    mean, cosine, sine = np.linalg.pinv(_shift_model(steps)) @ rows
+    squared = cosine**2 + sine**2
+    signal, means = float(squared.mean()), rows.mean(axis=1)
+    along = abs(np.square(cosine + 1j * sine).mean())
+    if not (np.ptp(means) < _ONE_MEAN * abs(means.mean()) and along < _ONE_WAY * signal):
+        return Shifted(tuple(map(float, steps)), math.inf)
+    line = np.polyfit(mean, squared, 1) if np.ptp(mean) > 0 else np.array([0.0, signal])
+    beside_line = float((squared - np.polyval(line, mean)).var()) / signal**2
+    return Shifted(tuple(map(float, steps)), min(beside_line, 4 * float(mean.var()) / signal))
+
+
+def _shift_model(steps: Floats) -> NDArray[np.float64]:
+    """(picture, 3): the weights of a, c and s in pictures with these phases of the reference."""
+    return np.stack([np.ones(len(steps)), np.cos(steps), np.sin(steps)], axis=1)
 
 
 def unknown_steps(pictures: Floats) -> NDArray[np.float64]:

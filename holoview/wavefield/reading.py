@@ -84,13 +84,14 @@ class Recording:
 class Reading:
     """The result of reading: a field or a recording; the other is None.
 
-    provenance: the origin of each property. candidates: the arrays of the first file that could be a field, the
-    likeliest first. questions: properties that nothing states, with the guesses that were taken. notes: remarks for the
-    user, such as contradictions.
+    request: what was asked for and what is remembered. provenance: the origin of each property. candidates: the arrays
+    of the first file that could be a field, the likeliest first. questions: properties that nothing states, with the
+    guesses that were taken. notes: remarks for the user, such as contradictions.
     """
 
     wavefield: Wavefield | None
     recording: Recording | None
+    request: ReadRequest
     provenance: tuple[Provenance, ...]
     candidates: tuple[Candidate, ...]
     questions: tuple[Question, ...]
@@ -189,6 +190,7 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings, progress: 
     return Reading(
         field,
         recording,
+        request,
         tuple(findings.provenance),
         tuple(arrangement.candidates),
         tuple(findings.questions),

@@ -187,10 +187,42 @@ def test_a_recording_is_saved_with_its_session_and_its_order_can_be_moved_again(
     data, unreadable = read_session(folder)
     assert not unreadable
     one, other = (step.document.recorded for step in data.steps[-2:])
-    assert one is not None and other is not None and one.recording is other.recording
-    assert (one.orders, other.orders) == (first.orders, moved.orders)
+    assert one is not None and other is not None and one.recording.pictures is other.recording.pictures
+    assert (one.recording.orders, other.recording.orders) == (first.recording.orders, moved.recording.orders)
     assert other.recording.kind == "off-axis" and other.recording.name == "fringes.npy"
     np.testing.assert_array_equal(other.hologram().drive, data.present.drive)
+    loader.close()
+    session.close()
+
+
+@pytest.mark.parametrize(("kind", "count"), [("in-line", 1), ("in-line", 2), ("phase-shifting", 4)])
+def test_recordings_of_other_kinds_are_saved_with_their_session_too(tmp_path: Path, kind: str, count: int) -> None:
+    y, x = np.mgrid[:48, :64]
+    wave = np.exp(1j * np.hypot(y - 24, x - 32) ** 2 / 90)
+    pictures = np.stack([np.abs(2 + wave * np.exp(-2j * np.pi * n / 4)) ** 2 for n in range(count)])
+    np.save(tmp_path / "pictures.npy", np.rint(20 * pictures))
+    session = EditingSession(small_system())
+    loader = FileLoader(session, quick=True)
+    request = replace(
+        REQUEST, wavelengths_m=(532e-9,), conjugated=True, recording="in-line" if kind == "in-line" else None
+    )
+    loader.apply(read_content(tmp_path / "pictures.npy", session.system, request))
+    opened = session.document.recorded
+    assert opened is not None and opened.recording.kind == kind and opened.recording.conjugated
+    other = opened.conjugate()
+    session.edit("Recording", drive=other.hologram().drive, recorded=other)
+    SessionArchive(tmp_path / "s").write(
+        SessionData(session.history, session.history_position, {}), {"title": "", "when": 0}
+    )
+    data, unreadable = read_session(tmp_path / "s")
+    assert not unreadable
+    for step in data.steps[-2:]:
+        assert step.document.recorded is not None and step.document.recorded.recording.kind == kind
+        np.testing.assert_array_equal(step.document.recorded.hologram().drive, step.document.drive)
+    is_equal = np.array_equal(data.steps[-1].document.drive, data.steps[-2].document.drive)
+    assert is_equal == (kind == "in-line")  # its twin is of the same numbers
+    session.undo()
+    assert session.document.recorded is opened
     loader.close()
     session.close()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ def gui(make_gui: Callable[..., Gui], tmp_path: Path) -> Gui:
 def order_of(gui: Gui) -> Order:
     recorded = gui.session.document.recorded
     assert recorded is not None
-    return recorded.orders[0]
+    return recorded.recording.orders[0]
 
 
 def place_of(gui: Gui, frequency: tuple[float, float]) -> tuple[float, float]:
@@ -94,7 +95,7 @@ def test_the_edge_of_the_circle_changes_its_radius(gui: Gui) -> None:
     gui.draw_until_idle()
     moved = order_of(gui)
     assert moved.carrier == found.carrier and moved.radius == pytest.approx(found.radius + 0.03, abs=0.01)
-    gui.click(gui.item_position("other order"))
+    gui.click(gui.item_position("other side"))
     gui.draw_until_idle()
     assert order_of(gui).carrier == pytest.approx((-found.carrier[0], -found.carrier[1]))
     gui.click(gui.item_position("find the order"))
@@ -102,7 +103,32 @@ def test_the_edge_of_the_circle_changes_its_radius(gui: Gui) -> None:
     assert order_of(gui).radius == pytest.approx(found.radius)
 
 
+def test_phase_steps_are_recognised_and_another_kind_can_be_chosen(gui: Gui, tmp_path: Path) -> None:
+    session = gui.session
+    y, x = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in SHAPE), indexing="ij")
+    wave = np.exp(1j * math.pi * (x**2 + y**2) * (8e-6) ** 2 / (532e-9 * 40e-3))
+    names = [tmp_path / f"step{n}.png" for n in range(4)]
+    for n, name in enumerate(names):
+        Image.fromarray(np.rint(25 * np.abs(wave + 2 * 1j**n) ** 2).astype(np.uint8)).save(name)
+    gui.context.loader.open(names, replace(REQUEST, recording=None))
+    assert session.wait_until_idle(60)
+    gui.draw_until_idle()
+    recorded, drive = session.document.recorded, session.drive
+    assert recorded is not None and recorded.recording.kind == "phase-shifting"
+    gui.click(gui.item_position("other side"))
+    gui.draw_until_idle()
+    np.testing.assert_allclose(session.drive, np.conj(drive), atol=1e-6 * np.abs(drive).max())
+    gui.context.recording_editor.find(kind="in-line")
+    gui.draw_until_idle()
+    assert session.document.recorded is not None and session.document.recorded.recording.kind == "in-line"
+    assert session.system.drive_shape == session.drive.shape == (4, 1, *SHAPE)
+    session.undo()
+    assert session.drive.shape == (1, 1, *SHAPE)
+    session.undo()
+    assert session.document.recorded is recorded
+
+
 def test_a_field_without_a_recording_takes_the_circle_away(gui: Gui) -> None:
     gui.session.edit("Another field", drive=np.ones_like(gui.session.drive))
     gui.draw_until_idle()
-    assert gui.session.document.recorded is None and gui.context.order_editor.chosen is None
+    assert gui.session.document.recorded is None and gui.context.recording_editor.chosen is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from holoview.wavefield.demodulation import (
     in_line_field,
     off_axis_field,
     phase_shifting_field,
+    shifted_steps,
     unwrapped_phase,
 )
 from holoview.wavefield.reading import Recording
@@ -218,6 +220,64 @@ def test_unknown_steps_are_found(shifts: tuple[float, ...]) -> None:
 def test_sets_that_tell_no_phase_are_refused(pictures: int, steps) -> None:
     with pytest.raises(UserError):
         phase_shifting_field(_recording([np.ones(SHAPE)] * pictures, "phase-shifting"), steps)
+
+
+# Sets of drawn objects, references, lamps and cameras, which a study of 1 900 of them (docs/recordings.md) found.
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_a_phase_shifting_set_is_recognised_unasked(count: int) -> None:
+    rng = np.random.default_rng(40 + count)
+    for quarter, reference in ((False, 1.0), (False, REFERENCE), (True, 2.0)):
+        step = math.pi / 2 if quarter else 2 * math.pi / count
+        wave = _object(int(rng.integers(1 << 30)), 0.0, band=float(rng.uniform(0.05, 0.2)))
+        pictures = [_record(10 * (wave + reference * np.exp(1j * step * n)), 50 + n, 3.0) for n in range(count)]
+        found = field_of_recording(_recording(pictures, None))  # type: ignore[arg-type]
+        assert found.recording.kind == "phase-shifting"
+        assert f"phase-shifting in steps of {round(math.degrees(step))}°" in found.report[0]
+        assert _difference(found.field.values[0, 0], 100 * reference * wave) < 5 * reference
+
+
+def _different_pictures(kind: str, rng: np.random.Generator, count: int) -> list[np.ndarray]:
+    waves = [_object(int(rng.integers(1 << 30)), 0.0, band=0.1) for _ in range(count)]
+    if kind == "particles that moved":
+        strength = rng.uniform(0.02, 0.3)
+        return [np.abs(1 + strength * wave) ** 2 for wave in waves]
+    if kind == "one that drifts":
+        step = int(rng.integers(1, 9))
+        return [np.abs(1 + 0.4 * np.roll(waves[0], (step * n, step * n), (0, 1))) ** 2 for n in range(count)]
+    if kind == "a lamp that flickers":
+        return [np.abs(1 + 0.3 * waves[0]) ** 2 * rng.normal(1, 0.02) for _ in range(count)]
+    return [np.abs(1 + 0.4 * waves[0]) ** 2 for _ in range(count)]
+
+
+@pytest.mark.parametrize(
+    "kind", ["particles that moved", "one that drifts", "a lamp that flickers", "one object and noise"]
+)
+def test_different_in_line_pictures_stay_in_line(kind: str) -> None:
+    rng = np.random.default_rng(60)
+    for count in (3, 4, 5):
+        pictures = np.stack(_different_pictures(kind, rng, count)) * 80
+        pictures = np.rint(pictures + rng.normal(size=pictures.shape))
+        assert shifted_steps(pictures[:, None]) is None
+
+
+def test_a_settled_recording_gives_its_field_again() -> None:
+    """As sessions keep it: of each kind, on the side that was taken."""
+    wave = _object(13, 2.0)
+    shifted = [_record(10 * (wave + 4 * np.exp(1j * d)), 50) for d in (0, 2.1, 4.0)]
+    fringes = [_record(wave + REFERENCE * _wave((0.12, 0.2)), 4)]
+    lamp = [np.abs(1 + 0.1 * wave) ** 2, np.full(SHAPE, 1.1)]
+    for pictures, kind, steps in (
+        (shifted, "phase-shifting", (0.0, 2.1, 4.0)),
+        (shifted, "phase-shifting", "unknown"),
+        (fringes, "off-axis", "equal"),
+        (lamp, "in-line", "equal"),
+    ):
+        for conjugated in (False, True):
+            asked = replace(_recording(pictures, kind), steps=steps, conjugated=conjugated)
+            found = field_of_recording(asked)
+            again = field_of_recording(found.recording)
+            np.testing.assert_allclose(again.field.values, found.field.values, atol=1e-6 * np.abs(pictures).max())
+            assert again.recording.kind == kind and again.orders == found.orders
 
 
 def test_phases_are_unwrapped() -> None:

@@ -1,4 +1,4 @@
-"""The panel of an off-axis recording: the order that its field is cut out of, on its spectrum, to drag."""
+"""The panel of a recording: its kind, and on the spectrum of an off-axis one the order of its field, to drag."""
 
 from __future__ import annotations
 
@@ -6,19 +6,23 @@ import math
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 from imgui_bundle import imgui
+from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.viewport import Viewport
 from holoview.app.widgets import button, combo, share_of_width, tooltip
-from holoview.io.load_field import RecordedOrders
+from holoview.io.load_field import Recorded
 from holoview.render.view_settings import ViewSettings
 from holoview.wavefield.reading import Recording
 
 _OWN_COLOURS = ViewSettings(plane_m=0.0, page="field")
 _MARK, _TWIN = imgui.IM_COL32(255, 220, 80, 255), imgui.IM_COL32(255, 220, 80, 90)
 _EDGE_PX = 6.0  # from the circle, within which a drag changes its radius
+_HELP_KIND = "How the camera recorded it; phase-shifting: three or more pictures of one object."
+_HELP_STEPS = "Phases of the reference: 2π/N apart, or found from the pictures."
 _RADII = (0.005, 0.5)  # cycles a pixel
 _HELP = (
     "The light inside the circle is the field; the other circle holds its conjugate. Drag the circle, or its edge; a "
@@ -36,29 +40,31 @@ class RecordingPanel(Panel):
     def __init__(self) -> None:
         self._wavelength = 0
         self._grip: tuple[float, float] | None = None  # from the pointer to the centre; None: the radius is dragged
-        self._shown: Recording | None = None
+        self._shown: NDArray[np.float32] | None = None
 
     def set_up(self, context: AppContext) -> None:
         """Adds the command that opens the panel."""
         show = partial(context.show_panel, self.title)
-        context.commands.add("Image", "Order of a recording", show, help=_HELP)
+        context.commands.add("Image", "Kind and order of a recording", show, help=_HELP)
         self._picture = Viewport(context, "spectrum of a recording")
 
     def wants_to_open(self, context: AppContext) -> bool:
         """With a recording that is new."""
         recorded, shown = context.session.document.recorded, self._shown
-        self._shown = None if recorded is None else recorded.recording
+        self._shown = None if recorded is None else recorded.recording.pictures
         return self._shown is not None and self._shown is not shown
 
     def draw(self, context: AppContext) -> None:
         """Draws buttons and the spectrum with the circles."""
-        chosen = context.order_editor.chosen
+        chosen = context.recording_editor.chosen
         if chosen is None:
-            imgui.text_wrapped("Open an off-axis recording of a camera: its order is shown here.")
+            imgui.text_wrapped("Open a camera's recording: what it is taken for is shown here.")
             return
-        self._draw_choices(context, chosen)
-        picture = context.page_images.recording(chosen.recording, self._wavelength)
-        order = chosen.orders[self._wavelength]
+        self._draw_choices(context, chosen.recording)
+        if chosen.recording.kind != "off-axis":
+            return
+        picture = context.page_images.recording(chosen.recording.pictures, self._wavelength)
+        order = chosen.recording.orders[self._wavelength]
         y, x = order.carrier
         imgui.text_wrapped(f"x {x:+.4f}, y {y:+.4f}, radius {order.radius:.4f} cycles a pixel")
         if picture is None:
@@ -76,20 +82,34 @@ class RecordingPanel(Panel):
             middle = self._to_screen(mark.carrier)
             imgui.get_window_draw_list().add_circle(middle, mark.radius * side, colour, 64, 1.5)
 
-    def _draw_choices(self, context: AppContext, chosen: RecordedOrders) -> None:
-        names = [f"{λ * 1e9:.4g} nm" for λ in chosen.recording.wavelengths_m]
+    def _draw_choices(self, context: AppContext, recording: Recording) -> None:
+        editor, kind = context.recording_editor, str(recording.kind)
+        kinds = ["off-axis", "in-line", "phase-shifting"][: 3 if len(recording.pictures) >= 3 else 2]
+        if (wanted := combo("kind", kind, kinds, _HELP_KIND)) != kind:
+            editor.find(kind=wanted)
+        if kind == "phase-shifting":
+            steps: str = recording.steps if isinstance(recording.steps, str) else "stated"
+            if (
+                chosen := combo("steps", steps, list(dict.fromkeys(["equal", "unknown", steps])), _HELP_STEPS)
+            ) != steps:
+                editor.find(steps=chosen)
+        names = [f"{λ * 1e9:.4g} nm" for λ in recording.wavelengths_m]
         self._wavelength = min(self._wavelength, len(names) - 1)
         if len(names) > 1:
             self._wavelength = names.index(combo("wavelength", names[self._wavelength], names))
         width = share_of_width(2)
-        if button(context, "Find", "The order that stands out of the spectrum.", width=width, name="find the order"):
-            context.order_editor.find()
-        imgui.same_line()
-        tip = "The order on the other side: its field has the other sign of phase and of distance."
-        if button(context, "Other order", tip, width=width, name="other order"):
-            orders = tuple(order.conjugate() for order in chosen.orders)
-            context.order_editor.choose(replace(chosen, orders=orders))
-            context.order_editor.end_drag()
+        if kind == "off-axis":
+            if button(
+                context, "Find", "The order that stands out of the spectrum.", width=width, name="find the order"
+            ):
+                editor.find()
+            imgui.same_line()
+        if kind == "in-line":  # its conjugate is the same
+            return
+        tip = "The conjugate field, with the other sign of phase and of distance; of an off-axis one the other order."
+        if button(context, "Other side", tip, width=width, name="other side") and editor.chosen is not None:
+            editor.choose(editor.chosen.conjugate())
+            editor.end_drag()
 
     def _to_screen(self, carrier: tuple[float, float]) -> imgui.ImVec2:
         """The place of a frequency (y, x), cycles a pixel, on the screen."""
@@ -101,8 +121,8 @@ class RecordingPanel(Panel):
         (rows, columns), (x, y) = self._picture.shape, self._picture.to_sample(place)
         return (y - rows // 2) / rows, (x - columns // 2) / columns
 
-    def _handle_pointer(self, context: AppContext, chosen: RecordedOrders) -> None:
-        order, mouse = chosen.orders[self._wavelength], imgui.get_io().mouse_pos
+    def _handle_pointer(self, context: AppContext, chosen: Recorded) -> None:
+        order, mouse = chosen.recording.orders[self._wavelength], imgui.get_io().mouse_pos
         at = self._frequency_at(mouse)
         way = math.hypot(at[0] - order.carrier[0], at[1] - order.carrier[1])
         side = self._picture.size[0]
@@ -118,7 +138,7 @@ class RecordingPanel(Panel):
             else:
                 centre = [min(max(f + grip, -0.5), 0.5) for f, grip in zip(at, self._grip, strict=True)]
                 order = replace(order, carrier=(centre[0], centre[1]), origin="given")
-            if order != chosen.orders[self._wavelength]:
-                context.order_editor.choose(chosen.with_order(self._wavelength, order))
+            if order != chosen.recording.orders[self._wavelength]:
+                context.recording_editor.choose(chosen.with_order(self._wavelength, order))
         if imgui.is_item_deactivated():
-            context.order_editor.end_drag()
+            context.recording_editor.end_drag()
