@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -93,7 +94,8 @@ def test_a_sweep_becomes_a_table_a_bench_and_a_picture(
     more = ("--preset", "simultaneous", "--save-preset", "mine.toml", "--wavelength", "520nm", "--plot", "lut.png")
     done = holoview("calibrate", "lut", sweep, "-o", "lut.toml", *more)
     assert done.code == 0, done.err
-    assert "stroke 2.4 π" in done.out
+    printed = re.search(r"stroke ([\d.]+) π \(95 %: [\d.]+ to [\d.]+ π\) = ", done.out)
+    assert printed is not None and float(printed[1]) == pytest.approx(2.4, abs=0.03), "8 nm, as below, of 520 nm / 2"
     assert {path.name for path in tmp_path.iterdir()} == {"sweep.csv", "lut.toml", "lut.png", "mine.toml"}
     # 2.4 π at 520 nm is 624 nm, to the interval of about 0.02 π
     assert preset.load("mine.toml").modulators[0].stroke_m == pytest.approx(624e-9, abs=8e-9)

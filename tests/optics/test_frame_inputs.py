@@ -98,7 +98,7 @@ def test_a_drive_that_is_no_real_array_is_refused(drive: Any) -> None:
         lambda drive: drive[:0],
         lambda drive: drive + 0.5,
         lambda drive: drive - 0.5,
-        lambda drive: np.where(drive < 0.1, np.nan, drive),
+        lambda drive: np.where(drive == drive.min(), np.nan, drive),
     ],
     ids=["shape", "empty", "above", "below", "NaN"],
 )
