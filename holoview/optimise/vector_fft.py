@@ -284,10 +284,17 @@ def fft_plan(length: int, double: bool) -> FftPlan:
 
 
 @compiled
-def _put(target: Any, at: Any, real: Any, imaginary: Any, root_real: Any, root_imaginary: Any) -> None:
-    """Writes a complex vector times a root."""
-    store(target, at, subtract(multiply(real, root_real), multiply(imaginary, root_imaginary)))
-    store(target, at + LANES, add(multiply(real, root_imaginary), multiply(imaginary, root_real)))
+def product(real: Any, imaginary: Any, u: Any, v: Any) -> Any:
+    """Real and imaginary part of (real + i·imaginary)·(u + i·v)."""
+    return subtract(multiply(real, u), multiply(imaginary, v)), add(multiply(real, v), multiply(imaginary, u))
+
+
+@compiled
+def store_product(block: Any, at: Any, real: Any, imaginary: Any, u: Any, v: Any) -> None:
+    """Writes (real + i·imaginary)·(u + i·v) to a block."""
+    real, imaginary = product(real, imaginary, u, v)
+    store(block, at, real)
+    store(block, at + LANES, imaginary)
 
 
 @compiled
@@ -299,7 +306,7 @@ def _stage_2(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
             x0, y0, x1, y1 = load(source, a), load(source, a + LANES), load(source, b), load(source, b + LANES)
             store(target, to, add(x0, x1))
             store(target, to + LANES, add(y0, y1))
-            _put(target, to + BLOCK, subtract(x0, x1), subtract(y0, y1), r, i)
+            store_product(target, to + BLOCK, subtract(x0, x1), subtract(y0, y1), r, i)
 
 
 @compiled
@@ -317,8 +324,8 @@ def _stage_3(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
             s, t = multiply(sine, subtract(x1, x2)), multiply(sine, subtract(y1, y2))
             store(target, to, add(x0, x))
             store(target, to + LANES, add(y0, y))
-            _put(target, to + BLOCK, subtract(u, t), add(v, s), r1, i1)
-            _put(target, to + 2 * BLOCK, add(u, t), subtract(v, s), r2, i2)
+            store_product(target, to + BLOCK, subtract(u, t), add(v, s), r1, i1)
+            store_product(target, to + 2 * BLOCK, add(u, t), subtract(v, s), r2, i2)
 
 
 @compiled
@@ -336,9 +343,9 @@ def _stage_4(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
             e, f, g, h = add(x1, x3), add(y1, y3), subtract(x1, x3), subtract(y1, y3)
             store(target, to, add(s, e))
             store(target, to + LANES, add(t, f))
-            _put(target, to + BLOCK, subtract(u, h), add(v, g), r1, i1)
-            _put(target, to + 2 * BLOCK, subtract(s, e), subtract(t, f), r2, i2)
-            _put(target, to + 3 * BLOCK, add(u, h), subtract(v, g), r3, i3)
+            store_product(target, to + BLOCK, subtract(u, h), add(v, g), r1, i1)
+            store_product(target, to + 2 * BLOCK, subtract(s, e), subtract(t, f), r2, i2)
+            store_product(target, to + 3 * BLOCK, add(u, h), subtract(v, g), r3, i3)
 
 
 @compiled
@@ -371,10 +378,10 @@ def _stage_5(source: Any, target: Any, stride: Any, roots: Any, group: Any) -> N
             u2, v2 = add(x0, add(multiply(c2, p1), multiply(c1, p2))), add(y0, add(multiply(c2, q1), multiply(c1, q2)))
             g1, h1 = add(multiply(s1, m1), multiply(s2, m2)), add(multiply(s1, n1), multiply(s2, n2))
             g2, h2 = subtract(multiply(s2, m1), multiply(s1, m2)), subtract(multiply(s2, n1), multiply(s1, n2))
-            _put(target, to + BLOCK, subtract(u1, h1), add(v1, g1), splat(w[0]), splat(w[1]))
-            _put(target, to + 2 * BLOCK, subtract(u2, h2), add(v2, g2), splat(w[2]), splat(w[3]))
-            _put(target, to + 3 * BLOCK, add(u2, h2), subtract(v2, g2), splat(w[4]), splat(w[5]))
-            _put(target, to + 4 * BLOCK, add(u1, h1), subtract(v1, g1), splat(w[6]), splat(w[7]))
+            store_product(target, to + BLOCK, subtract(u1, h1), add(v1, g1), splat(w[0]), splat(w[1]))
+            store_product(target, to + 2 * BLOCK, subtract(u2, h2), add(v2, g2), splat(w[2]), splat(w[3]))
+            store_product(target, to + 3 * BLOCK, add(u2, h2), subtract(v2, g2), splat(w[4]), splat(w[5]))
+            store_product(target, to + 4 * BLOCK, add(u1, h1), subtract(v1, g1), splat(w[6]), splat(w[7]))
 
 
 @compiled

@@ -31,9 +31,11 @@ from holoview.optimise.vector_fft import (
     load,
     load_complex,
     multiply,
+    product,
     splat,
     store,
     store_complex,
+    store_product,
     subtract,
     turn,
     turn_picked,
@@ -221,9 +223,8 @@ def _add_products(
         real, imaginary = load(block, results[k] * BLOCK), load(block, results[k] * BLOCK + LANES)
         u, v = load_complex(factors, h + rows[k] * factor_stride)
         x, y = load_complex(sums, at + k * stride)
-        x = add(x, subtract(multiply(real, u), multiply(imaginary, v)))
-        y = add(y, add(multiply(real, v), multiply(imaginary, u)))
-        store_complex(sums, at + k * stride, x, y)
+        p, q = product(real, imaginary, u, v)
+        store_complex(sums, at + k * stride, add(x, p), add(y, q))
 
 
 @compiled
@@ -235,8 +236,7 @@ def _load_products(
     for k in range(rows.size):
         real, imaginary = load_complex(values, at + k * stride)
         u, v = load_complex(factors, h + rows[k] * factor_stride)
-        store(block, k * BLOCK, subtract(multiply(real, u), multiply(imaginary, v)))
-        store(block, k * BLOCK + LANES, add(multiply(real, v), multiply(imaginary, u)))
+        store_product(block, k * BLOCK, real, imaginary, u, v)
 
 
 # --- rows of a plane -------------------------------------------------------------------------------------------------
@@ -538,8 +538,7 @@ def _multiply_tile(
         at, to = results[k % period] * BLOCK, places[k] * BLOCK
         real, imaginary = load(spectrum, at), load(spectrum, at + LANES)
         u, v = load_complex(factors, h + k * stride)
-        store(block, to, subtract(multiply(real, u), multiply(imaginary, v)))
-        store(block, to + LANES, add(multiply(real, v), multiply(imaginary, u)))
+        store_product(block, to, real, imaginary, u, v)
 
 
 @compiled
@@ -598,7 +597,7 @@ def _fold_tile(
         at, to = band[k] * BLOCK, places[k % period] * BLOCK
         real, imaginary = multiply(factor, load(block, at)), multiply(factor, load(block, at + LANES))
         u, v = load_complex(factors, h + k * stride)
-        x, y = subtract(multiply(real, u), multiply(imaginary, v)), add(multiply(real, v), multiply(imaginary, u))
+        x, y = product(real, imaginary, u, v)
         store(folded, to, add(load(folded, to), x))
         store(folded, to + LANES, add(load(folded, to + LANES), y))
 
@@ -684,8 +683,7 @@ def modulate_rows(
                     place, pixel, to = window[x] * BLOCK, x // upsample * BLOCK, x * BLOCK
                     real, imaginary = multiply(factor, load(done, place)), multiply(factor, load(done, place + LANES))
                     u, v = load(phasors, pixel), load(phasors, pixel + LANES)
-                    store(c, to, subtract(multiply(real, u), multiply(imaginary, v)))
-                    store(c, to + LANES, add(multiply(real, v), multiply(imaginary, u)))
+                    store_product(c, to, real, imaginary, u, v)
                 done = fft(c, other, last_radices, last_roots, last_starts)
                 at = laser * strides[0] + beam * strides[1] + row * strides[2]
                 _store_rows(done, lines, at, strides[2], count, results, squares)
@@ -765,12 +763,10 @@ def _meet_pixels(
             at, last, to = window[x] * BLOCK, last_window[x] * BLOCK, x * BLOCK
             e, f = load(field, at), load(field, at + LANES)
             g, h = multiply(factor, load(adjoint, last)), multiply(factor, load(adjoint, last + LANES))
-            p = add(p, subtract(multiply(e, g), multiply(f, h)))
-            q = add(q, add(multiply(e, h), multiply(f, g)))
-            store(back, to, subtract(multiply(g, u), multiply(h, v)))
-            store(back, to + LANES, add(multiply(g, v), multiply(h, u)))
-        store(sums, pixel * BLOCK, subtract(multiply(p, u), multiply(q, v)))
-        store(sums, pixel * BLOCK + LANES, add(multiply(p, v), multiply(q, u)))
+            met = product(e, f, g, h)
+            p, q = add(p, met[0]), add(q, met[1])
+            store_product(back, to, g, h, u, v)
+        store_product(sums, pixel * BLOCK, p, q, u, v)
 
 
 @compiled
