@@ -78,6 +78,7 @@ from holoview.optimise.parallel import (
 )
 from holoview.optimise.settings import (
     FIELD_LOSS,
+    FIRST_ITERATIONS,
     INITIAL_PATTERNS,
     LOSS_SPACES,
     NEXT_ITERATIONS,
@@ -289,7 +290,9 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         default=METHODS[0],
         help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
     )
-    group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
+    group.add_argument(
+        "--iterations", type=whole(1), help=f"{_DEFAULTS.iterations}; of a film's first picture {FIRST_ITERATIONS}"
+    )
     group.add_argument(
         "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
     )
@@ -386,12 +389,17 @@ def _require_no_rig_options(args: argparse.Namespace) -> None:
             raise UserError(flag, "without --rig", expected="a rig whose camera takes pictures")
 
 
-def _settings(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> Settings:
-    """The settings of the optimiser. Raises UserError for values outside their ranges."""
+def _settings(
+    args: argparse.Namespace, system: System, pupils: PupilPlaces, iterations: int = _DEFAULTS.iterations
+) -> Settings:
+    """The settings of the optimiser. Raises UserError for values outside their ranges.
+
+    iterations: where the arguments don't say how many.
+    """
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
     settings = Settings(
-        iterations=args.iterations,
+        iterations=args.iterations or iterations,
         step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
@@ -568,7 +576,7 @@ def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
     film = Film(Path(args.target), args.space)
     job = FilmJob(
         system=system,
-        settings=_settings(args, system, PupilPlaces()),
+        settings=_settings(args, system, PupilPlaces(), FIRST_ITERATIONS),
         next_iterations=args.next_iterations,
         options=_run_options(args),
         folder=args.output,

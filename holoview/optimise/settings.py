@@ -141,8 +141,8 @@ class Settings:
             raise UserError("wavelength range", found, expected="a rising range, a spacing ≥ 0, a positive step")
 
 
-NEXT_ITERATIONS = 10
-"""Default of the iterations for each picture of a film after the first."""
+FIRST_ITERATIONS, NEXT_ITERATIONS = 200, 10
+"""Default of the iterations for the first picture of a film, and for each later one, which then is as good."""
 _NEXT_STEP = 0.4  # of the first picture's step: a full step would undo much of the hologram before
 
 

@@ -52,6 +52,14 @@ def test_each_picture_gets_a_hologram_that_begins_with_the_last(holoview: Run, t
     assert np.abs(_drives(tmp_path / "cold")[0] - drives[0]).max() > 0.5
 
 
+def test_the_first_picture_gets_200_iterations_unless_told_otherwise(holoview: Run, tmp_path: Path, film: Path) -> None:
+    small = ("--set", "shape=[8,8]", "-o")
+    assert holoview("optimise", "simultaneous", film, "--film", "--next-iterations", "1", *small, "out").code == 0
+    alone = holoview("optimise", "simultaneous", film / "0.png", "--iterations", "200", *small, "alone.safetensors")
+    assert alone.code == 0
+    assert np.array_equal(_drives(tmp_path / "out")[0], load_hologram(tmp_path / "alone.safetensors").drive)
+
+
 def test_a_run_that_goes_on_ends_with_the_same_bits(holoview: Run, tmp_path: Path, film: Path) -> None:
     assert holoview("optimise", "simultaneous", film, *OPTIONS).code == 0
     whole = _drives(tmp_path / "out")
