@@ -260,7 +260,8 @@ class IncoherentComponent:
 
     path_factor: factor of all optical paths at that moment (flicker of a modulator).
     laser: number of the laser among those of the captures, 0 for the shortest wavelength.
-    slm_frame: (rows, columns) of the modulators that the plan's are the middle of; their own where None.
+    slm_frame: (rows, columns) of the modulators that the plan's are a part of; their own where None.
+    centre_m: (y, x) of that part, and of the camera's picture.
     """
 
     wavelength: int
@@ -268,6 +269,7 @@ class IncoherentComponent:
     path_factor: float
     laser: int = 0
     slm_frame: tuple[int, int] | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
 
 
 class CameraModel:
@@ -307,7 +309,8 @@ class CameraModel:
 
     def context(self, number: int, component: IncoherentComponent) -> ModulatorContext:
         """The context of the hooks on modulator `number` (0 or 1)."""
-        return modulator_context(self.plan, number, component.wavelength, component.laser, component.slm_frame)
+        frame, centre_m = component.slm_frame, component.centre_m
+        return modulator_context(self.plan, number, component.wavelength, component.laser, frame, centre_m)
 
     def transmission(self, drive: Tensor, number: int, component: IncoherentComponent) -> Tensor:
         """Complex transmission of a modulator, of pixels, or of samples where an effect needs them.
@@ -395,7 +398,7 @@ class NearFieldModel(CameraModel):
         pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
 
         def compute() -> Tensor:
-            pose = self.effects.camera_pose(distance_m)
+            pose = self.effects.camera_pose(distance_m).about(component.centre_m)
             return sample_intensity(seen.values(), self.band(1, component), self.plan.grid, self.pixel_grid, pose)
 
         return self.cache.get((*seen.key, "intensity", pose_key), compute)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from holoview.model.bench_parts import Modulator, Relay, Sampling
 from holoview.model.effects.effect import DataProperties
 from holoview.model.system import System
+from holoview.numerics.sampling import first_of_part
 
 _Images = NDArray[Any]
 
@@ -157,8 +158,9 @@ class Captures:
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     corrections: mistakes in the records that have been put right in these captures, in words.
     lasers_m: wavelengths of the captures that these are a subset of, ascending; empty where these are all.
-    frame: (rows, columns) of the whole pictures, where `images` holds only their middle; None otherwise.
-    slm_frame: (rows, columns) of the whole modulators, where `levels` holds only their middle; None otherwise.
+    frame: (rows, columns) of the whole pictures, where `images` holds only a part; None otherwise.
+    slm_frame: (rows, columns) of the whole modulators, where `levels` holds only a part; None otherwise.
+    centre_m: (y, x), where the centre of that part is, in modulators and pictures.
     levels_before: as `levels`, the levels of the capture that was taken before each; for the first capture of all its
     own. None if they follow from the order of these captures. Between whole levels where a modulator hadn't settled.
     levels_first: (modulator, y, x), the levels of the first capture of all; None if it is the first of these.
@@ -180,6 +182,7 @@ class Captures:
     lasers_m: tuple[float, ...] = ()
     frame: tuple[int, int] | None = None
     slm_frame: tuple[int, int] | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
     levels_before: NDArray[np.unsignedinteger] | Floats | None = None
     levels_first: NDArray[np.unsignedinteger] | None = None
 
@@ -189,9 +192,8 @@ class Captures:
     @property
     def first_pixel(self) -> tuple[int, int]:
         """Row and column of the first modulator pixel, counted in the whole modulator."""
-        rows, columns = self.levels.shape[2:]
-        whole = self.slm_frame or (rows, columns)
-        return (whole[0] - rows) // 2, (whole[1] - columns) // 2
+        shape = (self.levels.shape[2], self.levels.shape[3])
+        return first_of_part(self.slm_frame or shape, shape, self.centre_m, self.slms[0].pitch_m)
 
     @property
     def is_fourier(self) -> bool:

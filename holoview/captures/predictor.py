@@ -180,7 +180,8 @@ class Predictor:
 
     def _camera_context(self, k: int) -> CameraContext:
         c = self.captures
-        return CameraContext(c.camera.pitch_m, c.shape, float(c.wavelength_m[k]), int(self._laser_number[k]), c.frame)
+        laser = float(c.wavelength_m[k]), int(self._laser_number[k])
+        return CameraContext(c.camera.pitch_m, c.shape, *laser, c.frame, c.centre_m)
 
     def _unit_intensity(
         self, k: int, plan: Plan, active: TorchEffects, exposure_samples: Sequence[ExposureSample], cache: TensorCache
@@ -189,12 +190,11 @@ class Predictor:
         earlier = self._earlier_drives(k) if active.with_hooks("settled_share") else None
         model = self._forward_model(plan, active, cache, earlier)
         total: Tensor | None = None
+        laser, part_of = int(self._laser_number[k]), (self.captures.slm_frame, self.captures.centre_m)
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
                 for time_fraction, path_factor in exposure_samples:
-                    component = IncoherentComponent(
-                        wavelength, source, path_factor, int(self._laser_number[k]), self.captures.slm_frame
-                    )
+                    component = IncoherentComponent(wavelength, source, path_factor, laser, *part_of)
                     weight = time_fraction * float(plan.weights[0, wavelength])
                     part = model.intensity(self._drive(k), component, k)
                     total = weight * part if total is None else total.add_(part, alpha=weight)

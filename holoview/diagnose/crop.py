@@ -2,8 +2,8 @@
 
 A field of 1024 × 768 modulator pixels takes a hundred times as long as a field of 128 × 96, and a search needs
 thousands of fields. But most effects act everywhere alike. So the captures are cut to their middle and searched. The
-causes found are fitted once more to whole pictures, which then rank and judge them. Only effects that show more towards
-the edges (`Effect.varies_over_field`) are searched in whole pictures.
+causes found are fitted once more to parts of the pictures (`parts`), or to whole pictures, which then rank and judge
+them. Effects that show more towards the edges (`Effect.varies_over_field`) are searched there.
 
 In the near field modulators and pictures are cut, with as much margin as light walks off sideways. Hard edges of stops
 spread a little light further; the part that reaches the middle from beyond is measured with the nominal bench and
@@ -14,8 +14,10 @@ On a Fourier bench the pictures alone are cut, and predicted exactly; displaced 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +34,7 @@ from holoview.diagnose.starts.picture import measure_displacement
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
+Picture = TypeVar("Picture", bound=NDArray[Any])
 
 _MIN_SIDE_PX = 64
 """[px] Modulator pixels, on a Fourier bench speckles, across the middle with many captures. Evidence: measured: pairs
@@ -70,22 +73,34 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         samples = field_samples(captures)
         share = context.field_budget / budget.fields_for(samples)
         fields = share * budget.fields_for_middle(field_samples(cut), samples)
-    # What is seen has a margin as wide as light walks off, and needs no wider padding. The edges of stops cut at other
-    # frequencies than on the whole grid.
-    options = {"captures": cut} | (
-        {} if captures.is_fourier else {"propagation": "compact", "has_weighted_stops": True}
-    )
+    options = {"captures": cut} if captures.is_fourier else compact_prediction(cut)
     return replace(
         context,
         data=data,
         system=cut.nominal_system(),
         field_budget=fields,
-        split=split_captures(cut, pattern_roughness(cut), context.left_out),
+        split=split_captures(cut, pattern_roughness(captures), context.left_out),
         predictor=PerThreadPredictor(partial(context.predictor.create, **options)),
         variances=NeighbourVariances(data),
         end=context.end.after_share(MAX_TIME_SHARE),
         pace=Pace(),
+        windows=(central_slices(captures.shape, cut.shape),),
     )
+
+
+def compact_prediction(cut: Captures) -> dict[str, object]:
+    """The keywords of a predictor of a part of near-field captures.
+
+    What is seen has a margin as wide as light walks off, and needs no wider padding. The edges of stops cut at other
+    frequencies than on the whole grid.
+    """
+    return {"captures": cut, "propagation": "compact", "has_weighted_stops": True}
+
+
+def seen_through(windows: Sequence[tuple[slice, slice]], pictures: Picture) -> Picture:
+    """What windows show of pictures (…, y, x), one below the other."""
+    seen: Picture = np.concatenate([pictures[..., *window] for window in windows], axis=-2)  # type: ignore[assignment]
+    return seen
 
 
 def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
@@ -136,9 +151,10 @@ def _error_of(context: SearchContext, middle: SearchContext, index: NDArray[np.i
 def _seen_and_cut(
     context: SearchContext, middle: SearchContext, index: NDArray[np.intp], values: FittedValues
 ) -> tuple[Images, Images]:
-    """The middle (y, x) of one predicted picture, from all pixels of the modulators, and from those of the middle."""
+    """The middle (y, x) of one predicted picture, from all pixels of the modulators, and from those of the middle; or
+    parts of it."""
     whole, cut = (np.asarray(c.predictor(index, values).signal)[0] for c in (context, middle))
-    return whole[central_slices(whole.shape, (cut.shape[0], cut.shape[1]))], cut
+    return seen_through(middle.windows, whole), cut
 
 
 def _difference(picture: Images, other: Images) -> float:
@@ -148,7 +164,7 @@ def _difference(picture: Images, other: Images) -> float:
 
 
 def without_light_from_beyond(context: SearchContext, middle: SearchContext, values: FittedValues) -> SearchContext:
-    """The middle, from whose pictures the part is subtracted that comes from beyond it, as these causes predict it.
+    """The middle, or parts, from whose pictures what comes from beyond is subtracted, as these causes predict it.
 
     That part is the difference of whole predictions and the middle's, so that residuals at these causes are those of
     whole pictures. Other causes make another difference: what is left of it counts as noise, as large a part of it as

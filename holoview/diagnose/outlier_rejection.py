@@ -35,7 +35,7 @@ ROUNDS = 3
 class SearchOutcome:
     """The result of a search, the decision on it, notes, and the bad captures. context: at the end of the search.
     was_ended: whether its time, or the caller, ended it early. middle: of large pictures, in which causes were searched
-    before whole pictures were looked at.
+    before whole pictures were looked at. fitted: in which the named causes were fitted; None: in `context`.
     """
 
     context: SearchContext
@@ -45,6 +45,7 @@ class SearchOutcome:
     bad_captures: tuple[BadCapture, ...] = ()
     was_ended: bool = False
     middle: SearchContext | None = None
+    fitted: SearchContext | None = None
 
     @property
     def searched(self) -> SearchContext:

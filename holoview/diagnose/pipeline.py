@@ -7,7 +7,7 @@ import inspect
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import torch
@@ -36,6 +36,7 @@ from holoview.diagnose.judge import SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
+from holoview.diagnose.parts import parts_of_context
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.diagnose.report.diagnosis import Diagnosis
@@ -65,6 +66,9 @@ virtual rig (48 × 64 pixels, 24 captures)."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
+_PART_ROUNDS = 2
+"""[1] Searches in parts, of which the second follows if the first names other causes. Evidence: a reason: a third would
+change the light from beyond by the error of an error."""
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
@@ -127,7 +131,7 @@ def diagnose(
         diagnosis = _diagnose(captures, request)
     finally:
         torch.set_num_threads(threads)
-    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+    return replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
@@ -167,19 +171,20 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
-    return dataclasses.replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
+    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
 
 
 @dataclass(frozen=True)
 class _Preparation:
     """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
-    of large pictures; None where it would save little. weighted: predicts whole pictures with weighted stops. count: of
-    all captures. useless: captures that are left out. only: the other captures. notes: on effects that the captures
-    can't show.
+    of large pictures; None where it would save little. parts: of the middle and the corners; None as for the middle.
+    weighted: predicts whole pictures with weighted stops. count: of all captures. useless: captures that are left out.
+    only: the other captures. notes: on effects that the captures can't show.
     """
 
     whole: SearchContext
     middle: SearchContext | None
+    parts: SearchContext | None
     weighted: PerThreadPredictor
     count: int
     useless: Sequence[BadCapture]
@@ -196,21 +201,24 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     whole = _limited(whole, request, share)
     with whole.measuring_pace():
         middle = middle_of_context(whole)
+    parts = None if middle is None else parts_of_context(whole, middle, request.known)
     weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         whole, notes = with_one_picture(whole, min(only)), [*notes, ONE_PICTURE_NOTE]
-        middle = None if middle is None else with_one_picture(middle, min(only))
+        middle, parts = None if middle is None else with_one_picture(middle, min(only)), None
     shared: dict[str, object] = {}
     if middle is not None:
         shared = {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
         shared["predictor with weighted stops"] = weighted
+    if parts is not None:
+        shared |= {f"{name} of the parts": one for name, one in parts.shared_objects().items()}
     prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
     needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding) + CACHE_BYTES
     pool.share(shared | whole.shared_objects(), prepare, needed)
     if pool.workers < request.workers:
         cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
-    return _Preparation(whole, middle, weighted, len(captures), useless, only, [*notes, *cut_notes])
+    return _Preparation(whole, middle, parts, weighted, len(captures), useless, only, [*notes, *cut_notes])
 
 
 def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
@@ -221,20 +229,20 @@ def _limited(context: SearchContext, request: _Request, share: float) -> SearchC
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
-    return dataclasses.replace(context, field_budget=fields, end=end, best_so_far=best)
+    return replace(context, field_budget=fields, end=end, best_so_far=best)
 
 
 def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
     """The request with known effects corrected within their uncertainties, and notes on the corrections."""
     if not request.uncertain:
         return request, ()
-    share, silent = _CORRECTION_SHARE, dataclasses.replace(request, so_far=None)
+    share, silent = _CORRECTION_SHARE, replace(request, so_far=None)
     with request.start_workers() as pool:
         prepared = _prepare(records, silent, pool, share)
         context = prepared.middle or prepared.whole
         corrections = known_corrections(context, request.uncertain, request.progress)
     known = add_effect_values(request.known, corrections or {})
-    return dataclasses.replace(request, known=known), correction_notes(corrections, request.uncertain)
+    return replace(request, known=known), correction_notes(corrections, request.uncertain)
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
@@ -246,8 +254,8 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
         diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
         only = min(prepared.only)
-        samples = tuple(dataclasses.replace(sample, capture=only) for sample in diagnosis.samples)
-        diagnosis = dataclasses.replace(diagnosis, samples=samples)
+        samples = tuple(replace(sample, capture=only) for sample in diagnosis.samples)
+        diagnosis = replace(diagnosis, samples=samples)
     return with_wrong_records(diagnosis, records)
 
 
@@ -262,32 +270,67 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     progress(0, 1, "light from beyond the middle")
     with whole.measuring_pace():
         missing = measure_missing_light(whole, prepared.middle)
-    middle = dataclasses.replace(prepared.middle, missing_light=missing)
+    middle = replace(prepared.middle, missing_light=missing)
     is_corrected = not whole.data.captures.is_fourier and len(prepared.only) > 1
     search = partial(search_once, middle, progress=progress)
-    found = search(_doubtful(middle, progress, forecast, [middle, whole] if is_corrected else [whole]))
+    later = [middle, *([prepared.parts] if prepared.parts is not None else []), whole] if is_corrected else [whole]
+    found = search(_doubtful(middle, progress, forecast, later))
     where = describe_middle(middle)
     if whole.end.was_asked:
         outcome = judge(middle, found, search)
-        return dataclasses.replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
+        return replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
     if whole.data.captures.slm_frame is not None:  # cut too: its error is at most that of a smaller part
-        whole = dataclasses.replace(whole, missing_light=missing)
+        whole = replace(whole, missing_light=missing)
     if is_corrected:
         progress(0, 1, "light from beyond the middle, as predicted")
         whole = with_fitting_stops(whole, prepared.weighted, found.decision.values)
         found = _found_without_light_from_beyond(whole, found, prepared.middle.field_budget, progress)
+    fitted = None
+    if is_corrected and prepared.parts is not None:
+        fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), found, progress)
     whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
-    whole = dataclasses.replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
-    explains = found.decision.verdict not in _OPEN
-    initial = InitialCandidates(_named_fits(found), explains, over_field_only=is_corrected)
+    whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+    last = fitted or found
+    explains = last.decision.verdict not in _OPEN
+    initial = InitialCandidates(_named_fits(last), explains, is_corrected, are_fitted=fitted is not None)
     refine = partial(search_once, whole, progress=progress, initial=initial)
     outcome = judge(whole, refine(found.context.left_out), refine)
     if outcome.result.best.causes == found.result.best.causes:
         unseen = found.result.unseen_rivals
-        outcome = dataclasses.replace(outcome, result=dataclasses.replace(outcome.result, unseen_rivals=unseen))
-    notes = [*found.notes, *outcome.notes, f"{where}; whole pictures fitted and judged them."]
-    return dataclasses.replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context)
+        outcome = replace(outcome, result=replace(outcome.result, unseen_rivals=unseen))
+    is_of_parts = fitted is not None and outcome.result.best.fit in initial.fits
+    how = (
+        "five parts fitted them, and whole pictures judged them"
+        if is_of_parts
+        else "whole pictures fitted and judged them"
+    )
+    notes = [*found.notes, *outcome.notes, f"{where}; {how}."]
+    parts = fitted.context if is_of_parts and fitted is not None else None
+    return replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context, fitted=parts)
+
+
+def _fitted_to_parts(
+    whole: SearchContext, parts: SearchContext, found: SearchOutcome, progress: ProgressCallback
+) -> SearchOutcome | None:
+    """The outcome of a search in parts of the pictures that starts from that in their middle; None where its causes are
+    too far from the truth to predict the light from beyond the parts.
+
+    With further causes that light is another, so that they are fitted once more without it.
+    """
+    outcome = None
+    for _ in range(_PART_ROUNDS):
+        values, causes = found.decision.values, {*found.decision.values}
+        if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
+            break
+        progress(0, 1, "light from beyond the parts")
+        corrected = without_light_from_beyond(whole, parts, values)
+        corrected = replace(corrected, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+        initial = InitialCandidates(_named_fits(found), are_searched=True, over_field_only=True)
+        found = outcome = search_once(corrected, found.context.left_out, progress, initial)
+        if {*found.decision.values} == causes or found.was_ended:
+            break
+    return outcome
 
 
 def _doubtful(
@@ -296,6 +339,9 @@ def _doubtful(
     """The captures that stand out, whose predictions tell how long the search takes, and later searches after it."""
     with context.measuring_pace():
         doubtful = doubtful_captures(context, progress)
+    for one in later:
+        if one.pace.first is None and context.pace.first is not None:  # of parts, each of which is like the middle
+            one.pace.first = len(one.windows) * context.pace.first
     forecast(describe_work([context, *later]))
     return doubtful
 
@@ -310,12 +356,12 @@ def _found_without_light_from_beyond(
     if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
         return found
     corrected = detect_nuisances(without_light_from_beyond(whole, found.context, values), values)
-    corrected = dataclasses.replace(corrected, field_budget=field_budget, end=whole.end.after_share(MAX_TIME_SHARE))
+    corrected = replace(corrected, field_budget=field_budget, end=whole.end.after_share(MAX_TIME_SHARE))
     initial = InitialCandidates(_named_fits(found), are_searched=True)
     again = search_once(corrected, found.context.left_out, progress, initial)
     unseen = found.result.unseen_rivals if again.result.best.causes == found.result.best.causes else ()
     notes = list(dict.fromkeys([*found.notes, *again.notes]))
-    return dataclasses.replace(again, result=dataclasses.replace(again.result, unseen_rivals=unseen), notes=notes)
+    return replace(again, result=replace(again.result, unseen_rivals=unseen), notes=notes)
 
 
 def _named_fits(found: SearchOutcome) -> tuple[CandidateFit, ...]:

@@ -51,6 +51,7 @@ from holoview.diagnose.screening import (
     without_costly_fits,
 )
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.starts.stuck import is_stuck_effect
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 
@@ -99,12 +100,14 @@ _EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 @dataclass(frozen=True)
 class InitialCandidates:
     """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
-    whether effects are searched beside them. over_field_only: only those that vary over the field.
+    whether effects are searched beside them. over_field_only: only those that vary over the field. are_fitted: to parts
+    of these pictures, so that they are fitted again only where they don't explain whole pictures.
     """
 
     fits: tuple[CandidateFit, ...]
     are_searched: bool
     over_field_only: bool = False
+    are_fitted: bool = False
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
@@ -144,8 +147,12 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
     effects = _visible_effects(context) if initial.are_searched else []
     may_be_cheap = not initial.over_field_only
     further = [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
+    if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
+        further = [e for e in further if not is_stuck_effect(e)]
     progress(0, 1, "causes of the first search")
     result = rank_on_held_out(context, initial.fits)
+    if initial.are_fitted and math.isfinite(context.field_budget) and _is_explained(context, result):
+        return result
     if initial.fits:
         refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
         result = rank_on_held_out(context, [*refined, *initial.fits])
@@ -153,8 +160,7 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         result = _search_single_causes(context, further, progress)
     most = _MAX_CAUSES
     if initial.over_field_only and math.isfinite(context.field_budget):
-        is_explained = decide(result, context.equivalents, context.config.verdict).verdict in _EXPLAINED
-        most = 0 if is_explained else _MAX_CAUSES_BEYOND_MIDDLE
+        most = 0 if _is_explained(context, result) else _MAX_CAUSES_BEYOND_MIDDLE
     result = _with_further_causes(context, result, further, progress, most)
     has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
     return result if has_simplest_names else prefer_fewer_numbers(context, result)
@@ -169,6 +175,11 @@ def select_causes(context: SearchContext, effects: Sequence[Effect], progress: P
 def _visible_effects(context: SearchContext) -> list[Effect]:
     """The effects that pictures show; laws of the lasers' power show in the gains alone."""
     return [e for e in context.effects.values() if not changes_only_power(e)]
+
+
+def _is_explained(context: SearchContext, result: SearchResult) -> bool:
+    """Whether the best candidate explains the captures."""
+    return decide(result, context.equivalents, context.config.verdict).verdict in _EXPLAINED
 
 
 def _is_consistent(context: SearchContext, result: SearchResult) -> bool:

@@ -269,7 +269,8 @@ class SearchContext:
     unseen: effects by id that such captures can't tell from others, and that aren't candidates. left_out: captures that
     no fit uses, by index. end: when the search has to end. best_so_far: its best result. pace: how fast it is.
     missing_light: (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators
-    that were cut; None where nothing was cut.
+    that were cut; None where nothing was cut. windows: rows and columns, in whole pictures, of the parts that these
+    pictures show one below the other; none where they are whole.
     """
 
     data: PreparedCaptures
@@ -291,6 +292,7 @@ class SearchContext:
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
     pace: Pace = field(default_factory=Pace)
     missing_light: NDArray[np.float64] | None = None
+    windows: tuple[tuple[slice, slice], ...] = ()
 
     @property
     def kept(self) -> NDArray[np.intp]:

@@ -127,8 +127,8 @@ def _dead_places(v: Values) -> list[tuple[Place, float]]:
 
 
 def _inside(place: Place, context: ModulatorContext) -> tuple[slice, slice]:
-    """Its rows and columns among those of the context, which may be the middle of a modulator."""
-    top, left = ((whole - n) // 2 for whole, n in zip(context.whole_shape, context.shape, strict=True))
+    """Its rows and columns among those of the context, which may be a part of a modulator."""
+    top, left = context.first_pixel
     first_row, last_row, first_column, last_column = place
     return (
         slice(max(first_row - top, 0), max(last_row + 1 - top, 0)),

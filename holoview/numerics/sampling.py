@@ -130,3 +130,11 @@ def power_law(values: Tensor, exponent: float) -> Tensor:
         return values
     is_zero = values <= 0
     return (values.masked_fill(is_zero, 1.0) ** exponent).masked_fill(is_zero, 0.0)
+
+
+def first_of_part(
+    whole: tuple[int, int], part: tuple[int, int], centre_m: tuple[float, float], pitch_m: float
+) -> tuple[int, int]:
+    """Row and column of the first pixel of a part. whole, part: (rows, columns); centre_m: (y, x) of the part's."""
+    y, x = ((n - own) // 2 + round(c / pitch_m) for n, own, c in zip(whole, part, centre_m, strict=True))
+    return y, x

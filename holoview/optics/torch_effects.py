@@ -182,15 +182,20 @@ class FieldTransmissions:
 
 
 def modulator_context(
-    plan: Plan, number: int, wavelength: int, laser: int, frame: tuple[int, int] | None = None
+    plan: Plan,
+    number: int,
+    wavelength: int,
+    laser: int,
+    frame: tuple[int, int] | None = None,
+    centre_m: tuple[float, float] = (0.0, 0.0),
 ) -> ModulatorContext:
     """The context of the hooks on modulator `number` at the wavelength of an index.
 
     laser: its number, 0 for the shortest wavelength of the bench. frame: (rows, columns) of the modulator that the
-    plan's is the middle of; its own where None.
+    plan's is a part of; its own where None. centre_m: (y, x) of that part.
     """
     slm, λ = plan.system.modulators[number], float(plan.system.wavelengths_m[wavelength])
-    return ModulatorContext(number, λ, slm.stroke_m, slm.pitch_m, slm.shape, plan.grid.upsample, laser, frame)
+    return ModulatorContext(number, λ, slm.stroke_m, slm.pitch_m, slm.shape, plan.grid.upsample, laser, frame, centre_m)
 
 
 def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:

@@ -66,15 +66,34 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
         _kept(n, math.floor((kept - 2 * margin) * scale) if kept < whole else n)
         for n, kept, whole in zip(captures.shape, (rows, columns), captures.levels.shape[2:], strict=True)
     ]
-    middle = (..., *central_slices(captures.levels.shape[2:], (rows, columns)))
+    return cut_out(captures, (rows, columns), (seen[0], seen[1]))[0]
+
+
+def cut_out(
+    captures: Captures, shape: tuple[int, int], seen: tuple[int, int], offset: tuple[int, int] = (0, 0)
+) -> tuple[Captures, tuple[slice, slice]]:
+    """A part of modulators and pictures, and the rows and columns of its pictures in the present ones.
+
+    shape, seen: (rows, columns) of its modulators and of its pictures. offset: (y, x) modulator pixels from the present
+    centre to that of the part, a whole number of camera pixels.
+    """
+    pitch_m = captures.slms[0].pitch_m
+    whole, scale = (captures.levels.shape[2], captures.levels.shape[3]), pitch_m / captures.camera.pitch_m
+    part = (..., *central_slices(whole, shape, offset))
+    of_pictures = central_slices(captures.shape, seen, (round(offset[0] * scale), round(offset[1] * scale)))
     before, first = captures.levels_before, captures.levels_first
-    return dataclasses.replace(
-        _cut_pictures(captures, (seen[0], seen[1])),
-        levels=captures.levels[middle],
-        levels_before=None if before is None else before[middle],
-        levels_first=None if first is None else first[middle],
-        slm_frame=captures.slm_frame or (captures.levels.shape[2], captures.levels.shape[3]),
+    y, x = (there + n * pitch_m for there, n in zip(captures.centre_m, offset, strict=True))
+    cut = dataclasses.replace(
+        captures,
+        images=captures.images[..., *of_pictures],
+        levels=captures.levels[part],
+        levels_before=None if before is None else before[part],
+        levels_first=None if first is None else first[part],
+        frame=captures.frame or captures.shape,
+        slm_frame=captures.slm_frame or whole,
+        centre_m=(y, x),
     )
+    return cut, of_pictures
 
 
 def speckle_px(captures: Captures) -> tuple[float, float]:
@@ -125,9 +144,11 @@ def _kept(n: int, wanted: int) -> int:
     return n if wanted >= n else wanted + (n - wanted) % 2
 
 
-def central_slices(whole: tuple[int, ...], kept: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns of the middle `kept` of `whole` pixels."""
-    first = [(n - k) // 2 for n, k in zip(whole, kept, strict=True)]
+def central_slices(
+    whole: tuple[int, ...], kept: tuple[int, int], offset: tuple[int, int] = (0, 0)
+) -> tuple[slice, slice]:
+    """Rows and columns of the middle `kept` of `whole` pixels, or of a part by an offset (y, x) from there."""
+    first = [(n - k) // 2 + by for n, k, by in zip(whole, kept, offset, strict=True)]
     return slice(first[0], first[0] + kept[0]), slice(first[1], first[1] + kept[1])
 
 

@@ -134,9 +134,10 @@ def judge_by_search(context: SearchContext, values: Values, result: SearchResult
 
 
 def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:
-    """The context with a split without these captures; unchanged where fewer than two captures would be left."""
+    """The context with a split without these captures; unchanged where they are left out already, and where fewer than
+    two captures would be left."""
     captures, left_out = context.data.captures, tuple(sorted(set(indices)))
-    if len(captures) - len(left_out) < 2:
+    if left_out == context.left_out or len(captures) - len(left_out) < 2:
         return context
     split = split_captures(captures, pattern_roughness(captures), left_out)
     return replace(context, split=split, left_out=left_out)

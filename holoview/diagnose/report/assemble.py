@@ -47,7 +47,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
     gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
-    causes = describe_causes(context, outcome.searched, result, decision)
+    causes = describe_causes(context, outcome.searched, outcome.fitted or context, result, decision)
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
     after = fit_quality(comparison, best)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)

@@ -39,19 +39,19 @@ MEAN_LIGHT = 0.1
 
 
 def describe_causes(
-    context: SearchContext, near: SearchContext, result: SearchResult, decision: Decision
+    context: SearchContext, near: SearchContext, fitted: SearchContext, result: SearchResult, decision: Decision
 ) -> list[Cause]:
     """The causes that a decision names, the one that gains most first.
 
-    near: the same captures, or the middle of large ones, in which look-alikes are computed.
+    near: the same captures, or the middle of large ones, in which look-alikes are computed. fitted: the same captures,
+    or parts of large ones, from which intervals follow.
     """
     if decision.best is None:
         return []
     fit, held_out = decision.best.fit, result.comparison
     after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
-    fitted = context.split.rough if fit.is_final else context.split.fine
-    last = context.model_weighted_comparison(fitted, fit.values)
+    last = fitted.model_weighted_comparison(fitted.split.rough if fit.is_final else fitted.split.fine, fit.values)
     intervals = confidence_intervals(fit, local_information(fit, effects, last), last, context.config)
     alike = result.lookalikes
     lookalikes = alike if alike is not None and alike.fit is fit else find_lookalikes(near, fit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -17,6 +17,7 @@ from holoview.numerics.resample import (
     upsample_nearest,
     weighted_blur,
 )
+from holoview.numerics.sampling import first_of_part
 from holoview.numerics.surfaces import zernike_sum
 
 Tensor = torch.Tensor
@@ -50,6 +51,14 @@ class Pose:
         dy, dx = (shift / pitch_m for shift in self.shift_m)
         return (c, -s, -(c * dy - s * dx)), (s, c, -(s * dy + c * dx))
 
+    def about(self, centre_m: tuple[float, float]) -> Pose:
+        """The same position for points whose places count from `centre_m` (y, x), not from the centre."""
+        if self.is_identity or not any(centre_m):
+            return self
+        (y, x), c, s = centre_m, *(self.magnification * f(self.rotation_rad) for f in (math.cos, math.sin))
+        moved = (c * y + s * x - y, c * x - s * y - x)
+        return replace(self, shift_m=(self.shift_m[0] + moved[0], self.shift_m[1] + moved[1]))
+
 
 @dataclass(frozen=True)
 class ModulatorContext:
@@ -62,7 +71,8 @@ class ModulatorContext:
     shape: (rows, columns) of pixels.
     upsample: samples along each side of a pixel.
     laser: number of the laser that is on, 0 for the shortest wavelength of the bench or session.
-    frame: (rows, columns) of the modulator that these pixels are the middle of; their own where None.
+    frame: (rows, columns) of the modulator that these pixels are a part of; their own where None.
+    centre_m: (y, x), where these pixels' centre is in that modulator.
     first_shown: share of the stroke (rows, columns) of the first pattern of all, for `settled_share`; None elsewhere.
     """
 
@@ -74,6 +84,7 @@ class ModulatorContext:
     upsample: int
     laser: int = 0
     frame: tuple[int, int] | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
     first_shown: Tensor | None = None
 
     @property
@@ -81,18 +92,23 @@ class ModulatorContext:
         """Rows and columns of the whole modulator."""
         return self.frame or self.shape
 
+    @property
+    def first_pixel(self) -> tuple[int, int]:
+        """Row and column of the first pixel, counted in the whole modulator."""
+        return first_of_part(self.whole_shape, self.shape, self.centre_m, self.pitch_m)
+
     def sampled(self, values: Tensor) -> Tensor:
         """A map of pixels as a map of samples, each pixel a square of equal ones; a map of samples unchanged."""
         is_sampled = tuple(values.shape) != self.shape
         return values if is_sampled or self.upsample == 1 else upsample_nearest(values, self.upsample)
 
     def positions(self, values: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions y (rows, 1) and x (1, columns) of a map's entries, in metres from the centre."""
+        """Positions y (rows, 1) and x (1, columns) of a map's entries, in metres from the modulator's centre."""
         step = self.pitch_m if tuple(values.shape) == self.shape else self.pitch_m / self.upsample
         real = values.real.dtype
         return tuple(  # type: ignore[return-value]
-            centred_indices(n, real, values.device).reshape(view) * step
-            for n, view in zip(values.shape, ((-1, 1), (1, -1)), strict=True)
+            centred_indices(n, real, values.device).reshape(view) * step + centre
+            for n, view, centre in zip(values.shape, ((-1, 1), (1, -1)), self.centre_m, strict=True)
         )
 
     def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
@@ -115,7 +131,7 @@ class ModulatorContext:
 
     def warped(self, values: Tensor, pose: Pose) -> Tensor:
         """The map, as samples, of a modulator with this pose; linear between samples, edges are continued."""
-        return affine_warp(self.sampled(values), pose.inverse_affine(self.pitch_m / self.upsample))
+        return affine_warp(self.sampled(values), pose.about(self.centre_m).inverse_affine(self.pitch_m / self.upsample))
 
 
 @dataclass(frozen=True)
@@ -169,7 +185,8 @@ class CameraContext:
     shape: (rows, columns).
     wavelength_m: of the laser that is on.
     laser: its number among the lasers of the session, 0 for the shortest wavelength.
-    frame: (rows, columns) of the picture that this image is the middle of; its own where None.
+    frame: (rows, columns) of the picture that this image is a part of; its own where None.
+    centre_m: (y, x), where this image's centre is in that picture.
     """
 
     pitch_m: float
@@ -177,11 +194,15 @@ class CameraContext:
     wavelength_m: float = 550e-9
     laser: int = 0
     frame: tuple[int, int] | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
 
     def positions(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Positions y (rows, 1) and x (1, columns) of the pixels from the centre, ±1 at the edges of the frame."""
-        sizes = zip(self.shape, self.frame or self.shape, strict=True)
-        y, x = (centred_indices(n, image.dtype, image.device) / (whole / 2) for n, whole in sizes)
+        sizes = zip(self.shape, self.frame or self.shape, self.centre_m, strict=True)
+        y, x = (
+            (centred_indices(n, image.dtype, image.device) + centre / self.pitch_m) / (whole / 2)
+            for n, whole, centre in sizes
+        )
         return y[:, None], x[None, :]
 
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:

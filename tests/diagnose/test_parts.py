@@ -1,0 +1,117 @@
+"""Parts of large pictures, the middle and the corners, are predicted like the whole and find what grows outwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.captures import Captures
+from holoview.captures.predictor import Predictor
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.config import PLAIN, RegionConfig, SearchConfig
+from holoview.diagnose.crop import middle_of_context, seen_through, without_light_from_beyond
+from holoview.diagnose.fit import CandidateFit
+from holoview.diagnose.judge import Verdict
+from holoview.diagnose.parts import parts_of_context
+from holoview.diagnose.pipeline import diagnose, prepare_search
+from holoview.diagnose.search import InitialCandidates, refine_candidates
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.conftest import small_system
+
+CONFIG = SearchConfig(region=RegionConfig(side_px=16, further_px=4, min_saving=1.5))
+EFFECTS = [listed_effects()[name] for name in ("gap", "source_profile", "vignetting")]
+TRUTH = {"gap": {"gap_error": 1e-4}, "source_profile": {"fall": 1.0}}
+
+
+def _large() -> SearchContext:
+    context, _ = prepare_search(_session(), (), EFFECTS, {}, PLAIN, CONFIG, WorkerPool(1))
+    return context
+
+
+@cache
+def _session() -> Captures:
+    """Near planes, so that light walks off by few pixels."""
+    system = small_system().edit({"shape": [110, 130], "gap": "0.4 mm", "planes": ["1 mm"]})
+    settings = AcquisitionSettings(captures_per_condition=4, seed=3, camera_shape=(160, 200), camera_pitch_m=4e-6)
+    return make_captures(system, TRUTH, settings)
+
+
+def _parts(whole: SearchContext) -> SearchContext:
+    middle = middle_of_context(whole)
+    assert middle is not None
+    parts = parts_of_context(whole, middle, {})
+    assert parts is not None and len(parts.windows) == 5
+    return parts
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("source_profile", {"fall": 0.4, "slope_x": 0.2}),
+        ("vignetting", {"fall_y": 0.2, "slope_x": 0.1}),
+        ("slm_flatness", {"z4_1": 8e-8, "z7_2": 5e-8}),
+        ("stroke_map", {"z4_1": 0.2}),
+        ("slm_alignment", {"shift_x": 2e-6, "rotation": 2e-3, "magnification": 2e-3}),
+        ("camera_alignment", {"shift_y": 3e-6, "rotation": 2e-3, "magnification": 2e-3}),
+        ("slm1_stuck", {"rows": (30, 31), "row_levels": (0.0, 0.0)}),
+    ],
+)
+def test_effects_of_a_place_act_in_parts_as_there_in_the_whole(effect: str, values: dict[str, object]) -> None:
+    """The cut changes light by less than it does without the effect, twice: with it, and by the rest of the light."""
+    whole = _large()
+    parts, captures, index = _parts(whole), whole.data.captures, np.array([0])
+    rows = parts.data.captures.shape[0] // 5
+    errors = []
+    for on in ({}, {effect: values}):
+        seen = seen_through(parts.windows, Predictor(captures)(index, on).signal.numpy()[0])
+        cut = parts.predictor(index, on).signal.numpy()[0]
+        squares = np.square(cut - seen).reshape(5, rows, -1).mean((1, 2))
+        errors.append(np.sqrt(squares) / seen.mean())
+    assert (errors[1] < 2 * errors[0].max()).all()
+
+
+def test_a_cause_that_grows_outwards_is_found_in_parts() -> None:
+    """The fit that a middle finds leaves what only the corners show."""
+    whole = _large()
+    parts = without_light_from_beyond(whole, _parts(whole), {"gap": TRUTH["gap"]})
+    initial = InitialCandidates((CandidateFit(("gap",), {"gap": TRUTH["gap"]}, 0.0),), True, over_field_only=True)
+    effects = {name: parts.effects[name] for name in TRUTH}
+    found = refine_candidates(replace(parts, field_budget=1e6, effects=effects), initial, lambda *_: None)
+    assert {*found.best.causes} == {*TRUTH}
+    assert found.best.fit.values["source_profile"]["fall"] == pytest.approx(1.0, rel=0.05)
+    assert parts.split.held_out.tolist() == whole.split.held_out.tolist()
+
+
+@pytest.mark.explores
+def test_whole_pictures_judge_what_was_fitted_to_parts() -> None:
+    found = diagnose(_session(), EFFECTS, free_maps=False, config=CONFIG)
+    assert found.verdict is Verdict.EXPLAINED and {cause.effect for cause in found.causes} == {*TRUTH}
+    assert any("five parts fitted them, and whole pictures judged them" in note for note in found.notes)
+    for cause in found.causes:
+        for name, interval in cause.intervals.items():
+            truth = TRUTH[cause.effect].get(name, 0.0)
+            assert abs(interval.value - truth) < 3 * interval.half_width
+
+
+def test_a_part_knows_where_it_is() -> None:
+    """The pose of a part moves its points as that of the whole does; positions and first pixels count in the whole."""
+    pose, centre = Pose((2e-6, -1e-6), 0.02, 1.01), (3e-3, -2e-3)
+    (a, b, c), (d, e, f) = pose.inverse_affine(1.0)
+    (_, _, y), (_, _, x) = pose.about(centre).inverse_affine(1.0)
+    moved = (a * centre[0] + b * centre[1] + c - centre[0], d * centre[0] + e * centre[1] + f - centre[1])
+    assert (y, x) == pytest.approx(moved, abs=1e-15)
+    part = ModulatorContext(0, 5e-7, 8e-7, 8e-6, (4, 6), 2, frame=(20, 30), centre_m=(16e-6, -24e-6))
+    whole = ModulatorContext(0, 5e-7, 8e-7, 8e-6, (20, 30), 2)
+    (top, left), (ys, xs) = part.first_pixel, whole.positions(torch.zeros(20, 30, dtype=torch.float64))
+    own = part.positions(torch.zeros(4, 6, dtype=torch.float64))
+    assert torch.allclose(own[0], ys[top : top + 4]) and torch.allclose(own[1], xs[:, left : left + 6])
+    camera = CameraContext(4e-6, (4, 6), frame=(8, 12), centre_m=(4e-6, 8e-6)).positions(torch.zeros(4, 6))
+    frame = CameraContext(4e-6, (8, 12)).positions(torch.zeros(8, 12))
+    assert torch.allclose(camera[0], frame[0][3:7]) and torch.allclose(camera[1], frame[1][:, 5:11])
