@@ -288,6 +288,27 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     fitted = None
     if is_corrected and prepared.parts is not None:
         fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), found, progress)
+    outcome = _judged_whole(whole, found, fitted, is_corrected, judge, progress)
+    how = (
+        "whole pictures fitted and judged them"
+        if outcome.fitted is None
+        else "five parts fitted them, whole ones judged"
+    )
+    return replace(outcome, notes=list(dict.fromkeys([*found.notes, *outcome.notes, f"{where}; {how}."])))
+
+
+def _judged_whole(
+    whole: SearchContext,
+    found: SearchOutcome,
+    fitted: SearchOutcome | None,
+    is_corrected: bool,
+    judge: Callable[..., SearchOutcome],
+    progress: ProgressCallback,
+) -> SearchOutcome:
+    """The outcome in whole pictures of the causes found in the middle, and perhaps fitted to parts.
+
+    is_corrected: whether the light from beyond the middle was subtracted. judge: judges every capture by an outcome.
+    """
     whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
     whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
@@ -299,15 +320,8 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     if outcome.result.best.causes == found.result.best.causes:
         unseen = found.result.unseen_rivals
         outcome = replace(outcome, result=replace(outcome.result, unseen_rivals=unseen))
-    is_of_parts = fitted is not None and outcome.result.best.fit in initial.fits
-    how = (
-        "five parts fitted them, and whole pictures judged them"
-        if is_of_parts
-        else "whole pictures fitted and judged them"
-    )
-    notes = [*found.notes, *outcome.notes, f"{where}; {how}."]
-    parts = fitted.context if is_of_parts and fitted is not None else None
-    return replace(outcome, notes=list(dict.fromkeys(notes)), middle=found.context, fitted=parts)
+    are_of_parts = fitted is not None and outcome.result.best.fit in initial.fits
+    return replace(outcome, middle=found.context, fitted=fitted.context if fitted and are_of_parts else None)
 
 
 def _fitted_to_parts(
@@ -340,7 +354,9 @@ def _doubtful(
     with context.measuring_pace():
         doubtful = doubtful_captures(context, progress)
     for one in later:
-        if one.pace.first is None and context.pace.first is not None:  # of parts, each of which is like the middle
+        if (
+            one.windows and one.pace.first is None and context.pace.first is not None
+        ):  # parts, each of which is like the middle
             one.pace.first = len(one.windows) * context.pace.first
     forecast(describe_work([context, *later]))
     return doubtful

@@ -93,7 +93,7 @@ def test_a_cause_that_grows_outwards_is_found_in_parts() -> None:
 def test_whole_pictures_judge_what_was_fitted_to_parts() -> None:
     found = diagnose(_session(), EFFECTS, free_maps=False, config=CONFIG)
     assert found.verdict is Verdict.EXPLAINED and {cause.effect for cause in found.causes} == {*TRUTH}
-    assert any("five parts fitted them, and whole pictures judged them" in note for note in found.notes)
+    assert any("five parts fitted them, whole ones judged" in note for note in found.notes)
     for cause in found.causes:
         for name, interval in cause.intervals.items():
             truth = TRUTH[cause.effect].get(name, 0.0)
