@@ -42,7 +42,9 @@ Tensor = torch.Tensor
 _MB = 1 << 20
 _SAMPLE_BYTES = 48  # of a padded sample in complex64; 20 to 40 were measured
 _MAX_PLANS = 256  # a few for each wavelength and plane
-_IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields would push out of a shared cache
+_IMAGE_CACHE_MB = 128
+"""[MB] At least, of finished intensities, which many intermediate fields would push out of a shared cache; of large
+pictures as much as all of them take, within `_CACHE_MB`."""
 _DRIVE_CACHE_MB = 64  # of patterns
 _CACHE_MB = 256
 _LIGHT_HOOKS = (
@@ -80,8 +82,14 @@ class Prediction:
         return np.asarray(offset) if self.ambient is None else offset + self.ambient.numpy().astype(np.float32)
 
 
-CACHE_BYTES = (_CACHE_MB + _IMAGE_CACHE_MB + _DRIVE_CACHE_MB) * _MB
-"""Default for the memory of the results that a `Predictor` keeps for later calls."""
+def cache_bytes(captures: Captures) -> int:
+    """Default for the memory of the results that a `Predictor` keeps for later calls."""
+    return (_CACHE_MB + _DRIVE_CACHE_MB) * _MB + _image_cache_bytes(captures, _CACHE_MB)
+
+
+def _image_cache_bytes(captures: Captures, cache_mb: int) -> int:
+    pictures = len(captures) * math.prod(captures.shape) * torch.float32.itemsize
+    return min(cache_mb * _MB, max(_IMAGE_CACHE_MB * _MB, pictures))
 
 
 def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:
@@ -128,7 +136,9 @@ class Predictor:
         self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points)
         self._laser_number = captures.laser_number
         self.fields_requested = 0
-        self._cache, self._image_cache = TensorCache(cache_mb * _MB), TensorCache(min(cache_mb, _IMAGE_CACHE_MB) * _MB)
+        self._cache, self._image_cache = (
+            TensorCache(most) for most in (cache_mb * _MB, _image_cache_bytes(captures, cache_mb))
+        )
         self._plans: dict[object, Plan] = {}
         self._drives = TensorCache(_DRIVE_CACHE_MB * _MB)
 

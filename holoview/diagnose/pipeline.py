@@ -14,7 +14,7 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import CACHE_BYTES, check_known_effects, prediction_bytes
+from holoview.captures.predictor import cache_bytes, check_known_effects, prediction_bytes
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.capture_split import split_captures
@@ -214,7 +214,8 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     if parts is not None:
         shared |= {f"{name} of the parts": one for name, one in parts.shared_objects().items()}
     prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
-    needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding) + CACHE_BYTES
+    needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding)
+    needed += cache_bytes(captures)
     pool.share(shared | whole.shared_objects(), prepare, needed)
     if pool.workers < request.workers:
         cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
@@ -284,10 +285,10 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     if is_corrected:
         progress(0, 1, "light from beyond the middle, as predicted")
         whole = with_fitting_stops(whole, prepared.weighted, found.decision.values)
-        found = _found_without_light_from_beyond(whole, found, prepared.middle.field_budget, progress)
+        first, found = found, _found_without_light_from_beyond(whole, found, prepared.middle.field_budget, progress)
     fitted = None
     if is_corrected and prepared.parts is not None:
-        fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), found, progress)
+        fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), first, found, progress)
     outcome = _judged_whole(whole, found, fitted, is_corrected, judge, progress)
     how = (
         "whole pictures fitted and judged them"
@@ -325,17 +326,23 @@ def _judged_whole(
 
 
 def _fitted_to_parts(
-    whole: SearchContext, parts: SearchContext, found: SearchOutcome, progress: ProgressCallback
+    whole: SearchContext,
+    parts: SearchContext,
+    first: SearchOutcome,
+    found: SearchOutcome,
+    progress: ProgressCallback,
 ) -> SearchOutcome | None:
-    """The outcome of a search in parts of the pictures that starts from that in their middle; None where its causes are
-    too far from the truth to predict the light from beyond the parts.
+    """The outcome of a search in parts of the pictures that starts from that in their middle, `found`; None where its
+    causes are too far from the truth to predict the light from beyond the parts.
 
-    With further causes that light is another, so that they are fitted once more without it.
+    first: of the search in the middle before, with whose values whole pictures are predicted already; they serve where
+    the causes are the same. With further causes that light is another, so that they are fitted once more without it.
     """
     outcome = None
     for _ in range(_PART_ROUNDS):
-        values, causes = found.decision.values, {*found.decision.values}
-        if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
+        causes = {*found.decision.values}
+        values = (first if {*first.decision.values} == causes else found).decision.values
+        if found.context.relative_model_error(found.decision.values) > LOCAL_MAX_ERROR:
             break
         progress(0, 1, "light from beyond the parts")
         corrected = without_light_from_beyond(whole, parts, values)

@@ -109,7 +109,7 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
         include_fine=include_fine,
     )
     is_affordable = EDGE_EVALUATIONS * len(context.split.fine) <= usual_budget(context)
-    edges = [refine_hard_edges] if is_affordable else []  # otherwise the middle has found them
+    edges = [refine_hard_edges] if is_affordable and len(context.windows) <= 1 else []  # else the middle has found them
     for improve in (refit_with_longer_steps, *edges, drop_negligible_values):
         refined = improve(effects, refined, comparison)
     if error > TOLERANT_MIN_ERROR and context.relative_model_error(refined.values) > error:

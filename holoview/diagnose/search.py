@@ -139,16 +139,13 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
 
     If these don't explain them, effects are searched beside them that vary over the field, or whose search takes few
     fields. Where every effect was searched in a middle without the light from beyond it, it is enough that the verdict
-    is `explained`; otherwise the fit has to be at the floor.
+    is `explained`; otherwise the fit has to be at the floor, but effects whose search takes many fields aren't tried
+    where it is.
     """
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return nothing
-    effects = _visible_effects(context) if initial.are_searched else []
-    may_be_cheap = not initial.over_field_only
-    further = [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
-    if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
-        further = [e for e in further if not is_stuck_effect(e)]
+    further = _effects_beside(context, initial)
     progress(0, 1, "causes of the first search")
     result = rank_on_held_out(context, initial.fits)
     if initial.are_fitted and math.isfinite(context.field_budget) and _is_explained(context, result):
@@ -158,12 +155,22 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         result = rank_on_held_out(context, [*refined, *initial.fits])
     elif further and result.nominal.excess > jitter_excess(result.pixel_count):
         result = _search_single_causes(context, further, progress)
-    most = _MAX_CAUSES
-    if initial.over_field_only and math.isfinite(context.field_budget):
+    most, is_limited = _MAX_CAUSES, math.isfinite(context.field_budget)
+    if is_limited and _is_explained(context, result):
+        further = [e for e in further if not is_dear(context, e)]
+    if is_limited and initial.over_field_only:
         most = 0 if _is_explained(context, result) else _MAX_CAUSES_BEYOND_MIDDLE
     result = _with_further_causes(context, result, further, progress, most)
     has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
     return result if has_simplest_names else prefer_fewer_numbers(context, result)
+
+
+def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[Effect]:
+    """The effects that are searched beside the causes of a first search."""
+    effects, may_be_cheap = _visible_effects(context) if initial.are_searched else [], not initial.over_field_only
+    if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
+        effects = [e for e in effects if not is_stuck_effect(e)]
+    return [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
 
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
