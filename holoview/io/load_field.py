@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import Reading, ReadRequest, Recording, read_wavefield
-from holoview.wavefield.request import Order
+from holoview.wavefield.request import Order, Propagation
 from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
 
 Length = float | str
@@ -142,7 +143,8 @@ def load_field(
     distance_m = None if distance is None else units.parse(distance, "distance")
     if isinstance(source, str | os.PathLike | list | tuple):
         paths = [source] if isinstance(source, str | os.PathLike) else source
-        return open_hologram(paths, ReadRequest(pitch_m, wavelengths_m, distance_m, **known)).hologram
+        request = ReadRequest(pitch_m, wavelengths_m, distance_m, **known)
+        return open_hologram(paths, request, finds_distance=False).hologram
     values = np.asarray(source)
     if known:
         raise UserError(next(iter(known)), "with an array", expected="it of a file: an array holds the field itself")
@@ -156,12 +158,18 @@ def load_field(
 
 
 def open_hologram(
-    paths: Sequence[str | os.PathLike[str]], request: ReadRequest, progress: StepCallback | None = None
+    paths: Sequence[str | os.PathLike[str]],
+    request: ReadRequest,
+    progress: StepCallback | None = None,
+    *,
+    finds_distance: bool = True,
 ) -> OpenedHologram:
     """The hologram of a file of holoview or of another program, or of several files that are the parts of one.
 
     request: the user's statements on a file of another program; a file of holoview tells all but the distance.
     progress: called while a large file is read, with rows read and rows in all; its exceptions end the reading.
+    finds_distance: of phases alone, whose distance nothing tells, it is guessed, which takes seconds; they may be
+    brought to their far field.
 
     Raises UserError for files that can't be read, and for a recording in which no hologram is found.
     """
@@ -176,18 +184,21 @@ def open_hologram(
     )
 
     reading, found = _read(paths, request, progress)
+    propagation = request.propagation
+    if finds_distance and reading.recording is None and any(q.key == "distance" for q in reading.questions):
+        found, propagation = _at_guess(found, propagation)
     field, notes = found.field, found.notes
     if request.viewpoint is not None:
         from holoview.wavefield.synthetic_aperture import seen_from  # slow start: it imports torch
 
         field = seen_from(field, request.viewpoint)
-    seen, moved = image_field(field, request.propagation)
+    seen, moved = image_field(field, propagation)
     if reading.recording is None and reading.request.checkerboard is None and is_at_corners(field, seen):
         keeps_them = has_phases_alone(field)
         notes = (*notes, _CORNERS_OF_PHASES if keeps_them else _CORNERS)
         if not keeps_them:
             field = replace(field, values=without_checkerboard(field.values))
-            seen, moved = image_field(field, request.propagation)
+            seen, moved = image_field(field, propagation)
     seen, resampled = with_square_pitch(seen)
     notes = (*notes, *(note for note in (moved, resampled) if note))
     hologram = Hologram.of_field(seen)
@@ -200,20 +211,21 @@ def open_hologram(
         )
     other = None
     if reading.recording is None and is_sharper_on_other_side(field):
-        other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), request.propagation)[0])
+        other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), propagation)[0])
         notes = (*notes, "the image is sharper with the other sign of the phase (--conjugate) or of the distance")
     recorded = None if found.recording is None else Recorded(found.recording, bool(moved))
     moved_m = field.distance_m if moved else 0.0
-    return OpenedHologram(hologram, reading.provenance, notes, moved_m, other, recorded)
+    return OpenedHologram(hologram, found.provenance, notes, moved_m, other, recorded)
 
 
 @dataclass(frozen=True, eq=False)
 class FieldOfFiles:
-    """A field in its own plane. recording: that it was made of. notes: remarks for the user, each a sentence."""
+    """A field in its own plane. recording: that it was made of. provenance, notes: as of `OpenedHologram`."""
 
     field: Wavefield
     recording: Recording | None = None
     notes: tuple[str, ...] = ()
+    provenance: tuple[Provenance, ...] = ()
 
 
 def field_of_files(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> FieldOfFiles:
@@ -226,6 +238,48 @@ def field_of_files(paths: Sequence[str | os.PathLike[str]], request: ReadRequest
     return _read(paths, request, None)[1]
 
 
+_MOST_SEARCHED = 1 << 22  # samples of a pattern whose distance is searched unasked
+_CLEARLY = (2.0, 4.0)  # of a peak of the focus: without and with a picture in the far field
+_FAR = "as it holds phases alone and its far field looks like a picture, it is taken for a far-field (Fourier) pattern"
+_NEAR = "as both measures of `holoview focus` stand out there, of its phases"
+
+
+def _at_guess(found: FieldOfFiles, propagation: Propagation) -> tuple[FieldOfFiles, Propagation]:
+    """A field that nothing tells the distance of, at a guess if there is one, and how it goes there."""
+    field, chosen, reason = _guess(found.field, propagation)
+    if not reason:
+        return found, propagation
+    guess = Provenance("distance", units.format_rounded(field.distance_m, "mm"), "guessed", reason)
+    kept = (note for note in found.notes if not note.startswith("distance "))
+    notes = (*kept, f"distance {guess.value} was guessed: {reason}; --distance says it")
+    provenance = tuple(guess if known.key == "distance" else known for known in found.provenance)
+    return FieldOfFiles(field, None, notes, provenance), chosen
+
+
+def _guess(field: Wavefield, propagation: Propagation) -> tuple[Wavefield, Propagation, str]:
+    """A field at a guessed distance; how it goes there, and why, "" without a guess.
+
+    Guessed are the distances of patterns of phases alone, of which an even plane is all that is seen in their own
+    plane, and that of a lens where its focal plane is asked for.
+    """
+    from holoview.wavefield.focus import clear_distance_m, default_range_m, find_focus  # slow start: torch
+    from holoview.wavefield.imaging import has_far_image, has_phases_alone, in_lens  # slow start: it imports torch
+
+    if field.reference_radius_m is not None:
+        return field, propagation, ""
+    if propagation == "fourier":
+        return in_lens(field), "fourier", "a lens in whose focal plane the far field has the pattern's own size"
+    if propagation != "auto" or math.prod(field.shape) > _MOST_SEARCHED or not has_phases_alone(field):
+        return field, propagation, ""
+    is_far = has_far_image(field)
+    distance_m = clear_distance_m(find_focus(field, *default_range_m(field)), _CLEARLY[is_far])
+    if distance_m is not None:
+        return replace(field, distance_m=distance_m), propagation, _NEAR
+    if is_far:
+        return in_lens(field), "fourier", f"{_FAR}, and seen in the focus of a lens where it has the pattern's own size"
+    return field, propagation, ""
+
+
 def _read(
     paths: Sequence[str | os.PathLike[str]], request: ReadRequest, progress: StepCallback | None
 ) -> tuple[Reading, FieldOfFiles]:
@@ -233,12 +287,12 @@ def _read(
     reading = read_wavefield(paths, request, progress)
     notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     if reading.wavefield is not None:
-        return reading, FieldOfFiles(reading.wavefield, None, notes)
+        return reading, FieldOfFiles(reading.wavefield, None, notes, reading.provenance)
     from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
 
     assert reading.recording is not None
     found = field_of_recording(reading.recording)
-    return reading, FieldOfFiles(found.field, found.recording, (*notes, *found.report))
+    return reading, FieldOfFiles(found.field, found.recording, (*notes, *found.report), reading.provenance)
 
 
 def is_field_file(path: Path) -> bool:

@@ -309,3 +309,39 @@ def test_mistakes_with_fields_are_refused_in_one_line(holoview: Run, arguments: 
     assert refused.code == 2 and words in refused.err
     lines = [line for line in refused.err.splitlines() if not line.startswith("note: ")]
     assert len(lines) == 1 and not Path("x.png").exists()
+
+
+def _likeness(path: str, picture: NDArray[Any]) -> float:
+    """Correlation of a rendered picture with another one of its shape, both blurred over its speckles."""
+    seen = np.asarray(Image.open(path).convert("L"), float)
+    blocks = [each.reshape(16, 8, 16, 8).mean(axis=(1, 3)).ravel() for each in (seen, picture)]
+    return float(np.corrcoef(*blocks)[0, 1])
+
+
+def test_of_phases_without_a_distance_the_far_field_or_the_focus_is_shown_and_said(holoview: Run) -> None:
+    rng = np.random.default_rng(70)
+    picture = np.zeros((128, 128))
+    for _ in range(16):
+        y, x = rng.integers(10, 100, 2)
+        picture[y : y + 16, x : x + 6] = 1
+    wave = picture * np.exp(2j * np.pi * rng.random(picture.shape))
+    far = np.fft.fftshift(np.fft.ifft2(np.fft.ifftshift(wave)))
+    near = _lens(shape=(128, 128), at=(70, 60))
+    for name, pattern, value in (("far.png", far, "15.4 mm"), ("near.png", near, None)):
+        levels = np.rint(np.angle(pattern) % (2 * np.pi) * 255 / (2 * np.pi))
+        Image.fromarray(levels.astype(np.uint8)).save(name)
+        done = holoview("render", name, *KNOWN, "--quantity", "phase", *TORCH, "-o", "seen.png", "--json")
+        assert done.code == 0, done.err
+        known = {entry["name"]: entry for entry in json.loads(done.out)["read"]["properties"]}["distance"]
+        assert known["origin"] == "guessed" and f"distance {known['value']} was guessed" in done.err
+        if value is None:  # the depth of focus is λ(2z/N·dx)² = 0.2 mm
+            assert float(known["value"].removesuffix(" mm")) == pytest.approx(10, abs=0.2)
+            assert np.abs(np.subtract(_brightest("seen.png"), (70, 60))).max() <= 1
+        else:  # 128·(8 µm)²/532 nm
+            assert known["value"] == value and "Fourier" in known["reason"]
+            assert _likeness("seen.png", picture) > 0.7
+    # asked for without a distance: the focal plane of a lens; and hv.load_field leaves a field in its plane
+    done = holoview("render", "near.png", *KNOWN, "--propagation", "fourier", *TORCH, "-o", "seen.png")
+    assert done.code == 0 and "15.4 mm" in done.err
+    unmoved = hv.load_field("far.png", pitch="8um", wavelengths="532nm", quantity="phase").drive[0, 0]
+    np.testing.assert_allclose(np.angle(unmoved), np.angle(np.exp(1j * np.angle(far))), atol=0.02)
