@@ -74,11 +74,13 @@ def _compared(answer: dict[str, Any], first: dict[str, Any]) -> str:
 
 
 def summarise(file: Path) -> None:
-    """Prints a table: the answer to each file alone, and whether the others are equal."""
+    """Prints a table: the answer to each file that was diagnosed alone, and whether its others are equal."""
     found = {(row["file"], row["condition"]): row["diagnosis"] for row in read_lines(file)}
     print(f"| file | verdict and causes | {' | '.join(CONDITIONS)} |\n{'| --- ' * (2 + len(CONDITIONS))}|")
     for name in FILES:
-        first = found[name, next(iter(CONDITIONS))]
+        first = found.get((name, next(iter(CONDITIONS))))
+        if first is None:
+            continue
         answers = [found.get((name, condition)) for condition in CONDITIONS]
         cells = ["" if a is None else f"{_compared(a, first)}, {a['seconds']:.0f} s" for a in answers]
         named = ", ".join(cause["effect"] for cause in first["causes"])

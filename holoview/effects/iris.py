@@ -30,6 +30,10 @@ PARAMETERS = (
     ),
 )
 
+_NARROWER = (-0.4, -0.2)
+"""Errors of the radius at which a search also moves the stop. Where a narrow stop off its centre takes the zero order
+away, neither its radius nor its shift alone makes the prediction any better."""
+
 
 class Iris(Effect):
     """Aperture na → na·(1 + radius_error), with its centre moved by the direction sines na·(decentre_y, decentre_x).
@@ -42,7 +46,9 @@ class Iris(Effect):
     parameters = PARAMETERS
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
-        return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
+        moved = square_grid("decentre_y", "decentre_x", 0.4, 0.2)
+        narrower = [{**point, "radius_error": error} for error in _NARROWER for point in moved]
+        return [*super().starting_points(system), *moved, *narrower]
 
     def actual_system(self, system: System, v: Values) -> System:
         relay: Relay = getattr(system, self.relay)
