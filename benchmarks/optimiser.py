@@ -29,6 +29,10 @@ SECTIONS: dict[str, Section] = {
     "stops": (lambda args: optimiser_stops.measure(args.size, args.repeats, args.threads), optimiser_stops.report),
     "memory": (lambda args: optimiser_memory.measure(args.size), optimiser_memory.report),
     "peers": (lambda args: optimiser_peers.measure(args.size, args.repeats, args.threads), optimiser_peers.report),
+    "peer-quality": (
+        lambda args: optimiser_peers.measure_quality(args.convergence_size, args.long, args.repeats),
+        optimiser_peers.report_quality,
+    ),
     "convergence": (
         lambda args: optimiser_convergence.measure(
             args.seeds,

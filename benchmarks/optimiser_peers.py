@@ -1,14 +1,21 @@
-"""Times an iteration of the optimiser, of odak and of torchoptics: one wavelength, one modulator, 3 planes."""
+"""The optimiser beside odak and torchoptics, one wavelength, one modulator, 3 planes: an iteration, and the time to
+a good hologram."""
 
 from __future__ import annotations
 
+import bisect
+import math
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any
 
-from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed
+from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed, odak_kept
+from benchmarks.common import markdown_table
 from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
 from holoview.benchmark.autograd_loop import Work
 from holoview.benchmark.frame_benchmark import torch_threads
+from holoview.benchmark.frame_jobs import time_interleaved
+from holoview.benchmark.time_to_quality import MARGIN_DB, STEPS_RAD
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}
@@ -31,6 +38,65 @@ def loss_differences(work: Work, padding: int) -> dict[str, float]:
     """Relative difference of each library's first loss from the optimiser's, since their models differ slightly."""
     loss = next(ours(work)).loss
     return {name: abs(peer.loss().item() / loss - 1) for name, peer in _peers(work, padding).items()}
+
+
+def measure_quality(size: Sequence[int], long: int, rounds: int) -> dict[str, Any] | None:
+    """Processor time until the loss is within 0.2 dB of the best of all long runs, padded twofold, one thread.
+
+    A library's loop is that of `Peer`, with Adam's best step; their losses agree, so that one curve serves for all.
+    None without odak. "iterations" is None where holoview's long run doesn't reach the goal; its time is then given.
+    """
+    if not installed("odak"):
+        return None
+    work = mono_work(size, PADDINGS["twofold"][1])
+    with torch_threads(1):
+        curves = {step: list(accumulate(_losses(odak_kept(work, 2), step, long), min)) for step in STEPS_RAD}
+        own, best = _planned_loss(work, long), min(curve[-1] for curve in curves.values())
+        goal = 10 ** (MARGIN_DB / 10) * min(own, best)
+        step = min(curves, key=lambda step: (sum(loss > goal for loss in curves[step]), curves[step][-1]))
+        counts = range(1, long + 1)
+        least = bisect.bisect_left(counts, True, hi=long - 1, key=lambda count: _planned_loss(work, count) <= goal)
+        jobs: dict[str, Run] = {OWN: lambda: _planned_loss(work, counts[least])}
+        jobs |= {name: peer.step for name, peer in _peers(work, 2).items()}
+        seconds = {name: job.cpu_ms / 1e3 for name, job in time_interleaved(jobs, rounds).items()}
+    return {
+        "step_rad": step,
+        "goal_db": _db(goal),
+        "long_db": _db(own),
+        "their_long_db": _db(best),
+        "iterations": counts[least] if own <= goal else None,
+        "their_iterations": sum(loss > goal for loss in curves[step]),
+        "seconds": seconds,
+    }
+
+
+def _db(loss: float) -> float:
+    return -10 * math.log10(loss)
+
+
+def _losses(peer: Peer, step_rad: float, iterations: int) -> list[float]:
+    peer.adam.param_groups[0]["lr"] = step_rad
+    return [peer.step() for _ in range(iterations)]
+
+
+def _planned_loss(work: Work, iterations: int) -> float:
+    """The loss of the best hologram of a run that is planned for so many iterations."""
+    return min(state.loss for state in ours(work, iterations=iterations))
+
+
+def report_quality(found: dict[str, Any] | None) -> str:
+    """The result as a table."""
+    if found is None:
+        return "odak isn't installed"
+    seconds, theirs, own = found["seconds"], found["their_iterations"], found["seconds"][OWN]
+    reaches = found["iterations"] is not None
+    cells = [[OWN, f"{found['long_db']:.2f}", str(found["iterations"] or "not reached"), f"{own:.2f}", ""]]
+    for name in [name for name in seconds if name != OWN]:
+        spent = theirs * seconds[name]
+        ratio = f"{own / spent:.3f}" if reaches else "not reached"
+        cells.append([name, f"{found['their_long_db']:.2f}", str(theirs), f"{spent:.1f}", ratio])
+    header = ["", "long run, dB", f"iterations to {found['goal_db']:.2f} dB", "processor time, s", "holoview ÷ it"]
+    return f"Adam's step: {found['step_rad']:g} rad\n\n{markdown_table(header, cells)}"
 
 
 def _peers(work: Work, padding: int) -> dict[str, Peer]:

@@ -104,7 +104,7 @@ def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> 
 
 
 def _times(work: Work, repeats: int) -> dict[str, dict[str, float]]:
-    """Times of an iteration: loss, gradient, Adam's step. SOLVING solves the amplitudes in each, not in each tenth."""
+    """Times of an iteration: loss, gradient, Adam's step. SOLVING solves the amplitudes in each, not in each fifth."""
     plain, solving = ours(work), ours(work, free=("patterns", "amplitudes"), amplitudes_every=1)
     runs = {
         OWN: lambda: next(plain),

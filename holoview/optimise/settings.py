@@ -60,7 +60,7 @@ class Settings:
     iterations: int = 60
     step_rad: float = 0.5
     betas: tuple[float, float] = (0.5, 0.5)
-    amplitudes_every: int = 10
+    amplitudes_every: int = 5
     seed: int = 0
     free: tuple[str, ...] = ("patterns", "amplitudes")
     loss: str | None = None

@@ -121,7 +121,7 @@ def test_planes_that_are_drawn_come_in_turn(bench: Bench, run: Run, monkeypatch:
     monkeypatch.setattr(Problem, "evaluate", evaluate)
     system = bench(planes=["8 mm", "9 mm", "10 mm", "11 mm", "12 mm"])
     run(system, iterations=100)
-    assert [iteration for iteration, planes in enumerate(taken[:71]) if planes is None] == [*range(0, 71, 10)]
+    assert [iteration for iteration, planes in enumerate(taken[:71]) if planes is None] == [*range(0, 71, 5)]
     for first in range(0, 70, 5):
         turn = [planes for planes in taken[first : first + 5] if planes is not None]
         assert len(set().union(*turn)) == len(turn)
