@@ -79,12 +79,16 @@ class Document:
     def lit_system(self) -> System:
         """The system with the amplitudes of lasers that are muted, or aren't the solo one, set to 0.
 
-        Raises UserError when none is left on.
+        Where one frame is shown alone, so are those of the others, and its light is as many times brighter as there are
+        frames. Raises UserError when no laser is left on.
         """
-        view, count = self.view_settings, len(self.system.wavelengths_m)
-        if view.solo is None and not view.muted:
+        view, (frames, count) = self.view_settings, self.system.amplitudes.shape
+        is_one_frame = view.is_one_frame and frames > 1
+        if view.solo is None and not view.muted and not is_one_frame:
             return self.system
         amplitudes = self.system.amplitudes * np.array([view.shows_laser(i) for i in range(count)])
+        if is_one_frame:
+            amplitudes = amplitudes * (np.arange(frames)[:, None] == view.frame) * frames
         if not np.any(amplitudes > 0):
             raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
         return self.system.edit({"amplitudes": amplitudes})

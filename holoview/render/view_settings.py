@@ -74,7 +74,8 @@ class ViewSettings:
     channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
     low, high: values of the channel, after exposure, that are shown black and white.
     solo, muted: indices of the only laser shown, and of lasers left out.
-    page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
+    page: one of PAGES. frame, modulator: indices of the pattern on the page "phase". is_one_frame: whether the image is
+    that of this frame alone, in place of the mean of all.
     stage, quantity: of the light on the page "field", of the frame and the solo laser, or else the first: one of
     `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
@@ -98,6 +99,7 @@ class ViewSettings:
     muted: frozenset[int] = frozenset()
     page: str = "image"
     frame: int = 0
+    is_one_frame: bool = False
     modulator: int = 0
     stage: str = "plane"
     quantity: str = "phase-colour"

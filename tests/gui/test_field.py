@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.view_settings import ViewPanel
 from holoview.engine.torch_executor import stage_field
 from holoview.render.tone_mapping import field_picture
+from holoview.render.view_settings import NOW
 from holoview.wavefield.reading import ReadRequest
-from tests.gui.conftest import Gui
-from tests.patience import PATIENCE_S
+from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.gpu
 
@@ -53,3 +59,48 @@ def test_a_field_is_looked_at_from_its_other_side_and_has_nothing_to_optimise(gu
         gui.session.edit_view("Page", page=page)
         gui.draw_until_idle()
     assert not [message for message in gui.session.messages.all if message.kind == "error"]
+
+
+def test_the_frames_of_a_field_are_stepped_through_and_played_by_the_pointer(
+    make_gui: Callable[..., Gui], tmp_path: Path
+) -> None:
+    gui = make_gui(small_bench(), (700, 900), panels=(ViewPanel, ImagePanel))
+    values = np.zeros((3, 1, 64, 96), np.complex64)
+    for frame in range(3):  # a bright bar that moves
+        values[frame, 0, :, 10 + 30 * frame : 20 + 30 * frame] = 1 + frame
+    np.save(tmp_path / "film.npy", values)
+    gui.context.loader.open(tmp_path / "film.npy", replace(REQUEST, wavelengths_m=(530e-9,), distance_m=0.0))
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+
+    def lit() -> NDArray[np.float32]:
+        """Light of the columns of the three bars, after the full image is there."""
+        gui.draw_until_idle()
+        xyz = gui.context.side_renderers.xyz(NOW)
+        assert xyz is not None
+        return np.array([xyz[:, 10 + 30 * bar : 20 + 30 * bar, 1].mean() for bar in range(3)])
+
+    mean = lit()
+    assert mean / mean[0] == pytest.approx([1, 4, 9], rel=1e-3)
+    gui.click(gui.item_position("frame alone"))
+    first = lit()
+    assert first[0] == pytest.approx(3 * mean[0], rel=1e-3) and first[1:].max() <= 1e-4 * first[0]
+    gui.click(gui.item_position("frame", 0.66, 0.5))  # its label is a part of the slider
+    last = lit()
+    assert gui.session.view_settings.frame == 2 and last[2] == pytest.approx(3 * mean[2], rel=1e-3)
+    steps = gui.session.history_position
+    gui.click(gui.item_position("play frames"))
+    seen: set[int] = set()
+
+    def show_one() -> None:
+        gui.draw_frames(1)
+        seen.add(gui.session.view_settings.frame)
+
+    wait_until(lambda: len(seen) == 3, show_one, 0.01)
+    gui.click(gui.item_position("play frames"))
+    gui.draw_frames(2)
+    stopped = gui.session.view_settings.frame
+    gui.draw_until_idle()
+    assert gui.session.view_settings.frame == stopped and gui.session.history_position <= steps + 1
+    gui.click(gui.item_position("frame alone"))
+    assert lit() == pytest.approx(mean, rel=1e-3)

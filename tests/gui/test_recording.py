@@ -95,7 +95,7 @@ def test_the_edge_of_the_circle_changes_its_radius(gui: Gui) -> None:
     gui.draw_until_idle()
     moved = order_of(gui)
     assert moved.carrier == found.carrier and moved.radius == pytest.approx(found.radius + 0.03, abs=0.01)
-    gui.click(gui.item_position("other side"))
+    gui.click(gui.item_position("other side of the recording"))
     gui.draw_until_idle()
     assert order_of(gui).carrier == pytest.approx((-found.carrier[0], -found.carrier[1]))
     gui.click(gui.item_position("find the order"))
@@ -115,7 +115,7 @@ def test_phase_steps_are_recognised_and_another_kind_can_be_chosen(gui: Gui, tmp
     gui.draw_until_idle()
     recorded, drive = session.document.recorded, session.drive
     assert recorded is not None and recorded.recording.kind == "phase-shifting"
-    gui.click(gui.item_position("other side"))
+    gui.click(gui.item_position("other side of the recording"))
     gui.draw_until_idle()
     np.testing.assert_allclose(session.drive, np.conj(drive), atol=1e-6 * np.abs(drive).max())
     gui.context.recording_editor.find(kind="in-line")

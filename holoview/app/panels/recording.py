@@ -107,7 +107,8 @@ class RecordingPanel(Panel):
         if kind == "in-line":  # its conjugate is the same
             return
         tip = "The conjugate field, with the other sign of phase and of distance; of an off-axis one the other order."
-        if button(context, "Other side", tip, width=width, name="other side") and editor.chosen is not None:
+        is_pressed = button(context, "Other side", tip, width=width, name="other side of the recording")
+        if is_pressed and editor.chosen is not None:
             editor.choose(editor.chosen.conjugate())
             editor.end_drag()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from functools import partial
 
@@ -11,6 +12,7 @@ from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.widgets import button, command_button, tooltip
 from holoview.colour import fitting_stops
+from holoview.document.document import Gesture
 from holoview.model import preset
 from holoview.render.view_settings import (
     ACHROMATIC,
@@ -27,6 +29,7 @@ from holoview.render.view_settings import (
 )
 
 _STOP = 0.25
+_FRAMES_A_SECOND = 8
 _PAGE_DOCS = {
     "image": "What is seen at the focal plane.",
     "planes": "All focal planes of the bench beside each other.",
@@ -52,6 +55,10 @@ class ViewPanel(Panel):
     title = "View"
     dock = "Low right"
 
+    def __init__(self) -> None:
+        self._plays_since: float | None = None  # by the clock, while frames are played
+        self._played = Gesture()  # one step of undo
+
     def set_up(self, context: AppContext) -> None:
         add = partial(context.commands.add, "Image")
         add("Brighter", lambda: _adjust_exposure(context, _STOP), "E", "A quarter stop.", repeats=True)
@@ -76,6 +83,9 @@ class ViewPanel(Panel):
         view = context.session.view_settings
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.62)
         _combo(context, "page", PAGES, view.page, _PAGE_DOCS, names=_PAGE_NAMES)
+        if context.session.system.frames > 1:
+            self._draw_frames(context, view)
+            view = context.session.view_settings
         self._draw_tone(context, view)
         if view.page == "phase":
             self._draw_pattern_choice(context, view)
@@ -109,13 +119,41 @@ class ViewPanel(Panel):
         if button(context, "Fit brightness", tip):
             _fit_brightness(context)
 
+    def _draw_frames(self, context: AppContext, view: ViewSettings) -> None:
+        """Draws the choice of a frame, and a button that plays them one after another."""
+        frames = context.session.system.frames
+        if self._plays_since is not None:
+            frame = int((time.perf_counter() - self._plays_since) * _FRAMES_A_SECOND) % frames
+            show = partial(context.session.edit_view, "Frame", merge_key=self._played)
+            context.attempt(show, frame=frame, is_one_frame=True)
+            context.window.wake()
+        changed, number = imgui.slider_int("frame", view.frame + 1, 1, frames)
+        context.record_item_rect("frame")
+        tooltip("Which frame is shown, in the image too if it is alone.")
+        if changed:
+            self._plays_since = None
+            context.edit_view("Frame", frame=number - 1)
+        if imgui.is_item_deactivated():
+            context.session.end_gesture()
+        is_on, is_alone = imgui.checkbox("alone", view.is_one_frame)
+        context.record_item_rect("frame alone")
+        tooltip("The image of this frame alone, in place of the mean of all, which an eye or a camera sees.")
+        if is_on:
+            context.edit_view("Frame alone", is_one_frame=is_alone)
+        imgui.same_line()
+        is_playing = self._plays_since is not None
+        tip = f"Shows the frames one after another, {_FRAMES_A_SECOND} a second."
+        if button(context, "Stop" if is_playing else "Play", tip, name="play frames"):
+            self._plays_since, self._played = None if is_playing else time.perf_counter(), Gesture()
+            context.window.wake()
+
     def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
-        frames, modulators = context.session.system.frames, len(context.session.system.modulators)
-        for name, value, count in (("modulator", view.modulator, modulators), ("frame", view.frame, frames)):
-            if count > 1:
-                changed, value_shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
-                if changed:
-                    context.edit_view(name.capitalize(), **{name: value_shown})
+        modulators = len(context.session.system.modulators)
+        if modulators > 1:
+            names = [str(number + 1) for number in range(modulators)]
+            changed, chosen = imgui.combo("modulator", view.modulator, names)
+            if changed:
+                context.edit_view("Modulator", modulator=chosen)
 
     def _draw_compare(self, context: AppContext, view: ViewSettings) -> None:
         _combo(context, "compare", COMPARISON_MODES, view.compare, _COMPARE_DOCS)
