@@ -91,7 +91,7 @@ def describe_image(context: AppContext) -> str:
         return "" if field is None else field.scale
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
-    origin = printable(context.session.displayed_document.origin)
+    origin = printable(context.session.previewed_document.origin)
     return f"{columns} × {rows} samples   {origin}{_scores_text(context)}"
 
 

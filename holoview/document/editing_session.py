@@ -119,15 +119,25 @@ class EditingSession:
     def displayed_document(self) -> Document:
         """The document as it is displayed: solo and mute applied, with the preview of a running optimisation.
 
+        Raises UserError when no laser is left on.
+        """
+        document = self.previewed_document
+        lit = document.lit_system
+        return document if lit is document.system else replace(document, system=lit)
+
+    @property
+    def previewed_document(self) -> Document:
+        """The document with the preview of a running optimisation.
+
         The preview replaces the patterns only while the system and the patterns are those it was started from.
         """
         document = self.document
-        if self._preview is not None:
-            start, preview = self._preview
-            if document.system == start.system and document.drive is start.drive:
-                document = replace(document, system=preview.system, drive=preview.drive)
-        lit = document.lit_system
-        return document if lit is document.system else replace(document, system=lit)
+        if self._preview is None:
+            return document
+        start, preview = self._preview
+        if document.system != start.system or document.drive is not start.drive:
+            return document
+        return replace(document, system=preview.system, drive=preview.drive, origin=preview.origin)
 
     @property
     def preview_document(self) -> Document | None:
