@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,14 +58,14 @@ def run(args: argparse.Namespace) -> int:
     hologram, views = hologram_scores(field, reference), _view_scores(args, field, reference)
     if args.json:
         names = {"hologram": args.names[: len(args.names) // 2], "reference": args.names[len(args.names) // 2 :]}
-        print_json({"files": names, "what": reference.describe(), "hologram": _finite(hologram), "views": views})
+        scores = {"hologram": _finite(hologram), "views": [_finite(view) for view in views]}
+        print_json({"files": names, "what": reference.describe(), **scores})
         return 0
     print(f"{field.name} beside {reference.name}: {reference.describe()}")
     print(f"hologram: SNR {hologram['snr_db']:.2f} dB, SSIM {hologram['ssim']:.4f}")
     print(f"{'view at':<12}{'from':<16}" + "".join(f"{name:>10}" for name in _COLUMNS.values()))
     for view in views:
-        numbers = [view.get(name, math.inf if name == "psnr_db" else math.nan) for name in _COLUMNS]
-        cells = "".join(f"{math.inf if n is None else n:>10.4g}" for n in numbers)
+        cells = "".join(f"{view.get(name, math.nan):>10.4g}" for name in _COLUMNS)
         print(f"{units.format_rounded(view['plane_m'], 'mm'):<12}{view['viewpoint'] or 'the whole':<16}{cells}")
     return 0
 
@@ -108,11 +109,12 @@ def _view_scores(args: argparse.Namespace, field: Wavefield, reference: Wavefiel
                 shape=(height, width) if args.resize else None,
                 percentiles=(low, high),
             )
-            rows.append({"plane_m": plane_m, "viewpoint": text, **_finite(scores)})
+            rows.append({"plane_m": plane_m, "viewpoint": text, **scores})
             progress(done + 1, len(cases), "views")
     return rows
 
 
-def _finite(scores: dict[str, float]) -> dict[str, float | None]:
+def _finite(scores: Mapping[str, Any]) -> dict[str, Any]:
     """The scores with None for the infinite ones of equal fields, which JSON doesn't have."""
-    return {name: score if math.isfinite(score) else None for name, score in scores.items()}
+    endless = {name for name, score in scores.items() if isinstance(score, float) and not math.isfinite(score)}
+    return {name: None if name in endless else score for name, score in scores.items()}

@@ -97,7 +97,7 @@ def compact_prediction(cut: Captures) -> dict[str, object]:
     return {"captures": cut, "propagation": "compact", "has_weighted_stops": True}
 
 
-def seen_through(windows: Sequence[tuple[slice, slice]], pictures: Picture) -> Picture:
+def through_windows(windows: Sequence[tuple[slice, slice]], pictures: Picture) -> Picture:
     """What windows show of pictures (…, y, x), one below the other."""
     seen: Picture = np.concatenate([pictures[..., *window] for window in windows], axis=-2)  # type: ignore[assignment]
     return seen
@@ -154,7 +154,7 @@ def _seen_and_cut(
     """The middle (y, x) of one predicted picture, from all pixels of the modulators, and from those of the middle; or
     parts of it."""
     whole, cut = (np.asarray(c.predictor(index, values).signal)[0] for c in (context, middle))
-    return seen_through(middle.windows, whole), cut
+    return through_windows(middle.windows, whole), cut
 
 
 def _difference(picture: Images, other: Images) -> float:

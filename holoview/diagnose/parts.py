@@ -24,7 +24,7 @@ from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import BORDER_PX, PreparedCaptures
 from holoview.captures.records.trials import cut_out
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.crop import compact_prediction, pixel_ratio, seen_through
+from holoview.diagnose.crop import compact_prediction, pixel_ratio, through_windows
 from holoview.diagnose.likelihood import PredictorProtocol, Values
 from holoview.diagnose.search_context import NeighbourVariances, Pace, PerThreadPredictor, SearchContext, field_samples
 from holoview.model.effects.effect import FileParameter
@@ -70,12 +70,14 @@ def parts_of_context(whole: SearchContext, middle: SearchContext, known: Values)
     has_maps = any(isinstance(p, FileParameter) for name in known for p in get_effect(name).parameters)
     if offsets is None or has_maps:
         return None
-    cut = [_part(captures, middle.data.captures, offset) for offset in offsets]
+    like = middle.data.captures
+    shape = (like.levels.shape[2], like.levels.shape[3])
+    cut = [cut_out(captures, shape, like.shape, offset) for offset in offsets]
     parts, windows = [one for one, _ in cut], tuple(window for _, window in cut)
     together = _one_below_the_other(parts)
     if pixel_ratio(captures, together) < config.min_saving:
         return None
-    light, usable = seen_through(windows, whole.data.light), seen_through(windows, whole.data.usable)
+    light, usable = through_windows(windows, whole.data.light), through_windows(windows, whole.data.usable)
     data = PreparedCaptures(together, light, usable)
     creators = [partial(whole.predictor.create, **compact_prediction(part)) for part in parts]
     budget = whole.config.budget.fields_for(field_samples(together))
@@ -108,12 +110,6 @@ def _offsets(captures: Captures, cut: Captures) -> list[tuple[int, int]] | None:
             return None
         reach.append(fitting[0])
     return [(0, 0), *((y * reach[0], x * reach[1]) for y, x in _CORNERS)]
-
-
-def _part(captures: Captures, cut: Captures, offset: tuple[int, int]) -> tuple[Captures, tuple[slice, slice]]:
-    """The captures of one part, and where its pictures are in the whole ones. offset: of its centre, pixels (y, x)."""
-    shape = (cut.levels.shape[2], cut.levels.shape[3])
-    return cut_out(captures, shape, cut.shape, offset)
 
 
 def _one_below_the_other(parts: Sequence[Captures]) -> Captures:

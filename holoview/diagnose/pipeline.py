@@ -290,11 +290,8 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     if is_corrected and prepared.parts is not None:
         fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), first, found, progress)
     outcome = _judged_whole(whole, found, fitted, is_corrected, judge, progress)
-    how = (
-        "whole pictures fitted and judged them"
-        if outcome.fitted is None
-        else "five parts fitted them, whole ones judged"
-    )
+    is_of_parts = outcome.fitted is not None
+    how = "five parts fitted them, whole ones judged" if is_of_parts else "whole pictures fitted and judged them"
     return replace(outcome, notes=list(dict.fromkeys([*found.notes, *outcome.notes, f"{where}; {how}."])))
 
 
@@ -360,11 +357,10 @@ def _doubtful(
     """The captures that stand out, whose predictions tell how long the search takes, and later searches after it."""
     with context.measuring_pace():
         doubtful = doubtful_captures(context, progress)
+    a_field = context.pace.first
     for one in later:
-        if (
-            one.windows and one.pace.first is None and context.pace.first is not None
-        ):  # parts, each of which is like the middle
-            one.pace.first = len(one.windows) * context.pace.first
+        if one.windows and one.pace.first is None and a_field is not None:  # parts, each of which is like the middle
+            one.pace.first = len(one.windows) * a_field
     forecast(describe_work([context, *later]))
     return doubtful
 

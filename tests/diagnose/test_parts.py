@@ -13,7 +13,7 @@ from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import PLAIN, RegionConfig, SearchConfig
-from holoview.diagnose.crop import middle_of_context, seen_through, without_light_from_beyond
+from holoview.diagnose.crop import middle_of_context, through_windows, without_light_from_beyond
 from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.parts import parts_of_context
@@ -70,7 +70,7 @@ def test_effects_of_a_place_act_in_parts_as_there_in_the_whole(effect: str, valu
     rows = parts.data.captures.shape[0] // 5
     errors = []
     for on in ({}, {effect: values}):
-        seen = seen_through(parts.windows, Predictor(captures)(index, on).signal.numpy()[0])
+        seen = through_windows(parts.windows, Predictor(captures)(index, on).signal.numpy()[0])
         cut = parts.predictor(index, on).signal.numpy()[0]
         squares = np.square(cut - seen).reshape(5, rows, -1).mean((1, 2))
         errors.append(np.sqrt(squares) / seen.mean())

@@ -85,14 +85,14 @@ class RecordingPanel(Panel):
     def _draw_choices(self, context: AppContext, recording: Recording) -> None:
         editor, kind = context.recording_editor, str(recording.kind)
         kinds = ["off-axis", "in-line", "phase-shifting"][: 3 if len(recording.pictures) >= 3 else 2]
-        if (wanted := combo("kind", kind, kinds, _HELP_KIND)) != kind:
+        wanted = combo("kind", kind, kinds, _HELP_KIND)
+        if wanted != kind:
             editor.find(kind=wanted)
         if kind == "phase-shifting":
             steps: str = recording.steps if isinstance(recording.steps, str) else "stated"
-            if (
-                chosen := combo("steps", steps, list(dict.fromkeys(["equal", "unknown", steps])), _HELP_STEPS)
-            ) != steps:
-                editor.find(steps=chosen)
+            wanted = combo("steps", steps, list(dict.fromkeys(["equal", "unknown", steps])), _HELP_STEPS)
+            if wanted != steps:
+                editor.find(steps=wanted)
         names = [f"{λ * 1e9:.4g} nm" for λ in recording.wavelengths_m]
         self._wavelength = min(self._wavelength, len(names) - 1)
         if len(names) > 1:
