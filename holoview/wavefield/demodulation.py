@@ -38,7 +38,7 @@ _SOFT = 0.1  # of the radius, over which the filter falls
 _FAINT = 0.1  # of a picture's variance: an order with less may be no order; public recordings have 0.06 to 0.49
 _MOST_JUDGED = 1024  # rows and columns of the middle by which steps of the reference are recognised
 _ONE_MEAN = 0.1  # of the mean of three phase-shifted pictures, within which the means of each lie
-_ONE_WAY = 0.8  # |Σ(c + is)²|/Σ|c + is|² of three pictures; 1 of differences in one direction
+_ONE_WAY = 0.7  # |Σd²|/Σ|d|², d = Σₙ Iₙ·exp(2πi·n/3): 1 of differences in one direction, 0.5 of quarter turns
 _MOST_UNEXPLAINED = 0.08  # 0.003 in the median of drawn sets, at most 0.055; 0.16 of speckles that drift
 _MOST_BESIDE_LINE = 1 / 3  # 0.03 in the median of drawn sets; 0.75 of speckles that drift
 _FAINT_UNLESS_COUNTED = 0.15  # the same of numbers that no camera counted: of 288 speckle patterns at most 0.11
@@ -403,11 +403,12 @@ def shifted_steps(pictures: NDArray[np.floating[Any]]) -> Shifted | None:
     differ in two independent ways, of which the weaker has more than twelve times the power of what the steps don't
     explain (of four pictures I₀ + I₂ − I₁ − I₃); pictures that differ at random have the same power in all.
 
-    Three pictures always fit. Theirs have the same mean within a tenth, and c and s are not one a multiple of the
-    other, as where the light's power changes. Beside a strong reference a = |O|² + |R|² varies little: four times its
-    variance is at most a third of c² + s², where pictures that differ at random have as much. Beside an even reference
-    c² + s² = 4|R|²(a − |R|²) follows a straight line of a: it varies around it by at most a third of its squared mean,
-    where pictures that differ at random have the whole or more.
+    Three pictures always fit. Theirs have the same mean within a tenth, and don't differ in one direction, as where the
+    light's power changes (by noise beside it, d in `_ONE_WAY` is z + n, z constant and of a part a of the power: |d|²
+    varies around its mean by 1 − a² of its square, 0.51 where a = `_ONE_WAY`). Beside a strong reference
+    a = |O|² + |R|² varies little: four times its variance is at most a third of c² + s², where pictures that differ at
+    random have as much. Beside an even reference c² + s² = 4|R|²(a − |R|²) follows a straight line of a: it varies
+    around it by at most a third of its squared mean, where pictures that differ at random have the whole or more.
     """
     count = len(pictures)
     if not 3 <= count <= 5:
@@ -435,8 +436,9 @@ def _unexplained_of_three(rows: Floats, steps: Floats) -> Shifted:
     mean, cosine, sine = np.linalg.pinv(_shift_model(steps)) @ rows
     squared = cosine**2 + sine**2
     signal, means = float(squared.mean()), rows.mean(axis=1)
-    along = abs(np.square(cosine + 1j * sine).mean())
-    if not (np.ptp(means) < _ONE_MEAN * abs(means.mean()) and along < _ONE_WAY * signal):
+    differences = np.exp(2j * math.pi / 3 * np.arange(3)) @ rows
+    along = abs(np.square(differences).mean())
+    if not (np.ptp(means) < _ONE_MEAN * abs(means.mean()) and along < _ONE_WAY * np.square(np.abs(differences)).mean()):
         return Shifted(tuple(map(float, steps)), math.inf)
     line = np.polyfit(mean, squared, 1) if np.ptp(mean) > 0 else np.array([0.0, signal])
     beside_line = float((squared - np.polyval(line, mean)).var()) / signal**2
