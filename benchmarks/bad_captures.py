@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SamplingConfig
+from holoview.captures.predictor import SamplingConfig
 from holoview.diagnose.pipeline import diagnose
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 

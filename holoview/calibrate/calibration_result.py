@@ -475,7 +475,7 @@ class CalibrationTask:
     @property
     def padded_samples(self) -> int:
         """Samples of a simulated field."""
-        return 4 * self.captures.upsample**2 * self.captures.levels[0, 0].size
+        return self.settings.sampling.samples_factor * self.captures.upsample**2 * self.captures.levels[0, 0].size
 
     @property
     def notes(self) -> list[str]:
@@ -496,7 +496,7 @@ class CalibrationTask:
     ) -> tuple[CalibrationResult, list[Path]]:
         """Scores maps, and draws them into a folder if one is given; returns the drawn files too."""
         data = TrainingData(self.captures, self.bench.effect_values)
-        model = CalibrationModel(self.captures, self.layout, self.bench.effect_values)
+        model = CalibrationModel(self.captures, self.layout, self.bench.effect_values, self.settings.sampling)
         model.set_maps(maps.tensors)
         score = score_predictions(data, self.split, model.predict_nominal, model.predict, progress)
         drawn: list[Path] = []

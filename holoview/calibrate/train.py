@@ -59,7 +59,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Camera, Captures
 from holoview.captures.nominal_bench import stated_keys
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import Predictor
+from holoview.captures.predictor import PLAIN, Predictor, SamplingConfig
 from holoview.captures.prepared_captures import PreparedCaptures, add_model_error, neighbour_variance, prepare_captures
 from holoview.effects.calibrated import Calibrated
 from holoview.model.bench_parts import Relay
@@ -117,6 +117,7 @@ class CalibrationSettings:
     rate: factor on all LEARNING_RATES.
     seed: of the order of the captures and of the choice of validation captures.
     share: of the captures that is held out for validation, see `split_captures`.
+    finer, padding, points: of the predictions, see `SamplingConfig`.
     """
 
     epochs: int = 40
@@ -124,6 +125,9 @@ class CalibrationSettings:
     rate: float = 1.0
     seed: int = 0
     share: float = 0.2
+    finer: int = PLAIN.finer
+    padding: int = PLAIN.padding
+    points: int | None = PLAIN.points
 
     def __post_init__(self) -> None:
         for name, low, high in (("epochs", 1, 100_000), ("batch", 1, 10_000)):
@@ -132,6 +136,11 @@ class CalibrationSettings:
                 raise UserError(name, str(value), expected=f"{low} to {high}")
         if not 0 < self.rate <= 100:
             raise UserError("rate", f"{self.rate:g}", expected="above 0, at most 100")
+
+    @property
+    def sampling(self) -> SamplingConfig:
+        """How finely the bench is sampled."""
+        return SamplingConfig(self.finer, self.padding, self.points)
 
 
 Indices = NDArray[np.intp]
@@ -400,16 +409,27 @@ class CalibrationModel:
     captures: their patterns and conditions; the images aren't used.
     layout: of the maps.
     known: {effect id: {parameter: value}} of effects that the bench has besides the maps.
+    sampling: of the bench.
     double_precision: computes in complex128 instead of complex64.
     """
 
     def __init__(
-        self, captures: Captures, layout: MapLayout, known: EffectValues, *, double_precision: bool = False
+        self,
+        captures: Captures,
+        layout: MapLayout,
+        known: EffectValues,
+        sampling: SamplingConfig = PLAIN,
+        *,
+        double_precision: bool = False,
     ) -> None:
         self.layout, self.known = layout, dict(known)
         self._effect = _TrainableCalibrated()
         self._predictor = Predictor(
-            captures, extra_effects=(self._effect,), double_precision=double_precision, cache_mb=_CACHE_MB
+            captures,
+            extra_effects=(self._effect,),
+            double_precision=double_precision,
+            cache_mb=_CACHE_MB,
+            **sampling.keywords,
         )
         self._map_cache, self._version = MapCache(), 0
 
@@ -633,7 +653,8 @@ class _Training:
         resume: CalibrationCheckpoint | None,
     ) -> None:
         self.captures, self.known, self.layout, self.settings = captures, known, layout, settings
-        self.data, self.model = TrainingData(captures, known), CalibrationModel(captures, layout, known)
+        self.data = TrainingData(captures, known)
+        self.model = CalibrationModel(captures, layout, known, settings.sampling)
         roughness = pattern_roughness(captures)
         self.train_indices = split.train[np.argsort(roughness[split.train], kind="stable")]
         self.validation_indices = split.validation if len(split.validation) else split.train

@@ -11,6 +11,7 @@ search.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -80,6 +81,46 @@ class Prediction:
         """Counts beyond the nominal black level without the lasers' light, (capture, y, x) or a single number."""
         offset = np.float32(self.black_level - nominal_black_level)
         return np.asarray(offset) if self.ambient is None else offset + self.ambient.numpy().astype(np.float32)
+
+
+@dataclass(frozen=True)
+class SamplingConfig:
+    """How finely a `Predictor` samples a bench.
+
+    finer: samples on each axis for every one of the model's own. padding: sides of the grid over the modulators'.
+    points: points on each axis that a camera pixel averages; None: one for each sample on it.
+    """
+
+    finer: int = 1
+    padding: int = 2
+    points: int | None = None
+
+    @property
+    def samples_factor(self) -> int:
+        """Samples of a simulated field for each of the model's own on the modulators."""
+        return (self.finer * self.padding) ** 2
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The keywords of `Predictor`."""
+        return dataclasses.asdict(self)
+
+    @property
+    def description(self) -> str:
+        """The settings that differ from the defaults."""
+        parts = ["finer samples"] if self.finer > 1 else []
+        parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
+        parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
+        return " and ".join(parts)
+
+    @property
+    def cli_options(self) -> str:
+        """The options of `holoview diagnose` and `calibrate` that choose this sampling."""
+        points = f" --points {self.points}" if self.points else ""
+        return f"--finer {self.finer} --padding {self.padding}{points}"
+
+
+PLAIN = SamplingConfig()
 
 
 def cache_bytes(captures: Captures) -> int:

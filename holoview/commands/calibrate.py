@@ -12,7 +12,7 @@ from holoview.calibrate.calibration_result import CalibrationTask, format_score,
 from holoview.calibrate.lut_fit import fit_lut, format_lut, lut_table, plot_lut, read_sweep, save_lut, with_lut
 from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
-from holoview.commands.arguments import number, parse_seed, whole
+from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.figures import require_matplotlib
@@ -60,7 +60,8 @@ def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], 
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_CAPTURES_OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
+_SETTINGS = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
+_CAPTURES_OPTIONS = (*_SETTINGS.values(), *SAMPLING_OPTIONS, "pixels_a_node", "pictures", "checkpoint", "resume")
 
 
 def _add_captures_options(group: argparse._ArgumentGroup) -> None:
@@ -75,6 +76,7 @@ def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--pixels-a-node", type=whole(1, 1000), metavar="N", help="how coarse the source's maps are (default 8)"
     )
+    add_bench_sampling(group)
     add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
     add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
     add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
@@ -112,8 +114,8 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
 
 def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
-    options = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
-    settings = {name: value for name, option in options.items() if (value := getattr(args, option)) is not None}
+    settings = {name: value for name, option in _SETTINGS.items() if (value := getattr(args, option)) is not None}
+    settings |= bench_sampling(args)
     start = None if args.preset is None else preset.load(args.preset)
     task = plan_calibration(read_captures(file), start, args.output.stem, settings, args.pixels_a_node)
     for note in task.notes:

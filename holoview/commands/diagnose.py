@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.predictor import check_user_effects
+from holoview.captures.predictor import SamplingConfig, check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.corrections import apply_corrections
-from holoview.commands.arguments import number, parse_duration, parse_effects, whole
+from holoview.commands.arguments import add_bench_sampling, bench_sampling, number, parse_duration, parse_effects, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.diagnose.intervals import format_value
 from holoview.diagnose.likelihood import Values
@@ -92,19 +91,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "much work as two cores do in about a minute, up to five for large modulators)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
-    _add_sampling(parser)
-
-
-def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    """Adds how finely the bench is sampled, and in how many processes."""
-    most = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
-    for flag, low, high, default, help in (
-        ("--finer", 1, 8, 1, "samples each way for each of the model's own (default 1)"),
-        ("--padding", 2, 8, 2, "size of the grid in sizes of the modulators (default 2)"),
-        ("--points", 1, 16, None, "points each way that a camera pixel averages (default: its samples)"),
-        ("--workers", 1, 1024, most, "processes side by side (default: cores, at most 8)"),
-    ):
-        parser.add_argument(flag, metavar="N", type=whole(low, high), default=default, help=help)
+    add_bench_sampling(parser)
+    parser.add_argument(
+        "--workers",
+        metavar="N",
+        type=whole(1, 1024),
+        default=min(process_cpu_count(), _MAX_DEFAULT_WORKERS),
+        help="processes side by side (default: cores, at most 8)",
+    )
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -217,8 +211,8 @@ def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _
 
 def _search_options(args: argparse.Namespace) -> dict[str, Any]:
     """How a diagnosis searches, in the options of `diagnose`."""
-    sampling = SamplingConfig(args.finer, args.padding, args.points)
-    return {"workers": args.workers, "thorough": args.thorough or args.time is not None, "sampling": sampling}
+    is_thorough = args.thorough or args.time is not None
+    return {"workers": args.workers, "thorough": is_thorough, "sampling": SamplingConfig(**bench_sampling(args))}
 
 
 def _source(args: argparse.Namespace) -> str:

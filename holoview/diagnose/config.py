@@ -114,33 +114,3 @@ class SearchConfig:
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     region: RegionConfig = field(default_factory=RegionConfig)
     verdict: VerdictConfig = field(default_factory=VerdictConfig)
-
-
-@dataclass(frozen=True)
-class SamplingConfig:
-    """The keywords of `Predictor` that set its sampling.
-
-    finer: samples on each axis for every one of the model's own. padding: sides of the grid over the modulators'.
-    points: points on each axis that a camera pixel averages; None: one for each sample on it.
-    """
-
-    finer: int = 1
-    padding: int = 2
-    points: int | None = None
-
-    @property
-    def description(self) -> str:
-        """The settings that differ from the defaults."""
-        parts = ["finer samples"] if self.finer > 1 else []
-        parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
-        parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
-        return " and ".join(parts)
-
-    @property
-    def cli_options(self) -> str:
-        """The options of `holoview diagnose` that choose this sampling."""
-        points = f" --points {self.points}" if self.points else ""
-        return f"--finer {self.finer} --padding {self.padding}{points}"
-
-
-PLAIN = SamplingConfig()

@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
+from holoview.captures.predictor import SamplingConfig
 from holoview.captures.prepared_captures import Images, prepare_captures
 from holoview.captures.records.trials import central_region, central_slices, speckle_px
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import RegionConfig, SamplingConfig
+from holoview.diagnose.config import RegionConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.search_context import NeighbourVariances, Pace, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.starts.picture import measure_displacement

@@ -15,14 +15,15 @@ don't. A cause that such samples make superfluous isn't named.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from holoview.captures.predictor import SamplingConfig
 from holoview.captures.prepared_captures import estimate_prnu
 from holoview.diagnose.capture_split import spread_over_wavelengths
-from holoview.diagnose.config import SamplingConfig, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.fit import FittedValues
 from holoview.diagnose.judge import (
     Decision,
@@ -214,10 +215,10 @@ def _alternative_comparisons(context: SearchContext, comparison: Comparison) -> 
     affordable = [
         sampling
         for sampling in _OTHER_SAMPLINGS
-        if sampling != context.sampling and samples * (sampling.finer * sampling.padding) ** 2 <= _SAMPLING_MAX_SAMPLES
+        if sampling != context.sampling and samples * sampling.samples_factor <= _SAMPLING_MAX_SAMPLES
     ]
     create = partial(context.predictor.create, cache_mb=_CACHE_MB)
-    return {sampling: comparison.with_predictor(create(**asdict(sampling))) for sampling in affordable}
+    return {sampling: comparison.with_predictor(create(**sampling.keywords)) for sampling in affordable}
 
 
 def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:

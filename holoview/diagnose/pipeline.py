@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import math
 import time
@@ -14,11 +13,11 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import cache_bytes, check_known_effects, prediction_bytes
+from holoview.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.correct.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.correct.wrong_records import CheckedRecords, check_records
 from holoview.diagnose.crop import (
@@ -427,7 +426,7 @@ def prepare_search(
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
     if properties.planes == 1 and not properties.is_fourier:
         notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
-    options = {"captures": captures, "known_values": known, **dataclasses.asdict(sampling)}
+    options = {"captures": captures, "known_values": known, **sampling.keywords}
     data = prepare_captures(captures)
     context = SearchContext(
         data=data,

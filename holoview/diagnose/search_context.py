@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Prediction
+from holoview.captures.predictor import PLAIN, Prediction, SamplingConfig
 from holoview.captures.prepared_captures import Images, PreparedCaptures, add_model_error, neighbour_variance
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import PLAIN, SamplingConfig, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.likelihood import Comparison, PredictorProtocol, Values
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect

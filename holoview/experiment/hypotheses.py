@@ -30,8 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.predictor import PLAIN
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.config import PLAIN, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.correct.bad_captures import find_useless_captures
 from holoview.diagnose.correct.wrong_records import check_records
 from holoview.diagnose.crop import middle_captures, pixel_ratio

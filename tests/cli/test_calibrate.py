@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from collections.abc import Callable
@@ -21,9 +22,8 @@ from holoview.model.system import System
 SHAPE = (24, 32)
 
 
-@pytest.fixture(scope="module")
-def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight captures of a small bench whose second modulator is off by 3/4 of a pixel and leaks into neighbours."""
+def _measure(path: Path, effects: dict[str, dict[str, float]], **settings: Any) -> Path:
+    """Captures of a small bench with effects."""
     modulator = Modulator(pitch_m=8e-6, shape=SHAPE, stroke_m=825e-9, levels=16)
     system = System(
         wavelengths_m=[520e-9, 638e-9],
@@ -35,16 +35,15 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
         relay2=Relay(iris_na=0.03),
         observer="mono",
     )
-    path = tmp_path_factory.mktemp("captures") / "c.h5"
-    write_captures(
-        path,
-        make_captures(
-            system,
-            {"slm_alignment": {"shift_y": 6e-6}, "crosstalk": {"sigma": 0.5}},
-            AcquisitionSettings(captures_per_condition=4),
-        ),
-    )
+    write_captures(path, make_captures(system, effects, AcquisitionSettings(**settings)))
     return path
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight captures of a bench whose second modulator is off by 3/4 of a pixel and leaks into neighbours."""
+    effects = {"slm_alignment": {"shift_y": 6e-6}, "crosstalk": {"sigma": 0.5}}
+    return _measure(tmp_path_factory.mktemp("captures") / "c.h5", effects, captures_per_condition=4)
 
 
 @pytest.fixture
@@ -66,6 +65,21 @@ def test_a_calibrated_bench_renders(holoview: Callable[..., Any], captures: Path
     assert {path.name for path in tmp_path.iterdir()} == {"c.toml", "c.safetensors", "seen"}
     assert (tmp_path / "seen" / "pupils.png").is_file()
     assert holoview("render", "c.toml", "--backend", "torch", "-o", "c.png").code == 0
+
+
+def test_a_bench_is_sampled_as_finely_as_asked(holoview: Callable[..., Any], tmp_path: Path) -> None:
+    """Captures that were computed with finer samples fit a bench without errors when it is sampled like that."""
+    _measure(tmp_path / "f.h5", {}, captures_per_condition=4, finer=2)
+
+    def chi2(*options: object) -> float:
+        done = holoview("calibrate", "f.h5", "-o", "c.toml", "--epochs", 1, "--json", *options)
+        assert done.code == 0, done.stderr
+        return json.loads(done.out)["scores"][0]["before"]["chi2_per_pixel"]
+
+    # of the one capture or more that are held out; weights are of neighbours' noise: twice the scatter of known noise
+    right = chi2("--finer", 2)
+    assert right == pytest.approx(1, abs=2 * 5 * math.sqrt(2 / math.prod(SHAPE)))
+    assert right < chi2("--finer", 2, "--padding", 3, "--points", 4) < chi2()
 
 
 def test_a_checkpoint_goes_on_to_the_same_maps(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from holoview.captures import Captures, read_captures
+from holoview.captures.predictor import SamplingConfig
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
 from holoview.diagnose.correct.judged_captures import find_suspects
 from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures

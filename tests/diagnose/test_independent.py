@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SamplingConfig
+from holoview.captures.predictor import SamplingConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SamplingConfig
+from holoview.captures.predictor import SamplingConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from holoview.captures import Captures, read_captures
+from holoview.captures.predictor import SamplingConfig
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SamplingConfig, SearchConfig
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis

@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from holoview.captures import Captures
-from holoview.captures.predictor import Predictor
+from holoview.captures.predictor import PLAIN, Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import PLAIN, RegionConfig, SearchConfig
+from holoview.diagnose.config import RegionConfig, SearchConfig
 from holoview.diagnose.crop import middle_of_context, through_windows, without_light_from_beyond
 from holoview.diagnose.fit import CandidateFit
 from holoview.diagnose.judge import Verdict

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from holoview.captures import Captures
-from holoview.diagnose.config import PLAIN, RegionConfig, SamplingConfig
+from holoview.captures.predictor import PLAIN, SamplingConfig
+from holoview.diagnose.config import RegionConfig
 from holoview.diagnose.crop import grid_samples, within_limits
 from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.config import SamplingConfig
+from holoview.captures.predictor import SamplingConfig
 from holoview.diagnose.correct.bad_captures import excess_stands_out, without_planes
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose

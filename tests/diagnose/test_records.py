@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from holoview.captures import Captures, read_captures
+from holoview.captures.predictor import SamplingConfig
 from holoview.captures.records import RecordFindings, find_record_errors, plausible_units
-from holoview.diagnose.config import SamplingConfig
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects.registry import listed_effects

@@ -13,12 +13,12 @@ import torch
 
 from holoview.captures import Captures
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import Predictor
+from holoview.captures.predictor import PLAIN, Predictor
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.trials import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import MIN_FIELDS, PLAIN, BudgetConfig, RegionConfig, SearchConfig, VerdictConfig
+from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, RegionConfig, SearchConfig, VerdictConfig
 from holoview.diagnose.crop import (
     MAX_TIME_SHARE,
     measure_missing_light,
