@@ -19,6 +19,7 @@ from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.wavefield.field_file import FIELD_FORMAT
+from holoview.wavefield.interpret.properties import Question
 from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import Reading, ReadRequest, Recording, read_wavefield
@@ -185,7 +186,7 @@ def open_hologram(
 
     reading, found = _read(paths, request, progress)
     propagation = request.propagation
-    if finds_distance and reading.recording is None and any(q.key == "distance" for q in reading.questions):
+    if finds_distance and found.recording is None and any(q.key == "distance" for q in found.questions):
         found, propagation = _at_guess(found, propagation)
     field, notes = found.field, found.notes
     if request.viewpoint is not None:
@@ -220,12 +221,21 @@ def open_hologram(
 
 @dataclass(frozen=True, eq=False)
 class FieldOfFiles:
-    """A field in its own plane. recording: that it was made of. provenance, notes: as of `OpenedHologram`."""
+    """A field in its own plane. recording: that it was made of. provenance: as of `OpenedHologram`.
+
+    findings: what stands out, in words. questions: what nothing states, with the guesses that were taken.
+    """
 
     field: Wavefield
     recording: Recording | None = None
-    notes: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    questions: tuple[Question, ...] = ()
     provenance: tuple[Provenance, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """As of `OpenedHologram`."""
+        return (*self.findings, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in self.questions))
 
 
 def field_of_files(paths: Sequence[str | os.PathLike[str]], request: ReadRequest) -> FieldOfFiles:
@@ -249,11 +259,14 @@ def _at_guess(found: FieldOfFiles, propagation: Propagation) -> tuple[FieldOfFil
     field, chosen, reason = _guess(found.field, propagation)
     if not reason:
         return found, propagation
-    guess = Provenance("distance", units.format_rounded(field.distance_m, "mm"), "guessed", reason)
-    kept = (note for note in found.notes if not note.startswith("distance "))
-    notes = (*kept, f"distance {guess.value} was guessed: {reason}; --distance says it")
-    provenance = tuple(guess if known.key == "distance" else known for known in found.provenance)
-    return FieldOfFiles(field, None, notes, provenance), chosen
+    guess = units.format_rounded(field.distance_m, "mm")
+    questions = [
+        replace(asked, guess=guess, reason=f"{reason}; {asked.option} says it") if asked.key == "distance" else asked
+        for asked in found.questions
+    ]
+    known = Provenance("distance", guess, "guessed", reason)
+    provenance = tuple(known if told.key == "distance" else told for told in found.provenance)
+    return replace(found, field=field, questions=tuple(questions), provenance=provenance), chosen
 
 
 def _guess(field: Wavefield, propagation: Propagation) -> tuple[Wavefield, Propagation, str]:
@@ -285,14 +298,15 @@ def _read(
 ) -> tuple[Reading, FieldOfFiles]:
     """What files of other programs hold, and the field that it is or was made of."""
     reading = read_wavefield(paths, request, progress)
-    notes = (*reading.notes, *(f"{q.key} {q.guess} was guessed: {q.reason}" for q in reading.questions))
     if reading.wavefield is not None:
-        return reading, FieldOfFiles(reading.wavefield, None, notes, reading.provenance)
+        told = reading.notes, reading.questions, reading.provenance
+        return reading, FieldOfFiles(reading.wavefield, None, *told)
     from holoview.wavefield.demodulation import field_of_recording  # slow start: it imports scipy
 
     assert reading.recording is not None
     found = field_of_recording(reading.recording)
-    return reading, FieldOfFiles(found.field, found.recording, (*notes, *found.report), reading.provenance)
+    findings = (*reading.notes, *found.report)
+    return reading, FieldOfFiles(found.field, found.recording, findings, reading.questions, reading.provenance)
 
 
 def is_field_file(path: Path) -> bool:
