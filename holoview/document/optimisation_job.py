@@ -59,7 +59,7 @@ class OptimisationRequest:
     iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
     superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
     device: of torch, "auto" for the fastest. compares_fields: the complex fields of lasers, with a target that is one.
-    Raises UserError for invalid values.
+    done: how many of the settings' iterations the patterns "now" have had. Raises UserError for invalid values.
     """
 
     settings: Settings = field(default_factory=Settings)
@@ -71,6 +71,7 @@ class OptimisationRequest:
     only_plane_m: float | None = None
     device: str = "auto"
     compares_fields: bool = False
+    done: int = 0
 
     def __post_init__(self) -> None:
         if self.start_patterns not in START_PATTERNS:
@@ -78,6 +79,8 @@ class OptimisationRequest:
         for key, count in (("every", self.preview_every), ("coarse", self.superpixel)):
             if count < 1:
                 raise UserError(key, str(count), expected="at least 1")
+        if not 0 <= self.done < self.settings.iterations:
+            raise UserError("done", str(self.done), expected=f"fewer than {self.settings.iterations} iterations")
         if self.superpixel > 1 and self.start_patterns == "now":
             raise UserError("begin", '"now" with larger pixels', expected='"random" or "smooth"')
 
@@ -121,7 +124,7 @@ class OptimisationJob(BackgroundJob):
     @property
     def progress_range(self) -> tuple[int, int]:
         """The first number of the progress, and the last to come or, of a job without an end, so far."""
-        return 0, self.request.settings.iterations
+        return self.request.done, self.request.settings.iterations
 
     @property
     def latest(self) -> OptimisationProgress | None:
@@ -140,7 +143,7 @@ class OptimisationJob(BackgroundJob):
 
         request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
         assert target_spec is not None
-        control.report(0, request.settings.iterations, "building the target")
+        control.report(request.done, request.settings.iterations, "building the target")
         system = with_superpixels(self.system, request.superpixel)
         system = system if request.only_plane_m is None else system.edit({"planes": [request.only_plane_m]})
         system = request.eyes.aimed(system)
@@ -148,13 +151,13 @@ class OptimisationJob(BackgroundJob):
         settings = places.in_settings(request.settings)
         seen = None if request.compares_fields else target_at_places(target_spec, system, places)
         stack = target_spec.fields_for(system) if seen is None else seen
-        control.report(0, request.settings.iterations, "preparing")
+        control.report(request.done, request.settings.iterations, "preparing")
         start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
         state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
-        for state in iterate(with_compact_grid(system), stack, settings, start, device=device):
+        for state in iterate(with_compact_grid(system), stack, settings, start, done=request.done, device=device):
             self._report(control, state)
             is_due = state.iteration % request.preview_every == 0 and monotonic() - previewed_at >= _PREVIEW_INTERVAL_S
-            if is_due or state.iteration == 0:
+            if is_due or state.iteration == request.done:
                 previewed_at = monotonic()
                 self._session.call_on_owner(partial(self._show_preview, self._as_document(state)))
             if self._keep.is_set():
@@ -412,8 +415,8 @@ _WHAT = "the rest of an optimisation"
 class RestOfOptimisation:
     """The rest of an optimisation that was interrupted.
 
-    settings: with the iterations that are left, as JSON. pupils, chromatic: of its eyes, as text; no pupils for the
-    own place alone. Other fields as of its request.
+    settings: of the whole optimisation, as JSON. done: how many of its iterations were made. pupils, chromatic: of its
+    eyes, as text; no pupils for the own place alone. Other fields as of its request.
 
     Raises UserError for settings that can't be.
     """
@@ -424,6 +427,7 @@ class RestOfOptimisation:
     pupils: str = ""
     chromatic: str = CHROMATIC[0]
     compares_fields: bool = False
+    done: int = 0
 
     def __post_init__(self) -> None:
         self.request()
@@ -439,6 +443,7 @@ class RestOfOptimisation:
             only_plane_m=self.only_plane_m,
             device=self.device,
             compares_fields=self.compares_fields,
+            done=self.done,
         )
 
 
@@ -469,15 +474,12 @@ def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation |
         return None
     if job is None or job.latest is None or job.request.superpixel > 1 or isinstance(job, LiveOptimisationJob):
         return UnfinishedOptimisation(best)
-    settings, done = job.request.settings, job.latest.iteration
-    left = settings.iterations - done
-    if left < 1:
+    eyes, request, done = job.request.eyes, job.request, job.latest.iteration
+    if done >= request.settings.iterations:
         return UnfinishedOptimisation(best)
-    step_rad = settings.step_rad * math.sqrt(left / settings.iterations)
-    rest = json.dumps(dataclasses.asdict(dataclasses.replace(settings, iterations=left, step_rad=step_rad)))
-    eyes, request = job.request.eyes, job.request
+    rest = json.dumps(dataclasses.asdict(request.settings))
     pupils = "" if eyes.pupils is None else str(eyes.pupils)
-    own = request.only_plane_m, request.device, pupils, eyes.chromatic, request.compares_fields
+    own = request.only_plane_m, request.device, pupils, eyes.chromatic, request.compares_fields, done
     return UnfinishedOptimisation(best, RestOfOptimisation(rest, *own))
 
 

@@ -44,6 +44,7 @@ def iterate(
     start: NDArray[np.float32] | None = None,
     resume: Checkpoint | None = None,
     *,
+    done: int = 0,
     device: str = "cpu",
     team: ProcessGroup = SINGLE_PROCESS,
     record: bool = True,
@@ -62,6 +63,8 @@ def iterate(
     settings: options of the optimiser.
     start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
     resume: a checkpoint to continue from, bit for bit on the same machine.
+    done: iterations of the plan that lie behind `start`, where there is no checkpoint: the first state has this number,
+    and steps and planes are those that the whole plan has from there on. Adam's memory begins anew.
     device: of torch, "cpu", "cuda", "cuda:1" or "mps".
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
     record: repeat iterations that only move patterns as CUDA graphs, on a card that can; False to compare with.
@@ -79,7 +82,9 @@ def iterate(
     >>> len(states), states[-1].psnr_db > states[0].psnr_db, states[-1].best.drive.shape
     (11, True, (1, 2, 16, 24))
     """
-    return _Optimiser(system, stack, settings, start, resume, device, team, record).states()
+    if not 0 <= done <= settings.iterations:
+        raise UserError("done", str(done), expected=f"from 0 to the {settings.iterations} iterations of the plan")
+    return _Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
 
 
 def follow(
@@ -122,6 +127,7 @@ class _Optimiser:
         device: str,
         group: ProcessGroup,
         record: bool,
+        done: int = 0,
     ) -> None:
         self.system, self.settings = system, settings
         self._drawn = _drawn_pupils(system, settings, stack)
@@ -137,7 +143,7 @@ class _Optimiser:
         recorder = recorder_for(device) if record and "patterns" in settings.free else None
         self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)
         self._make_best: Callable[[], Hologram] | None = None
-        self.progress = _NOTHING_DONE
+        self.progress = replace(_NOTHING_DONE, iteration=done)
         if resume is not None:
             self._resume(resume)
         elif self.variables.wavelengths_adjusted:
@@ -216,7 +222,8 @@ class _Optimiser:
         request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
         count, few = len(self.problem.objective.target), self._planes_at_a_time
         settles = iteration >= _DRAWN_SHARE * iterations
-        if not 0 < few < count or settles or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
+        is_first = self._make_best is None
+        if not 0 < few < count or settles or is_first or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
             return request
         turn, place = divmod(iteration, count // few)
         order = np.random.default_rng((self.settings.seed, turn)).permutation(count)

@@ -322,6 +322,23 @@ def test_samples_outside_the_region_have_no_say(bench: Bench, stack_for: Stack) 
     assert (one.loss, one.psnr_db) == (two.loss, two.psnr_db)
 
 
+@pytest.mark.parametrize("done", [20, 80, 100])
+def test_the_rest_of_a_plan_has_the_steps_and_planes_of_the_whole(done: int, bench: Bench, stack_for: Stack) -> None:
+    """To the bit, where Adam remembers nothing."""
+    system = bench(planes=["8 mm", "9 mm", "10 mm", "11 mm", "12 mm"])
+    stack, settings = stack_for(system), Settings(iterations=100, betas=(0.0, 0.0))
+    losses = []
+    for state in iterate(system, stack, settings):
+        losses.append(state.loss)
+        if state.iteration == done - 1:
+            tensors = state.checkpoint().tensors
+    begun = system.edit({"amplitudes": tensors["amplitudes"]})
+    rest = list(iterate(begun, stack, settings, tensors["drive"], done=done))
+    assert [(state.iteration, state.loss) for state in rest] == list(enumerate(losses))[done:]
+    with pytest.raises(UserError, match="done: 101; expected from 0 to the 100 iterations"):
+        iterate(system, stack, settings, done=101)
+
+
 # --- what it refuses ------------------------------------------------------------------------------------------------
 
 
