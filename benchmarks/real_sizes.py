@@ -2,6 +2,7 @@
 
     python -m benchmarks.real_sizes make out/ --seed 71001 --count 10              # near field, 1024 × 768 pixels
     python -m benchmarks.real_sizes make out/ --seed 72001 --count 3 --bench fourier
+    python -m benchmarks.real_sizes make out/ --hidden '{"gap": {"gap": 84e-6}, "stroke": {"stroke": 0.05}}'
     python -m benchmarks.real_sizes run out/*.h5 -o out/real_sizes.jsonl
     python -m benchmarks.real_sizes table out/real_sizes.jsonl
 
@@ -291,12 +292,17 @@ def _resampled(
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-def measure(path: Path, seed: int, shape: tuple[int, int], is_fourier: bool, only: list[str]) -> None:
-    """Draws two faults, measures the bench and writes the capture file, with the truth beside it."""
-    rng = np.random.default_rng(seed)
+def drawn(rng: np.random.Generator, is_fourier: bool, only: list[str]) -> dict[str, dict[str, Any]]:
+    """Two faults, or those of `only`: by effect, fields of `Faults`."""
     draws = FOURIER if is_fourier else NEAR
     names = sorted(only or (str(n) for n in rng.choice(sorted(draws), 2, replace=False)))
-    values = {name: draws[name](rng) for name in names}
+    return {name: draws[name](rng) for name in names}
+
+
+def measure(
+    path: Path, rng: np.random.Generator, shape: tuple[int, int], is_fourier: bool, values: dict[str, dict[str, Any]]
+) -> None:
+    """Measures the bench with the faults (by effect) and writes the capture file, with the truth beside it."""
     faults = Faults(**{key: value for own in values.values() for key, value in own.items()})
     camera = shape if is_fourier else tuple(int(n * FINE * 1600 / 2048) // 2 * 2 for n in shape)
     bench = Bench(shape, (camera[0], camera[1]), is_fourier, faults)
@@ -313,7 +319,7 @@ def measure(path: Path, seed: int, shape: tuple[int, int], is_fourier: bool, onl
         electrons = rng.poisson(FULL_WELL * light) + READ_NOISE * rng.standard_normal(light.shape)
         images[k] = np.clip(np.rint(electrons / ELECTRONS + BLACK + faults.black), 0, 2**BITS - 1)
     _write(path, is_fourier, levels, images, wavelength, power, np.array(exposure))
-    path.with_suffix(".json").write_text(json.dumps({"seed": seed, "bench": path.stem, "hidden": values}))
+    path.with_suffix(".json").write_text(json.dumps({"bench": path.stem, "hidden": values}))
 
 
 def _pattern(rng: np.random.Generator, shape: tuple[int, int], smooth: float) -> NDArray[np.uint8]:
@@ -475,6 +481,7 @@ def main() -> None:
     make.add_argument("--bench", choices=["near", "fourier"], default="near")
     make.add_argument("--shape", type=shape_of, default=(768, 1024), help="columns x rows, such as 1024x768")
     make.add_argument("--only", nargs="+", default=[], help="faults to hide, instead of two that are drawn")
+    make.add_argument("--hidden", type=json.loads, help="faults with their values, instead of drawn ones; as JSON")
     do = parts.add_parser("run")
     do.add_argument("files", type=Path, nargs="+")
     do.add_argument("-o", "--output", type=Path, required=True)
@@ -486,8 +493,11 @@ def main() -> None:
     if args.part == "make":
         args.folder.mkdir(parents=True, exist_ok=True)
         for seed in range(args.seed, args.seed + args.count):
-            measure(args.folder / f"{args.bench}-{seed}.h5", seed, args.shape, args.bench == "fourier", args.only)
-            print(args.folder / f"{args.bench}-{seed}.h5", flush=True)
+            path, is_fourier = args.folder / f"{args.bench}-{seed}.h5", args.bench == "fourier"
+            rng = np.random.default_rng(seed)
+            values = args.hidden or drawn(rng, is_fourier, args.only)
+            measure(path, rng, args.shape, is_fourier, values)
+            print(path, flush=True)
     elif args.part == "run":
         for path in args.files:
             result = run(path, args.options, args.limit)
