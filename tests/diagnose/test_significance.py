@@ -10,9 +10,9 @@ from holoview.diagnose.likelihood import mean_is_significant
 
 @pytest.mark.parametrize("captures", [2, 4, 8])
 def test_jitter_seldom_has_a_direction(captures: int) -> None:
-    """One in a hundred by construction: of 20000 draws 200 ± 14."""
-    draws = np.random.default_rng(0).standard_normal((captures, 20000))
-    assert mean_is_significant(draws, 0.01).mean() == pytest.approx(0.01, rel=0.25)
+    """One in a hundred by construction: of 200 000 draws 2000 ± 44, and 240 more or fewer once in ten million times."""
+    draws = np.random.default_rng(0).standard_normal((captures, 200_000))
+    assert mean_is_significant(draws, 0.01).mean() == pytest.approx(0.01, rel=0.12)
 
 
 def test_what_all_share_has_one() -> None:
