@@ -72,7 +72,7 @@ _SAME = 1e-6  # relative difference of lengths that are meant to be equal
 _EDGE = 1e-3  # samples by which a point may lie outside and still count as inside
 PROBE_SIGMAS_PX = (6.0, 3.0)
 """Blur of the probe patterns, modulator pixels."""
-_ROUNDS = 2  # of finding the displacement, each from the last displacement
+_ROUNDS, _LEAST_STEP_PX = 10, 0.005  # of finding the displacement, each from the last, until it moves less
 _MAX_SHIFT = 0.25  # of the picture's shorter side
 _LEAST_SHIFT_PX = 0.05  # less is as much as noise; a camera that is centred then stays so
 _MIN_CORRELATION = 0.3  # of seen and predicted light, below which a displacement isn't believed
@@ -396,12 +396,16 @@ def _find_shift(rig: RigDescription, samples: Tensor, pitch_m: float, seen: Floa
     centred = best = _place(rig, samples, pitch_m, seen, np.zeros(2))
     tried = centred
     for _ in range(_ROUNDS):
-        images = (values.reshape(-1, *rig.camera_shape).astype(np.float32) for values in (seen, tried.model))
-        shift = tried.shift_m + measure_displacement(*images) * camera_pitch_m
+        visible = seen * tried.covered  # light that the prediction lacks at its edges would pull it there
+        images = (values.reshape(-1, *rig.camera_shape).astype(np.float32) for values in (visible, tried.model))
+        step_px = measure_displacement(*images)
+        shift = tried.shift_m + step_px * camera_pitch_m
         if np.abs(shift).max() > camera_pitch_m * min(rig.camera_shape) * _MAX_SHIFT:
             break  # the correlation has no peak that means anything
         tried = _place(rig, samples, pitch_m, seen, shift)
         best = max(best, tried, key=lambda registered: registered.correlation)
+        if np.abs(step_px).max() < _LEAST_STEP_PX:
+            break
     is_moved = np.abs(best.shift_m).max() >= _LEAST_SHIFT_PX * camera_pitch_m
     return best if is_moved and best.correlation >= _MIN_CORRELATION else centred
 

@@ -74,7 +74,8 @@ def test_the_gradient_is_that_of_the_simulation_where_the_bench_is_as_its_model(
     difference = (found.path_gradient - expected.path_gradient).norm() / expected.path_gradient.norm()
     assert float(difference) < 1e-5
     np.testing.assert_allclose(found.optimal_amplitudes, expected.optimal_amplitudes, rtol=1e-4)
-    np.testing.assert_allclose(found.amplitude_gradient, expected.amplitude_gradient, rtol=1e-4, atol=1e-9)
+    slopes = np.array(expected.amplitude_gradient)  # one may vanish, as a difference of sums as large as the others'
+    np.testing.assert_allclose(found.amplitude_gradient, slopes, rtol=1e-4, atol=1e-5 * np.abs(slopes).max())
 
 
 def test_of_a_coarse_camera_that_has_moved_the_gradient_is_that_of_the_loss(make_rig: MakeRig) -> None:
