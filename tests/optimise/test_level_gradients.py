@@ -215,5 +215,6 @@ def test_a_pixels_own_cost_is_the_mean_change_of_a_loss_that_was_zero(
             losses.append(problem.evaluate(turned, system.amplitudes, EvaluationRequest()).loss / 4)
     sources = len(system.source.directions_rad)
     expected = gauss_newton_diagonal(luminance**2, system.sampling.upsample, int(np.prod(shape)), sources)
-    # The mean of 30 pixels scatters by 2 %, and a random field's speckle is as coarse as the grid allows.
-    assert float(np.mean(losses)) == pytest.approx(expected, rel=0.1)
+    # A random field's speckle is as coarse as the grid allows: the mean of 30 pixels is up to 3 % lower and scatters by
+    # 1.8 % (20 seeds), of which 13 % allow for 5.5.
+    assert float(np.mean(losses)) == pytest.approx(expected, rel=0.13)

@@ -468,7 +468,7 @@ def test_half_the_chroma_twice_is_a_quarter() -> None:
 
 
 def test_chroma_stops_at_the_purest_light_of_its_hue() -> None:
-    after = scale_saturation(colours(), 1000.0)
+    after = scale_saturation(colours(), 1e9)  # the greyest of single precision differ from grey by 1e-8
     assert np.isfinite(after).all()
     xyz = after.astype(np.float64) @ SRGB_TO_XYZ.T
     assert (xyz.min(axis=1) / xyz.max(axis=1)).min() > -1e-6, "no impossible light"
