@@ -263,7 +263,7 @@ def without_planes(flags: Flags, plane: Floats, correlations: Floats) -> Flags:
         return flags
     _, scatter = reach_of_records(correlations)
     elsewhere = correlations - np.diag(correlations)[:, None]
-    is_anothers = np.asarray((elsewhere > REACH_SIGMAS * scatter).any(axis=1))
+    is_anothers = np.asarray((elsewhere > REACH_SIGMAS * 2**0.5 * scatter).any(axis=1))  # both correlations scatter
     kept = flags.copy()
     for one in np.unique(plane):
         same = np.asarray(plane == one)
