@@ -79,6 +79,7 @@ class SecondLine(Effect):
             high=30e-9,
             prior=_PRIOR_M,
             identity=2e-9,
+            passes_edges=True,
         ),
     )
     acts_on = ("source",)

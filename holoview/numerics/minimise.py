@@ -32,7 +32,7 @@ class SearchDomain:
     """Bounds of the parameters and the steps of their forward differences, each of shape (parameter,).
 
     lower, upper: inclusive bounds.
-    step: length of the forward difference.
+    step: of the forward difference; negative: of a backward difference.
     relative_step: for which parameters the step grows with |x| beyond |x| = 1; none when None.
     """
 
@@ -42,14 +42,14 @@ class SearchDomain:
     relative_step: NDArray[np.bool_] | None = None
 
     def step_at(self, x: Vector, axis: int) -> float:
-        """The signed step along one axis: forward, or backward where a forward step would leave the bounds."""
+        """The signed step along one axis; the other way where it would leave the bounds."""
         step = float(self.step[axis])
         if self.relative_step is not None and self.relative_step[axis]:
             step *= max(1.0, abs(float(x[axis])))
-        return step if x[axis] + step <= self.upper[axis] else -step
+        return step if self.lower[axis] <= x[axis] + step <= self.upper[axis] else -step
 
-    def with_longer_steps(self, factor: float) -> SearchDomain:
-        """The same bounds with steps longer by `factor`."""
+    def with_steps(self, factor: float) -> SearchDomain:
+        """The same bounds with steps so many times as long; backward where the factor is negative."""
         return replace(self, step=factor * self.step)
 
     def clip(self, x: Vector) -> Vector:

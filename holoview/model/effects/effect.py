@@ -66,6 +66,8 @@ class Parameter:
     even_symmetric: images depend on its square only, so that a fit varies the square: the derivative of images with
     respect to the square isn't zero at zero.
     non_smooth: images are discontinuous in it (hard edges), so that derivatives don't exist.
+    passes_edges: as it varies, light passes the edges of stops, on a grid sample by sample: images jump a little, many
+    times within a step of their derivatives.
     secondary: the parameter is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at
     first.
     """
@@ -80,6 +82,7 @@ class Parameter:
     scan: tuple[float, float, float] | None = None
     even_symmetric: bool = False
     non_smooth: bool = False
+    passes_edges: bool = False
     secondary: bool = False
 
     @property
