@@ -26,9 +26,9 @@ from holoview.diagnose.fit import (
     local_fit,
     refine_hard_edges,
     refit,
-    refit_both_ways,
     refit_with_longer_steps,
     search_along_axes,
+    search_within_steps,
 )
 from holoview.diagnose.judge import (
     FLOOR_CHI2,
@@ -114,7 +114,7 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
     )
     is_affordable = EDGE_EVALUATIONS * len(context.split.fine) <= usual_budget(context)
     edges = [refine_hard_edges] if is_affordable and len(context.windows) <= 1 else []  # else the middle has found them
-    for improve in (refit_with_longer_steps, refit_both_ways, *edges, drop_negligible_values):
+    for improve in (refit_with_longer_steps, search_within_steps, *edges, drop_negligible_values):
         refined = improve(effects, refined, comparison)
     if error > TOLERANT_MIN_ERROR and context.relative_model_error(refined.values) > error:
         return fit
@@ -273,10 +273,10 @@ def fit_to_the_end(context: SearchContext, result: SearchResult) -> SearchResult
 
 
 def _fitted_to_the_end(context: SearchContext, fit: CandidateFit) -> CandidateFit:
-    """A fit of all causes on the rougher captures, by least squares and then along its axes."""
+    """A fit of all causes on the rougher captures, by least squares, within their steps and then along its axes."""
     comparison = context.model_weighted_comparison(context.split.rough, fit.values)
     effects = [context.effects[name] for name in fit.causes]
     iterations, tolerance = _LAST_ITERATIONS, _LAST_GAIN / comparison.pixel_count
     fitted = local_fit(effects, fit.values, comparison, iterations=iterations, tolerance=tolerance)
-    fitted = refit_both_ways(effects, fitted, comparison, iterations=iterations, tolerance=tolerance)
+    fitted = search_within_steps(effects, fitted, comparison, iterations=iterations, tolerance=tolerance)
     return replace(search_along_axes(effects, fitted, comparison), is_final=True)

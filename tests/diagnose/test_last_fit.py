@@ -11,7 +11,7 @@ import pytest
 from holoview.captures.prepared_captures import PreparedCaptures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.fit import CandidateFit, local_fit
+from holoview.diagnose.fit import CandidateFit, local_fit, search_within_steps
 from holoview.diagnose.judge import chance_excess, rank_on_held_out
 from holoview.diagnose.refine import fit_to_the_end
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
@@ -69,6 +69,25 @@ def test_a_fit_at_the_floor_comes_to_the_least_of_the_rougher_captures(make_cont
         float(comparison.fit_gains(v).squares.sum()) for v in ({"crosstalk": TRUE}, last.values, again.values)
     )
     assert found <= true and found - least < 1.0
+
+
+@pytest.mark.parametrize("away_m", [-0.3e-9, 0.3e-9])
+def test_jumps_of_stops_on_a_grid_dont_end_a_fit_early(make_context: MakeContext, away_m: float) -> None:
+    """Without noise the true values have the least χ². Other wavelengths differ by samples at the edges of irises."""
+    true = {"second_line": {"share": 0.3, "offset": 4e-9}}
+    context = make_context(true)
+    some = context.split.rough[-4:]
+    expected = context.data_weighted_comparison(some, 0.0).fit_gains(true).expected
+    light = context.data.light.copy()
+    light[some] = expected
+    data = PreparedCaptures(context.data.captures, light, context.data.usable)
+    context = dataclasses.replace(context, data=data, variances=NeighbourVariances(data))
+    comparison, second_line = context.data_weighted_comparison(some, 0.0), context.effects["second_line"]
+    start = {"second_line": {"share": 0.3, "offset": 4e-9 + away_m}}
+    early = local_fit([second_line], start, comparison, iterations=20, tolerance=1e-6)
+    found = search_within_steps([second_line], early, comparison, iterations=20, tolerance=1e-6)
+    assert found.cost < 1.0
+    assert found.values["second_line"] == pytest.approx(true["second_line"], rel=0.02)
 
 
 def test_what_is_far_from_the_floor_is_left_alone(make_context: MakeContext) -> None:
