@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, median_filter, uniform_filter
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter, uniform_filter
 
 from holoview.captures.dataset import Camera, Captures
 from holoview.numerics.sampling import taper
@@ -21,6 +21,7 @@ Masks = NDArray[np.bool_]
 
 BORDER_PX = 10
 """Pixels at each edge of an image that are masked: light that left the modulator's area isn't modelled well there."""
+_DARK_SIGMAS = 5.0  # standard deviations of a dark pixel by which the recorded black level is above 0
 _MAX_STUCK_VARIANCE = 0.02  # over the captures, relative to the median of the neighbours, of a dead or hot pixel
 _MIN_CAPTURES_FOR_STUCK = 4
 _PRNU_SIGNIFICANCE = 5.0  # standard deviations of the covariance of two unrelated maps
@@ -66,11 +67,15 @@ def prepare_captures(captures: Captures) -> PreparedCaptures:
     """Subtracts the nominal black level and masks the borders, saturated pixels and stuck pixels.
 
     A saturated pixel only gives a lower bound of the light. Its neighbours stay usable: charge of scientific CMOS
-    sensors doesn't spill over to them.
+    sensors doesn't spill over to them. A pixel that reads 0 only gives an upper bound. Where noise alone can't take it
+    there, because the true black level is far below the recorded one, it is masked with its neighbours, of which noise
+    decides which ones read 0.
     """
     camera = captures.camera
     light = captures.images.astype(np.float32) - np.float32(camera.black_level)
     usable = captures.images < camera.saturation
+    if camera.black_level > _DARK_SIGMAS * camera.dark_noise:
+        usable &= minimum_filter(captures.images, size=(1, 3, 3)) > 0
     usable &= _border_mask(captures.shape) & ~stuck_pixel_mask(captures.images)
     return PreparedCaptures(captures, light, usable)
 

@@ -38,6 +38,18 @@ def test_the_variance_is_that_of_poisson_read_noise_and_quantisation(signal: flo
     )
 
 
+@pytest.mark.parametrize(("black_level", "is_usable"), [(64.0, False), (2.0, True)])
+def test_a_pixel_that_reads_nothing_says_little_unless_noise_takes_it_there(
+    make_captures: Make, black_level: float, is_usable: bool
+) -> None:
+    captures = make_captures()
+    images = captures.images.copy()
+    images[0, 20, 20] = 0
+    camera = dataclasses.replace(CAMERA, black_level=black_level)
+    usable = prepare_captures(dataclasses.replace(captures, images=images, camera=camera)).usable
+    assert (usable[0, 19:22, 19:22] == is_usable).all() and usable[0, 20, 22] and usable[1, 20, 20]
+
+
 def test_a_pixel_says_nothing_about_its_own_weight(make_captures: Make) -> None:
     captures = make_captures()
     images = captures.images.copy()
