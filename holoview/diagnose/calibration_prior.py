@@ -24,7 +24,7 @@ from holoview.diagnose.fit import (
     residual_function,
 )
 from holoview.diagnose.intervals import format_number
-from holoview.diagnose.judge import JITTER_CHI2, NOMINAL_FIT, first_per_cause_set, rank_on_held_out
+from holoview.diagnose.judge import NOMINAL_FIT, first_per_cause_set, jitter_excess, rank_on_held_out
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR
 from holoview.diagnose.screening import screen_effects, without_costly_fits
@@ -55,7 +55,8 @@ def known_corrections(
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
     end, context.predictor.end = context.predictor.end, context.end
     try:
-        if not placed or rank_on_held_out(context, []).best.chi2_per_pixel < JITTER_CHI2:
+        nothing = rank_on_held_out(context, [])
+        if not placed or nothing.best.excess < jitter_excess(nothing.pixel_count):
             return {}
         bases = [NOMINAL_FIT, *_single_causes(context, placed, progress)]
         fits = context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
