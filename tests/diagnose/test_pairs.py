@@ -25,7 +25,10 @@ def _ignore(done: int, total: int, what: str) -> None:
 
 
 def test_a_cause_whose_part_another_took_is_found_first(make_context: MakeContext) -> None:
-    """A moved camera alone takes most of what tilted light does to the pictures; beside it tilt gains little."""
+    """A moved camera alone takes most of what tilted light does to the pictures; beside it tilt gains little.
+
+    It leaves χ²/n of 7.1 in the median of 23 seeds, whose logarithm scatters by 0.25; 2 is five of these below.
+    """
     context = make_context(MOVED)
     coarse = context.data_weighted_comparison(context.split.coarse, 0.0)
     camera = context.effects["camera_alignment"]
@@ -33,7 +36,7 @@ def test_a_cause_whose_part_another_took_is_found_first(make_context: MakeContex
     others = [context.effects[name] for name in ("gap", "slm_alignment", "stroke", "tilt")]
     first = next(batch.fits[0] for batch in screen_effects(context, taken, others, _ignore, "") if batch.fits)
     assert first.causes == ("camera_alignment", "tilt")
-    assert coarse.chi2_per_pixel(first.values) < 1.1 < 5 < coarse.chi2_per_pixel(taken)
+    assert coarse.chi2_per_pixel(first.values) < 1.1 < 2 < coarse.chi2_per_pixel(taken)
     for name, true in MOVED["tilt"].items():
         assert first.values["tilt"][name] == pytest.approx(true, rel=0.02)
 
