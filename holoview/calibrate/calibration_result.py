@@ -475,7 +475,7 @@ class CalibrationTask:
     @property
     def padded_samples(self) -> int:
         """Samples of a simulated field."""
-        return self.settings.sampling.samples_factor * self.captures.upsample**2 * self.captures.levels[0, 0].size
+        return self.settings.sampling.padded_samples(self.captures)
 
     @property
     def notes(self) -> list[str]:

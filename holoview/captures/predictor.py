@@ -100,6 +100,10 @@ class SamplingConfig:
         """Samples of a simulated field for each of the model's own on the modulators."""
         return (self.finer * self.padding) ** 2
 
+    def padded_samples(self, captures: Captures) -> int:
+        """Samples of a simulated field of captures."""
+        return math.prod(captures.levels.shape[2:]) * captures.upsample**2 * self.samples_factor
+
     @property
     def keywords(self) -> dict[str, Any]:
         """The keywords of `Predictor`."""
@@ -133,10 +137,9 @@ def _image_cache_bytes(captures: Captures, cache_mb: int) -> int:
     return min(cache_mb * _MB, max(_IMAGE_CACHE_MB * _MB, pictures))
 
 
-def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:
+def prediction_bytes(captures: Captures, sampling: SamplingConfig = PLAIN, *, double_precision: bool = False) -> int:
     """Memory that a prediction takes, without the results that a `Predictor` keeps for later predictions."""
-    samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
-    return _SAMPLE_BYTES * (1 + double_precision) * samples
+    return _SAMPLE_BYTES * (1 + double_precision) * sampling.padded_samples(captures)
 
 
 class Predictor:
@@ -170,7 +173,7 @@ class Predictor:
         self._has_weighted_stops = has_weighted_stops
         self._sampling: dict[str, Any] = {"upsample": finer * captures.upsample} if finer > 1 else {}
         self._sampling |= {"padding": padding} if padding > 2 else {"propagation": propagation}
-        needed = prediction_bytes(captures, finer=finer, padding=padding, double_precision=double_precision)
+        needed = prediction_bytes(captures, SamplingConfig(finer, padding, points), double_precision=double_precision)
         require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32

@@ -278,7 +278,7 @@ def grid_samples(captures: Captures, sampling: SamplingConfig) -> int:
     if captures.is_fourier:
         seen_rows, seen_columns = captures.shape
         return max(columns * (rows + seen_rows), seen_rows * (columns + seen_columns))
-    return rows * columns * (captures.upsample * sampling.finer * sampling.padding) ** 2
+    return sampling.padded_samples(captures)
 
 
 def _fits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> bool:

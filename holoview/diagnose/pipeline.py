@@ -213,7 +213,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     if parts is not None:
         shared |= {f"{name} of the parts": one for name, one in parts.shared_objects().items()}
     prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
-    needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding)
+    needed = prediction_bytes(captures, request.sampling)
     needed += cache_bytes(captures)
     pool.share(shared | whole.shared_objects(), prepare, needed)
     if pool.workers < request.workers:
