@@ -194,13 +194,14 @@ def _known(texts: Sequence[str]) -> KnownEffects:
 
 def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
     """The diagnosis of captures that are taken one by one."""
-    with deferred_interrupt("capture") as interruption:
+    with progress_bar("diagnosing") as progress, deferred_interrupt("capture") as interruption:
         captures, result = diagnose_rig(
             args.rig,
             _known(args.known),
             _settings(args),
             user_effects,
             args.save,
+            progress=progress,
             tell=print_stderr,
             is_asked_to_end=interruption,
             time_s=math.inf if args.thorough else args.time,

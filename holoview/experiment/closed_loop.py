@@ -272,7 +272,7 @@ class ClosedLoop:
         if not parts:
             raise UserError("captures", "none was taken", expected="at least one")
         if not self._is_asked():
-            return self._diagnose(parts, self._effects)
+            return self._diagnose(parts, self._effects, forecast=self._tell)
         left = set() if self._belief is None else {name for h in self._belief.hypotheses for name in h.causes}
         effects = [effect for effect in self._effects if effect.id in left]
         found = self._diagnose(parts, effects, free_maps=False)

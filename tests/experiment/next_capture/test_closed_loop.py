@@ -99,9 +99,11 @@ def test_lasers_are_off_after_a_camera_that_fails(tmp_path: Path) -> None:
 
 def test_a_budget_of_captures_is_kept(tmp_path: Path) -> None:
     bench = make_bench(tmp_path, {"gap": {"gap_error": GAP_ERROR_M}})
-    result = _loop(bench, ("gap",), settings=LoopSettings(certainty=1.1, max_captures=3)).run()
+    told: list[str] = []
+    result = _loop(bench, ("gap",), settings=LoopSettings(certainty=1.1, max_captures=3), tell=told.append).run()
     assert len(result.parts) == 3 and not result.is_certain
     assert result.ended == "3 captures are taken, as many as allowed"
+    assert told[-1].startswith("The search begins nothing new after")  # the diagnosis at the end says how long it takes
 
 
 def test_a_budget_of_bench_time_is_kept(tmp_path: Path) -> None:
