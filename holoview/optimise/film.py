@@ -7,7 +7,7 @@ file in the folder, whether this run wrote it or an earlier run: a run that goes
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.model.system import System
-from holoview.optimise.hologram_job import RunOptions, optimise_hologram
+from holoview.optimise.hologram_job import RunOptions, tell_of_compiling, watch
 from holoview.optimise.lasers import next_amplitudes
+from holoview.optimise.parallel import SINGLE_PROCESS
 from holoview.optimise.settings import Settings, next_settings
+from holoview.optimise.solve import Optimiser, check_changing_target
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
-from holoview.util.progress import ProgressCallback, TextCallback
+from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class FilmJob:
     def __post_init__(self) -> None:
         if self.next_iterations < 1:
             raise UserError("--next-iterations", str(self.next_iterations), expected="at least 1")
+        check_changing_target(self.settings)
 
     @property
     def next_settings(self) -> Settings:
@@ -68,6 +71,8 @@ def optimise_film(
     """
     found_db: list[float] = []
     last: Hologram | None = None
+    optimiser: Optimiser | None = None
+    tell_of_compiling(job.options.device, tell)
     for number, stack in enumerate(stacks):
         path = job.file(number)
         if path.exists():
@@ -75,27 +80,28 @@ def optimise_film(
             continue
         note = "" if not found_db else f"PSNR {found_db[-1]:.2f} dB"
         progress(number, max(job.count, number + 1), note)
-        result = optimise_hologram(
-            job.system if last is None else _with_amplitudes_of(job.system, last),
-            stack,
-            job.settings if last is None else job.next_settings,
-            replace(job.options, initial_hologram=last),
-            interruption=interruption,
-            tell=tell,
-        )
-        if interruption():
+        optimiser = _begin(job, stack, last, optimiser)
+        state = watch(optimiser.states(), job.options, SINGLE_PROCESS, no_progress, interruption, tell)
+        if state is None or interruption():
             return found_db
-        hologram = Hologram(result.hologram.drive, job.system.edit({"amplitudes": result.hologram.system.amplitudes}))
+        hologram = Hologram(state.best.drive, job.system.edit({"amplitudes": state.best.system.amplitudes}))
         hologram.save(path, as_uint8=job.as_uint8)
         last = load_hologram(path)
-        found_db.append(result.state.best_psnr_db)
+        found_db.append(state.best_psnr_db)
         progress(number + 1, max(job.count, number + 1), f"PSNR {found_db[-1]:.2f} dB")
     return found_db
 
 
-def _with_amplitudes_of(system: System, last: Hologram) -> System:
-    """The system with the amplitudes of a hologram; lasers that are on in the system stay on."""
-    return system.edit({"amplitudes": next_amplitudes(last.system.amplitudes, system.amplitudes > 0)})
+def _begin(job: FilmJob, stack: NDArray[np.float32], last: Hologram | None, optimiser: Optimiser | None) -> Optimiser:
+    """The optimisation of a picture. last: the hologram before. optimiser: of the picture before, which goes on."""
+    if last is None:
+        return Optimiser(job.options.simulated(job.system), stack, job.settings, device=job.options.device)
+    if optimiser is not None:
+        optimiser.go_on(stack, job.next_settings, last)
+        return optimiser
+    amplitudes = next_amplitudes(last.system.amplitudes, job.system.amplitudes > 0)  # lasers that are on stay on
+    system = job.options.simulated(job.system.edit({"amplitudes": amplitudes}))
+    return Optimiser(system, stack, job.next_settings, last.drive, device=job.options.device)
 
 
 def _of_same_bench(path: Path, system: System) -> Hologram:

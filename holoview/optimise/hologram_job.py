@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -130,13 +130,9 @@ def optimise_hologram(
     With `options.grid` "compact" the grid is padded by the walk-off only while optimising; the hologram has the
     system's own sampling. Raises UserError if the checkpoint to resume has no iteration left.
     """
-    interruption = interruption or Interruption()
     options.check_method(settings)
     start = None if options.initial_hologram is None else options.initial_hologram.drive
-    files = IntermediateFiles(options, tell)
-    if will_compile(options.device):
-        tell("compiling the optimiser for this processor, once: about twenty seconds")
-    state: IterationState | None = None
+    tell_of_compiling(options.device, tell)
     simulated = options.simulated(system)
     if options.method == "adam":
         states = iterate(simulated, stack, settings, start, options.resume, device=options.device, team=process_group)
@@ -146,6 +142,32 @@ def optimise_hologram(
         assert not callable(stack)
         tell(describe_method(options.method, simulated))
         states = iterate_named(options.method, simulated, stack, settings, start, device=options.device)
+    last = watch(states, options, process_group, progress, interruption or Interruption(), tell)
+    if last is None:
+        raise nothing_left()
+    best = last.best.system.edit({"propagation": system.sampling.propagation})
+    return OptimisationResult(Hologram(last.best.drive, best), last)
+
+
+def tell_of_compiling(device: str, tell: TextCallback) -> None:
+    """Tells beforehand that an optimisation compiles its loops."""
+    if will_compile(device):
+        tell("compiling the optimiser for this processor, once: about twenty seconds")
+
+
+def watch(
+    states: Iterable[IterationState],
+    options: RunOptions,
+    process_group: ProcessGroup,
+    progress: ProgressCallback,
+    interruption: Interruption,
+    tell: TextCallback,
+) -> IterationState | None:
+    """Shows the progress of an optimisation and writes its files until it ends, is interrupted, or reaches a limit.
+
+    Arguments as of `optimise_hologram`. Returns the last state; None where there is none.
+    """
+    files, state = IntermediateFiles(options, tell), None
     for state in states:
         progress(state.iteration, state.iterations, _progress_note(state))
         is_interrupted = process_group.any_rank(interruption())  # the same in all processes, whenever it came
@@ -157,10 +179,7 @@ def optimise_hologram(
             interruption.ask()
         if stops:
             break
-    if state is None:
-        raise nothing_left()
-    best = state.best.system.edit({"propagation": system.sampling.propagation})
-    return OptimisationResult(Hologram(state.best.drive, best), state)
+    return state
 
 
 def nothing_left() -> UserError:

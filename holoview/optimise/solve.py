@@ -84,7 +84,7 @@ def iterate(
     """
     if not 0 <= done <= settings.iterations:
         raise UserError("done", str(done), expected=f"from 0 to the {settings.iterations} iterations of the plan")
-    return _Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
+    return Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
 
 
 def follow(
@@ -102,19 +102,24 @@ def follow(
     that a generator may give what a camera sees then. settings: of the first one; `next_settings` of it for the others.
     Other arguments and errors as of `iterate`. The iterations count from 0 for each stack.
     """
-    if settings.drawn_pupils or "wavelengths" in settings.free:
-        found = "drawn pupils" if settings.drawn_pupils else "free wavelengths"
-        raise UserError("target", f"that changes, with {found}", expected="patterns and amplitudes")
+    check_changing_target(settings)
     optimiser = None
     for stack in stacks:
         if optimiser is None:
-            optimiser = _Optimiser(system, stack, settings, start, None, device, SINGLE_PROCESS, record=True)
+            optimiser = Optimiser(system, stack, settings, start, device=device)
         else:
-            optimiser.go_on(stack, next_settings(settings, next_iterations))
+            optimiser.go_on(stack, next_settings(settings, next_iterations), optimiser.best())
         yield from optimiser.states()
 
 
-class _Optimiser:
+def check_changing_target(settings: Settings) -> None:
+    """Raises UserError for settings with which a target can't change."""
+    if settings.drawn_pupils or "wavelengths" in settings.free:
+        found = "drawn pupils" if settings.drawn_pupils else "free wavelengths"
+        raise UserError("target", f"that changes, with {found}", expected="patterns and amplitudes")
+
+
+class Optimiser:
     """The state between two iterations: the problem, its variables, the best hologram and the progress."""
 
     def __init__(
@@ -122,13 +127,14 @@ class _Optimiser:
         system: System,
         stack: NDArray[np.floating] | StacksAt | ComplexTarget,
         settings: Settings,
-        start: NDArray[np.float32] | None,
-        resume: Checkpoint | None,
-        device: str,
-        group: ProcessGroup,
-        record: bool,
+        start: NDArray[np.float32] | None = None,
+        resume: Checkpoint | None = None,
+        device: str = "cpu",
+        group: ProcessGroup = SINGLE_PROCESS,
+        record: bool = True,
         done: int = 0,
     ) -> None:
+        """Arguments and errors as of `iterate`."""
         self.system, self.settings = system, settings
         self._drawn = _drawn_pupils(system, settings, stack)
         places, first = (None, stack) if self._drawn is None else self._drawn(0)
@@ -149,18 +155,23 @@ class _Optimiser:
         elif self.variables.wavelengths_adjusted:
             self.problem.set_wavelengths(self.variables.wavelengths_m)
 
-    def go_on(self, stack: NDArray[np.floating], settings: Settings) -> None:
-        """Begins again for another focal stack from the best hologram so far.
+    def best(self) -> Hologram:
+        """The hologram of the smallest loss so far."""
+        assert self._make_best is not None
+        return self._make_best()
+
+    def go_on(self, stack: NDArray[np.floating], settings: Settings, start: Hologram) -> None:
+        """Begins again for another focal stack from a hologram of the same bench; only its amplitudes may differ.
 
         settings: other iterations and another step than before.
         """
-        assert self._make_best is not None
         self.settings, self.target_digest = settings, target_digest(stack, None)
         self.problem.objective.set_stack(stack)
-        self.variables.begin_again(settings, self._make_best())
+        self.variables.begin_again(settings, start)
         self._make_best, self.progress = None, _NOTHING_DONE
 
     def states(self) -> Iterator[IterationState]:
+        """The states as of `iterate`, from the present one on."""
         started = time.perf_counter() - self.progress.seconds
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
             if self._drawn is not None and iteration > 0:
@@ -244,8 +255,7 @@ class _Optimiser:
         return cache(lambda: Hologram(shown.cpu().numpy().copy(), self.system.edit(changes)))
 
     def _checkpoint(self) -> Checkpoint:
-        assert self._make_best is not None
-        hologram = self._make_best()
+        hologram = self.best()
         best: dict[str, NDArray[np.floating]] = {
             "best_drive": hologram.drive,
             "best_amplitudes": np.array(hologram.system.amplitudes),

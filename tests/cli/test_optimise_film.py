@@ -94,6 +94,7 @@ def test_holograms_of_another_bench_are_not_gone_on_from(holoview: Run, tmp_path
         (("--depth", "film/0.png"), "--depth: with a film"),
         (("--pupils", "2x2:1mm"), "--pupils: with a film"),
         (("--checkpoint", "c.safetensors"), "--checkpoint: with a film"),
+        (("--free", "patterns,wavelengths"), "target: that changes, with free wavelengths"),
     ],
 )
 def test_options_that_a_film_does_not_have_are_refused(
