@@ -29,9 +29,11 @@ from holoview.gpu.line_fft import (
     Strategy,
     TransformShader,
     can_transform_repeats,
+    lanes_per_line,
     precompile,
     spectrum_order,
     storage_shader,
+    subgroup_size,
     supported_strategies,
 )
 from holoview.gpu.shader import GeneratedWgsl, WgslStruct
@@ -372,6 +374,15 @@ def _reads_pixels(layout: FrameLayout, relay: int) -> bool:
     return layout.has_plain_pixels and relay == layout.first_relay
 
 
+def _adds_lane(layout: FrameLayout, kernel: str, *grids: Grid) -> bool:
+    """Whether each point of a lane, on the grid and among the stored rows, is the lane's number plus a multiple of the
+    number of lanes, so that the addition carries nothing."""
+    axis = 1 if KERNELS[kernel][0] == "x" else 0
+    n = grids[0].padded[axis]
+    lanes = lanes_per_line(n, subgroup_size(layout.device)) if layout.strategy == "subgroup" else None
+    return lanes is not None and all(k % lanes == 0 for k in (n // lanes, *(grid.offset[axis] for grid in grids)))
+
+
 def _window(grid: Grid, axis: int) -> Range:
     """The samples of the field on the padded grid, along y (0) or x (1)."""
     return grid.offset[axis], grid.offset[axis] + grid.shape[axis] - 1
@@ -401,6 +412,8 @@ def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) ->
         f"const target_layout = RowLayout({target.rows}u, {target.stride}u);\n"
         f"const work_layout = {'source' if kernel == 'observe' else 'target'}_layout;\n"
         f"const is_tiled = {str(layout.strategy == 'subgroup').lower()};\n"
+        f"const is_along_x = {str(KERNELS[kernel][0] == 'x').lower()};\n"
+        f"const adds_lane = {str(_adds_lane(layout, kernel, grid, read)).lower()};\n"
         f"const is_padded = {str(whole.padded != whole.shape).lower()};\n"
         f"const inverse_scale = {1 / math.prod(whole.padded):.12g};  // of an inverse transform along both axes\n"
         f"const intensity_stride = {padded_pixels(whole.shape)}u;  // pixels from one intensity to the next\n"

@@ -29,6 +29,9 @@ COMMON_DECLARATIONS = f"""//#include "lib/complex.wgsl"
 
 {LINE_RANGE.wgsl}
 @group(0) @binding(0) var<uniform> lines: LineRange;
+
+// Number of an invocation among those of a subgroup that share a line; 0 where they share none.
+var<private> lane_of_line: u32;
 """
 """The beginning of every generated transform shader."""
 

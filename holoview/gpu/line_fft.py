@@ -289,7 +289,7 @@ class _Line(WgslEmitter):
         for bit in self._bits():
             self.lines.append(f"let is_odd{bit} = (lane & {bit}u) != 0u;")
         self.lines.append("let subgroup_start = invocation - lane;")
-        self.lines.append("begin(line, field);")
+        self.lines += ["lane_of_line = lane;", "begin(line, field);"]
         self._twiddles = self.twiddles("lane", self.registers, n)
 
     def spectrum(self, points: Names, step: Step) -> Spectrum:

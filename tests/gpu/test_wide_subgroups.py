@@ -33,6 +33,7 @@ class Workgroup:
         self._first = self._local - self._local % subgroup  # of the invocation's subgroup
         self._data, self.stored = data, np.full(data.shape, np.nan, complex)
         self._active = np.ones(size, bool)
+        self.offsets: list[Values] = []  # of all points from the numbers of their lanes
         self._names: dict[str, Any] = {
             **{name: getattr(self, f"_{name}") for name in ("load", "store", "subgroupShuffle", "subgroupShuffleXor")},
             "local": self._local,
@@ -64,7 +65,7 @@ class Workgroup:
             self._active = np.ones_like(self._active)
         elif found := re.fullmatch(r"if \((.*)\) {", statement):
             self._active = np.broadcast_to(self._value(found[1]), self._active.shape)
-        elif found := re.fullmatch(r"let (\w+) = (.*);", statement):
+        elif found := re.fullmatch(r"(?:let )?(\w+) = (.*);", statement):
             self._names[found[1]] = self._value(found[2])
         else:
             self._value(statement.rstrip(";"))
@@ -78,9 +79,11 @@ class Workgroup:
         return eval(text, {"__builtins__": {}}, self._names)
 
     def _load(self, position: tuple[Any, ...]) -> Values:
+        self.offsets.append(position[0] - self._names["lane_of_line"])
         return self._data[position[1], position[0]]
 
     def _store(self, position: tuple[Any, ...], value: Values) -> None:
+        self.offsets.append(position[0] - self._names["lane_of_line"])
         along, line = (np.broadcast_to(part, self._active.shape)[self._active] for part in position[:2])
         assert np.isnan(self.stored[line, along]).all(), "stored twice"
         self.stored[line, along] = value[self._active]
@@ -115,9 +118,11 @@ def test_a_transform_is_that_of_numpy(n: int, subgroup: int, direction: Any) -> 
     if lanes is None:
         pytest.skip("no number of lanes divides this length")
     data = _lines(n, 2)
-    found = Workgroup(generate_subgroup_shader("x", n, lanes, [Step(direction)]), subgroup, data).stored
+    run = Workgroup(generate_subgroup_shader("x", n, lanes, [Step(direction)]), subgroup, data)
     expected = np.fft.fft(data) if direction == "forward" else np.fft.ifft(data, norm="forward")
-    assert _error(found, expected) < TOLERANCE
+    assert _error(run.stored, expected) < TOLERANCE
+    if n % lanes**2 == 0:  # then the frames' kernels add up indices from that of the lane and a constant
+        assert all(np.ptp(offset) == 0 and offset[0] % lanes == 0 for offset in run.offsets)
 
 
 @pytest.mark.parametrize("subgroup", [16, 32, 64])
