@@ -27,11 +27,13 @@ Crops are centred on the axis, so that mirrored or turned records stay mirrored 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -156,7 +158,16 @@ def central_slices(
 
 
 Values = Mapping[str, Mapping[str, float]]
-_Key = tuple[bytes, float, float, tuple[int, int]]
+
+
+class _Key(NamedTuple):
+    """What a prediction depends on: the patterns' digest, wavelength, distance and shape of the camera."""
+
+    levels: bytes
+    wavelength_m: float
+    distance_m: float
+    shape: tuple[int, int]
+
 
 BLURS_PX = (0.7, 1.5, 3.0)
 """[px] Blurs of the compared pictures, which have about `SIDE_PX` rows. Evidence: factors of two from the pixel to the
@@ -184,6 +195,7 @@ Evidence: a thousand sets of captures a day for a year give less than one."""
 
 _MAX_CORRELATION = 0.9999  # atanh of 1 is infinite
 _CACHE_MB = 64  # of each thread's predictor
+_WAITING_BYTES = 256e6  # of rows that wait until they are predicted together
 _MAX_THREADS = 4
 
 
@@ -321,11 +333,10 @@ class Trials:
 
         Hypotheses that no bench can have are left out.
         """
-        rows = [self._rows(hypothesis, indices) for hypothesis in hypotheses]
-        self._predict([row for of_one in rows for row in of_one])
+        keys = self._predict(hypotheses, indices)
         scores = []
-        for hypothesis, of_one in zip(hypotheses, rows, strict=True):
-            matches = [self._match(hypothesis, row, k) for row, k in zip(of_one, indices, strict=True)]
+        for hypothesis, of_one in zip(hypotheses, keys, strict=True):
+            matches = [self._match(hypothesis, key, k) for key, k in zip(of_one, indices, strict=True)]
             known = [match for match in matches if match is not None]
             if len(known) == len(matches):
                 scores.append(_at_common_shift(hypothesis, known))
@@ -360,11 +371,11 @@ class Trials:
             self._comparisons[shape] = SpeckleComparison(shape)
         return self._comparisons[shape]
 
-    def _match(self, hypothesis: Hypothesis, row: Captures, k: int) -> Match | None:
-        predicted = self._predicted[_key(row)]
+    def _match(self, hypothesis: Hypothesis, key: _Key, k: int) -> Match | None:
+        predicted = self._predicted[key]
         if predicted is None:
             return None
-        return self._comparison(row.shape).match(self._contrast_seen(hypothesis, k), predicted)
+        return self._comparison(key.shape).match(self._contrast_seen(hypothesis, k), predicted)
 
     def _contrast_seen(self, hypothesis: Hypothesis, k: int) -> Contrast:
         orientations = _camera_orientations(hypothesis)
@@ -376,20 +387,35 @@ class Trials:
             self._seen[key] = self._comparison((light.shape[0], light.shape[1])).contrast(light)
         return self._seen[key]
 
-    def _predict(self, rows: Sequence[Captures]) -> None:
-        """Computes the contrasts of rows that aren't known yet, those of one camera shape together."""
-        new: dict[tuple[int, int], dict[_Key, Captures]] = {}
-        for row in rows:
-            key = _key(row)
-            if key not in self._predicted:
-                new.setdefault(row.shape, {})[key] = row
-        for shape, unknown in new.items():
-            comparison, rows_of_shape = self._comparison(shape), list(unknown.values())
-            parts = [rows_of_shape[n :: self._threads] for n in range(min(self._threads, len(rows_of_shape)))]
+    def _predict(self, hypotheses: Sequence[Hypothesis], indices: Sequence[int]) -> list[list[_Key]]:
+        """Computes the contrasts that aren't known yet; returns the keys of each hypothesis's rows.
+
+        A few hypotheses at a time, since rows of large modulators take some megabytes each.
+        """
+        keys, waiting, held = list[list[_Key]](), dict[_Key, Captures](), 0
+        for hypothesis in hypotheses:
+            rows = self._rows(hypothesis, indices)
+            keys.append([_key(row) for row in rows])
+            for key, row in zip(keys[-1], rows, strict=True):
+                if key not in self._predicted and key not in waiting:
+                    waiting[key] = row
+                    held += row.levels.nbytes + row.images.nbytes
+            if held > _WAITING_BYTES:
+                self._predict_rows(waiting)
+                waiting, held = {}, 0
+        self._predict_rows(waiting)
+        return keys
+
+    def _predict_rows(self, rows: Mapping[_Key, Captures]) -> None:
+        """Computes the contrasts of rows, those of one camera shape together."""
+        for shape in dict.fromkeys(key.shape for key in rows):
+            comparison, keys = self._comparison(shape), [key for key in rows if key.shape == shape]
+            parts = [keys[n :: self._threads] for n in range(min(self._threads, len(keys)))]
             with ThreadPoolExecutor(len(parts)) as pool:
-                contrasts = list(pool.map(partial(_predict_contrasts, self._effects, comparison), parts))
+                jobs = [[rows[key] for key in part] for part in parts]
+                contrasts = list(pool.map(partial(_predict_contrasts, self._effects, comparison), jobs))
             for part, found in zip(parts, contrasts, strict=True):
-                self._predicted.update(zip(map(_key, part), found, strict=True))
+                self._predicted.update(zip(part, found, strict=True))
 
 
 def _predict_contrasts(
@@ -413,7 +439,8 @@ def _camera_orientations(hypothesis: Hypothesis) -> list[CameraOrientation]:
 
 
 def _key(row: Captures) -> _Key:
-    return row.levels.tobytes(), float(row.wavelength_m[0]), float(row.distance_m[0]), row.shape
+    digest = hashlib.sha256(row.levels.tobytes()).digest()
+    return _Key(digest, float(row.wavelength_m[0]), float(row.distance_m[0]), row.shape)
 
 
 def _stack(rows: Sequence[Captures]) -> Captures:
