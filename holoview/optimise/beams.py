@@ -246,6 +246,35 @@ def strided_view(values: Tensor) -> FlatView:
 
 
 @dataclass(frozen=True)
+class Rows:
+    """A tensor of `padded_rows`, and the same numbers for compiled passes."""
+
+    values: Tensor
+    flat: FlatView
+
+
+class KeptRows:
+    """`Rows` by name and sizes, zero when they are made, and then used again; each thread has its own."""
+
+    def __init__(self, like: Tensor) -> None:
+        self._like, self._local = like, threading.local()
+
+    def of(self, name: str, *sizes: int) -> Rows:
+        """Rows with these sizes; rows of another name are other memory."""
+        kept: dict[tuple[object, ...], Rows] = self._local.__dict__.setdefault("rows", {})
+        key = (name, *sizes)
+        if key not in kept:
+            kept[key] = make_rows(*sizes, like=self._like)
+        return kept[key]
+
+
+def make_rows(*sizes: int, like: Tensor) -> Rows:
+    """Zeros (…, row, x), as `padded_rows` makes them."""
+    values = padded_rows(*sizes, like=like)
+    return Rows(values, strided_view(values))
+
+
+@dataclass(frozen=True)
 class ColumnBlocks:
     """Spectra (laser, source, k_y, k_x) in blocks of columns: slices of k_x, and a tensor for each."""
 

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.optics.slm import sum_pool
-from holoview.optimise.beams import VECTOR, BeamFields, SpectralAxis, padded_rows, strided_view
+from holoview.optimise.beams import (
+    VECTOR,
+    BeamFields,
+    FlatView,
+    KeptRows,
+    Rows,
+    SpectralAxis,
+    make_rows,
+    strided_view,
+)
 from holoview.optimise.lasers import Laser
 from holoview.optimise.propagation import ModulatorLight, PlanePropagation
 from holoview.optimise.transfer_functions import TransferFunctions
@@ -65,26 +74,26 @@ class CompiledModulatorLight(ModulatorLight):
         self._last_y, self._last_x = both(y.last, True), both(x.last, True)
         self._number = np.float64 if double else np.float32
         self._widths = (x.pixels.frequencies, x.gap.frequencies)
+        self._kept = KeptRows(torch.empty(0, dtype=transfer_functions.dtype))
+        self._pixels: dict[tuple[int, int], list[Rows]] = {}
 
     def compute_spectra(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
         """As there."""
         if self.transfer_functions.pixel_shapes is not None:
             return super().compute_spectra(fields, opd_m)
         phasors, beams, (y, x) = self._phasors(fields, opd_m), fields.group.shape, self.axes
-        light = self._illuminated(fields.group, phasors[0])
-        if light.stride()[-2:] != phasors[0].stride()[-2:]:
-            light = padded_rows(*light.shape, like=light).copy_(light)
-        lines = padded_rows(*beams, y.pixels.count, x.pixels.frequencies, like=light)
-        transform_rows(*strided_view(light), *strided_view(lines), (*beams, y.pixels.count), self._pixels_x[0])
+        pixels = self._pixels_of(fields)
+        lines = self._kept.of("lines", *beams, y.pixels.count, x.pixels.frequencies).flat
+        transform_rows(*self._flat_light(fields, pixels[0]), *lines, (*beams, y.pixels.count), self._pixels_x[0])
         spectra, transforms = fields.flat_spectra[0], fields.gap_lines is not None
         target = fields.flat_gap_lines if transforms else spectra
         ways = (self._pixels_y[0], self._gap_y[1], self._number(1 / y.gap.padded))
         factors = self.transfer_functions.flat_gap(fields.group.wavelengths)
-        spread_columns(*strided_view(lines), *factors, *target, transforms, beams, self._widths, *ways)
+        spread_columns(*lines, *factors, *target, transforms, beams, self._widths, *ways)
         if not transforms:
             return phasors
         shape, scale = (*beams, y.last.count), self._number(1 / x.gap.padded)
-        views = (*fields.flat_gap_lines, *fields.flat_plane_lines, *strided_view(phasors[1]))
+        views = (*fields.flat_gap_lines, *fields.flat_plane_lines, *pixels[1].flat)
         modulate_rows(*views, self.plan.grid.upsample, shape, self._gap_x[1], self._last_x[0], scale)
         one, columns = self._number(1), x.last.frequencies
         transform_columns(*fields.flat_plane_lines, *spectra, beams, columns, self._last_y[0], one)
@@ -93,7 +102,7 @@ class CompiledModulatorLight(ModulatorLight):
     def backpropagate(
         self, fields: BeamFields, phasors: Sequence[Tensor], incident_adjoint: Tensor | None = None
     ) -> list[Tensor]:
-        """As there."""
+        """As there. The products are overwritten by the next call in the same thread."""
         if self.transfer_functions.pixel_shapes is not None or incident_adjoint is not None:
             return super().backpropagate(fields, phasors, incident_adjoint)
         (y, x), beams, later = self.axes, fields.group.shape, []
@@ -101,38 +110,54 @@ class CompiledModulatorLight(ModulatorLight):
             later.append(self._backpropagate_second_modulator(fields, phasors[1]))
         transforms = fields.gap_lines is not None
         source = fields.flat_gap_lines if transforms else fields.flat_spectra[1]
-        lines = padded_rows(*beams, y.pixels.count, x.pixels.frequencies, like=fields.plane_lines)
+        lines = self._kept.of("lines", *beams, y.pixels.count, x.pixels.frequencies).flat
         ways = (self._gap_y[0], self._pixels_y[1], self._number(1 / y.gap.padded))
         factors = self.transfer_functions.flat_gap(fields.group.wavelengths)
-        gather_columns(*source, transforms, *factors, *strided_view(lines), beams, self._widths, *ways)
-        pixels = padded_rows(*beams, y.pixels.count, x.pixels.count, like=lines)
-        transform_rows(*strided_view(lines), *strided_view(pixels), (*beams, y.pixels.count), self._pixels_x[1])
-        return [sum_pool(pixels.mul_(self._illuminated(fields.group, phasors[0])), self._repeats), *later]
+        gather_columns(*source, transforms, *factors, *lines, beams, self._widths, *ways)
+        pixels = self._kept.of("pixels", *beams, y.pixels.count, x.pixels.count)
+        transform_rows(*lines, *pixels.flat, (*beams, y.pixels.count), self._pixels_x[1])
+        return [sum_pool(pixels.values.mul_(self._illuminated(fields.group, phasors[0])), self._repeats), *later]
 
     def _backpropagate_second_modulator(self, fields: BeamFields, pixels: Tensor) -> Tensor:
         if self.transfer_functions.pixel_shapes is not None:
             return super()._backpropagate_second_modulator(fields, pixels)
         (y, x), beams, lines = self.axes, fields.group.shape, fields.flat_plane_lines
         transform_columns(*fields.flat_spectra[1], *lines, beams, x.last.frequencies, self._last_y[1], self._number(1))
-        products = padded_rows(*beams, *pixels.shape[1:], like=pixels)
+        products = self._kept.of("products", *beams, *pixels.shape[1:])
         shape, scale = (*beams, y.last.count), self._number(1 / x.gap.padded)
-        views = (*fields.flat_gap_lines, *lines, *strided_view(pixels))
+        views = (*fields.flat_gap_lines, *lines, *self._pixels_of(fields)[1].flat)
         ways = (self._gap_x[1], self._last_x[1], self._gap_x[0], scale)
-        backpropagate_rows(*views, self.plan.grid.upsample, shape, *ways, *strided_view(products))
-        return products
+        backpropagate_rows(*views, self.plan.grid.upsample, shape, *ways, *products.flat)
+        return products.values
+
+    def _pixels_of(self, fields: BeamFields) -> list[Rows]:
+        """The memory of each modulator's pixels (laser, y, x) of a group."""
+        key = (fields.group.lasers.start, fields.group.sources.start)
+        if key not in self._pixels:
+            shapes = [(len(self.lasers[fields.group.lasers]), *m.shape) for m in self.plan.system.modulators]
+            self._pixels[key] = [make_rows(*shape, like=fields.plane_lines) for shape in shapes]
+        return self._pixels[key]
 
     def _phasors(self, fields: BeamFields, opd_m: Tensor) -> list[Tensor]:
         """As there, in rows for compiled passes."""
-        lasers = self.lasers[fields.group.lasers]
+        lasers, pixels = self.lasers[fields.group.lasers], self._pixels_of(fields)
         frames = np.array([frame for frame, _ in lasers])
-        per_metre = 1 / self.plan.system.wavelengths_m[[λ for _, λ in lasers]]
         paths, strides = strided_view(opd_m)
-        per_metre = per_metre.astype(paths.dtype)
+        per_metre = (1 / self.plan.system.wavelengths_m[[λ for _, λ in lasers]]).astype(paths.dtype)
         shape = (len(lasers), *opd_m.shape[2:])
-        phasors = [padded_rows(*shape, like=fields.plane_lines) for _ in range(opd_m.shape[1])]
-        for modulator, pixels in enumerate(phasors):
-            write_phasors(paths, modulator * strides[1], strides, frames, per_metre, *strided_view(pixels), shape)
-        return phasors
+        for modulator, rows in enumerate(pixels):
+            write_phasors(paths, modulator * strides[1], strides, frames, per_metre, *rows.flat, shape)
+        return [rows.values for rows in pixels]
+
+    def _flat_light(self, fields: BeamFields, pixels: Rows) -> FlatView:
+        """`_illuminated` for compiled passes."""
+        if self._repeats == 1 and self.transfer_functions.illumination is None:
+            flat, (of_laser, of_row) = pixels.flat
+            return flat, (of_laser, 0, of_row)
+        light = self._illuminated(fields.group, pixels.values)
+        rows = self._kept.of("light", *light.shape)
+        rows.values.copy_(light)
+        return rows.flat
 
 
 class CompiledPlanePropagation(PlanePropagation):

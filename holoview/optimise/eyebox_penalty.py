@@ -48,8 +48,10 @@ class EyeboxPenalty:
         light = torch.zeros(amplitudes.shape[1], *sides, dtype=model.real_dtype, device=model.device)
         for laser, (frame, λ) in enumerate(model.lasers):
             for source in range(model.source_count):
-                power = self._first_order(laser, source).abs().square() * self._stop_transmittances[λ]
-                light[λ] += float(amplitudes[frame, λ]) * (self._row_blocks @ power @ self._column_blocks.T)
+                field = self._first_order(laser, source)
+                power = field.real.square().addcmul_(field.imag, field.imag).mul_(self._stop_transmittances[λ])
+                means = self._row_blocks @ power @ self._column_blocks.T
+                light[λ].add_(means, alpha=float(amplitudes[frame, λ]))
         return light
 
     def variation(self, blocks: Tensor) -> float:

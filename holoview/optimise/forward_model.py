@@ -31,6 +31,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import groupby
 from typing import TypeVar
 
 import torch
@@ -51,13 +52,14 @@ from holoview.optimise.beams import (
 from holoview.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.optimise.lasers import lit_lasers
 from holoview.optimise.level_gradients import LevelSteps, secant_gradient
-from holoview.optimise.parallel import ThreadTeam
+from holoview.optimise.parallel import MIN_SAMPLES_FOR_THREADS, ThreadTeam
 from holoview.optimise.propagation import ModulatorLight, PlanePropagation
 from holoview.optimise.transfer_functions import TransferFunctions
 from holoview.optimise.wavelengths import BeamAdjoint, wavelength_derivative
 
 Tensor = torch.Tensor
 Result = TypeVar("Result")
+_SMALL_FIELDS_BYTES = 1 << 23
 _PASSES = 16  # at most, over a plane by compiled code: enough for the threads of a processor
 ProcessRows = Callable[[int, slice, Tensor], Result]
 """Called with a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E for the way back."""
@@ -107,8 +109,9 @@ class ForwardModel:
         self.plan, self.axes = plan, spectral_axes(plan)
         with suppress(AttributeError):  # there are none yet in a new model
             del self.transfer_functions, self._light, self._fields, self._lines  # frees memory for the next ones
-        limit, number_bytes, (rows, columns) = block_bytes(self.device), self.complex_dtype.itemsize, plan.grid.padded
+        number_bytes, (rows, columns) = self.complex_dtype.itemsize, plan.grid.padded
         by_rows = self.kernels.has_passes(self.axes)
+        self._block_bytes = limit = self._bytes_at_a_time(rows * columns, by_rows)
         width = columns if by_rows else max(1, limit // (rows * number_bytes))
         self.transfer_functions = TransferFunctions(
             plan, self.axes, width, self.complex_dtype, self.device, by_rows=by_rows
@@ -125,7 +128,13 @@ class ForwardModel:
         ]
         self._light, self._propagation = self._make_parts(by_rows)
         λ = plan.system.wavelengths_m[[wavelength for _, wavelength in self.lasers]]
-        self._path_factors = torch.from_numpy(-2 * math.pi / λ).to(self.device, self.real_dtype)[:, None, None]
+        self._path_factors = torch.from_numpy(-2 * math.pi / λ).to(self.device, self.real_dtype)
+
+    def _bytes_at_a_time(self, samples: int, by_rows: bool) -> int:
+        """Bytes of a block. Compiled passes take one beam after the other: all beams of fields for which one thread is
+        enough are a block, so that Python calls less often."""
+        is_small = by_rows and samples < MIN_SAMPLES_FOR_THREADS
+        return _SMALL_FIELDS_BYTES if is_small else block_bytes(self.device)
 
     def _make_parts(self, by_rows: bool) -> tuple[ModulatorLight, PlanePropagation]:
         """From the pixels to the spectra, and from there to the planes; by_rows: in compiled passes."""
@@ -199,9 +208,9 @@ class ForwardModel:
         parts = self._team.map(
             lambda index: self._group_gradients(index, has_wavelengths, level_steps), range(len(self._fields))
         )
-        for fields, (gradients, derivatives) in zip(self._fields, parts, strict=True):
-            for i, (frame, _) in enumerate(self.lasers[fields.group.lasers]):
-                path_gradient[frame].add_(gradients[i])
+        for gradients, derivatives in parts:
+            for frame, gradient in gradients:
+                path_gradient[frame].add_(gradient)
             for wavelength, derivative in derivatives:
                 assert wavelength_gradient is not None
                 wavelength_gradient[wavelength] += derivative
@@ -263,7 +272,7 @@ class ForwardModel:
         if self._rows_at_a_time is not None:
             return [process(rows) for rows in slices(total, self._rows_at_a_time)]
         row_bytes = len(self.lasers) * self.source_count * self.plan.grid.padded[1] * self.complex_dtype.itemsize
-        at_a_time = block_bytes(self.device) // row_bytes
+        at_a_time = self._block_bytes // row_bytes
         if process_lines is not None:  # whole vectors of rows
             at_a_time = max(1, at_a_time // VECTOR, total // (_PASSES * VECTOR)) * VECTOR
         return self._team.map(process, slices(total, at_a_time))
@@ -286,8 +295,8 @@ class ForwardModel:
 
     def _group_gradients(
         self, index: int, has_wavelengths: bool, level_steps: LevelSteps | None
-    ) -> tuple[Tensor, list[tuple[int, float]]]:
-        """∂L/∂opd (laser, modulator, y, x) through some beams, and ∂L/∂λ of each: its wavelength and the derivative."""
+    ) -> tuple[list[tuple[int, Tensor]], list[tuple[int, float]]]:
+        """Parts of some beams: frames and ∂L/∂opd (modulator, y, x) of each, wavelengths and ∂L/∂λ of each."""
         fields, phasors = self._fields[index], self._phasors[index]
         incident_adjoint = None
         if has_wavelengths:
@@ -303,26 +312,29 @@ class ForwardModel:
             return self._path_gradients(fields.group.lasers, of_modulators), derivatives
         return self._secants(fields.group.lasers, products, level_steps), derivatives
 
-    def _path_gradients(self, lasers: slice, products: Sequence[Tensor]) -> Tensor:
-        """∂L/∂opd (laser, modulator, y, x) from each modulator's products c·w (laser, source, y, x)."""
-        factors = self._path_factors[lasers]
-        gradients = factors.new_empty(len(factors), len(products), *products[0].shape[2:])
-        for modulator, product in enumerate(products):
-            summed = product[:, 0] if product.shape[1] == 1 else product.sum(dim=1)
-            torch.mul(summed.imag, factors, out=gradients[:, modulator])
+    def _path_gradients(self, lasers: slice, products: Sequence[Tensor]) -> list[tuple[int, Tensor]]:
+        """Frames and ∂L/∂opd (modulator, y, x) of each, from modulators' products c·w (laser, source, y, x)."""
+        frames, factors, gradients = [frame for frame, _ in self.lasers[lasers]], self._path_factors[lasers], []
+        for frame, members in groupby(range(len(frames)), frames.__getitem__):
+            first, *others = members
+            part = slice(first, first + 1 + len(others))
+            gradient = factors.new_empty(len(products), *products[0].shape[2:])
+            for product, out in zip(products, gradient, strict=True):
+                self.kernels.sum_imaginary(product[part], factors[part], out)
+            gradients.append((frame, gradient))
         return gradients
 
-    def _secants(self, lasers: slice, products: Tensor, level_steps: LevelSteps) -> Tensor:
+    def _secants(self, lasers: slice, products: Tensor, level_steps: LevelSteps) -> list[tuple[int, Tensor]]:
         """The secants in place of `_path_gradients`, from products c·w (laser, source, modulator, y, x)."""
         share = products.shape[1] / self.source_count
-        products, gradients = products.sum(dim=1), []
+        products, secants = products.sum(dim=1), []
         for laser, product in zip(range(lasers.start, lasers.stop), products, strict=True):
             frame, wavelength = self.lasers[laser]
             λ = float(self.plan.system.wavelengths_m[wavelength])
             curvatures = (level_steps.curvature[laser] * share).tolist()
             steps = zip(product, level_steps.path_m[frame], curvatures, strict=True)
-            gradients.append(torch.stack([secant_gradient(p, step_m, λ, κ) for p, step_m, κ in steps]))
-        return torch.stack(gradients)
+            secants.append((frame, torch.stack([secant_gradient(p, step_m, λ, κ) for p, step_m, κ in steps])))
+        return secants
 
     def _wavelength_derivatives(
         self, index: int, products: Tensor, incident_adjoint: Tensor

@@ -48,6 +48,10 @@ class Kernels:
         parts = torch.view_as_real(fields.movedim(2, 0))
         parts.mul_(((2 * weights) @ pairs).view(parts.shape))
 
+    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+        """Writes Σ factor·Im(product), (y, x). products (laser, source, y, x). factors (laser,)."""
+        torch.sum(products.imag * factors[:, None, None, None], dim=(0, 1), out=out)
+
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
         """Replaces an image (channel, row, x) by factor·(image − target).
 
@@ -72,7 +76,7 @@ class CompiledKernels(Kernels):
     name = "compiled"
 
     def __init__(self) -> None:
-        self._mix, self._weight, self._residual = _compiled_loops()
+        self._mix, self._weight, self._residual, self._sum_imaginary = _compiled_loops()
 
     def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
         from holoview.optimise.compiled_model import fits_passes
@@ -86,6 +90,9 @@ class CompiledKernels(Kernels):
 
     def replace_by_adjoint(self, fields: Tensor, weights: Tensor, slopes: Tensor) -> None:
         self._weight(*flat_view(fields), (2 * weights).contiguous().numpy(), slopes.contiguous().numpy())
+
+    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+        self._sum_imaginary(*flat_view(products), factors.contiguous().numpy(), out.numpy())
 
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
         norms = image.new_empty(2)
@@ -152,6 +159,19 @@ def _residual_loops(
     norms[0], norms[1] = np.sqrt(residuals), np.sqrt(errors)
 
 
+def _imaginary_loops(flat: Any, shape: Any, strides: Any, factors: Any, out: Any) -> None:
+    for row in range(shape[2]):
+        line = out[row]
+        line[:] = 0
+        for laser in range(shape[0]):
+            factor = factors[laser]
+            for source in range(shape[1]):
+                first = laser * strides[0] + source * strides[1] + row * strides[2]
+                field = flat[first : first + shape[3]]
+                for x in range(line.size):
+                    line[x] += factor * field[2 * x + 1]
+
+
 @cache
 def _compiled_loops() -> tuple[Callable[..., None], ...]:
-    return compiled(_mix_loops), compiled(_weight_loops), compiled(_residual_loops)
+    return tuple(map(compiled, (_mix_loops, _weight_loops, _residual_loops, _imaginary_loops)))

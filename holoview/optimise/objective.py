@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,13 +135,15 @@ class Objective:
         """Whether `evaluate_rows` has to be given all rows of a plane at once."""
         return self.loss.structure_weight > 0
 
-    def plane_loss(self, plane: int, norms: Tensor) -> PlaneLoss:
-        """The loss of a plane from the norms (part, 2) over all parts of its rows (`ResidualSums.norms`)."""
-        residual, error = norms.double().square().sum(dim=0).tolist()
+    def plane_losses(self, planes: Sequence[int], norms: Tensor) -> list[PlaneLoss]:
+        """The losses of planes from norms (plane, part, 2) over all parts of their rows (`ResidualSums.norms`)."""
         rows, columns = self.region_slices
-        samples = (rows.stop - rows.start) * (columns.stop - columns.start)
-        mean_square = error / (samples * (1 if len(self.target[0]) == 1 else 3))
-        return PlaneLoss(self._sample_weight(plane) * residual, -10 * math.log10(max(mean_square, 1e-20)))
+        numbers = (rows.stop - rows.start) * (columns.stop - columns.start) * (1 if self.target.shape[1] == 1 else 3)
+        squares = norms.double().square().sum(dim=1).tolist()
+        return [
+            PlaneLoss(self._sample_weight(plane) * residual, -10 * math.log10(max(error / numbers, 1e-20)))
+            for plane, (residual, error) in zip(planes, squares, strict=True)
+        ]
 
     def cut_region(self, rows: slice) -> tuple[Cut, Cut] | None:
         """Slices (channel, y, x) of the region in a block of rows, and in a whole plane; None if it lies elsewhere."""
@@ -435,6 +438,8 @@ class AmplitudeLeastSquares:
         """The same of all lasers from sums of products of beams, as `PlanePropagation.evaluate_rows` returns them."""
         lasers, beams = len(self._laser_channels), len(products)
         gram = np.triu(products[:, :beams]) + np.triu(products[:, :beams], 1).T
+        if beams == lasers:
+            return self._equations(gram, products[:, beams:])
         mean = np.kron(np.eye(lasers), np.full(beams // lasers, lasers / beams))  # over the sources of a laser
         return self._equations(mean @ gram @ mean.T, mean @ products[:, beams:])
 

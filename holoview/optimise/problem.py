@@ -228,10 +228,10 @@ class Problem:
 
     def plane_losses(self, norms: Tensor, planes: Sequence[int]) -> LossEvaluation:
         """The evaluation of some planes from the norms (plane, part, 2), on the CPU."""
-        losses = [self.objective.plane_loss(plane, parts) for plane, parts in zip(planes, norms, strict=True)]
+        losses = self.objective.plane_losses(planes, norms)
         return LossEvaluation(
             loss=sum(plane.loss for plane in losses) / (len(planes) / len(self.objective.target)),
-            psnr_db=float(np.mean([plane.psnr_db for plane in losses])),
+            psnr_db=sum(plane.psnr_db for plane in losses) / len(planes),
             picture=lambda: self.objective.picture(self._middle_image),
         )
 

@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import torch
@@ -237,8 +237,8 @@ class Optimiser:
         if not 0 < few < count or settles or is_first or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
             return request
         turn, place = divmod(iteration, count // few)
-        order = np.random.default_rng((self.settings.seed, turn)).permutation(count)
-        return replace(request, planes=tuple(sorted(order[place * few : (place + 1) * few].tolist())))
+        chosen = _order_of_planes(self.settings.seed, turn, count)[place * few : (place + 1) * few]
+        return replace(request, planes=tuple(sorted(chosen)))
 
     @property
     def _planes_at_a_time(self) -> int:
@@ -273,6 +273,13 @@ class Optimiser:
         self._make_best = lambda: hologram
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths_m)
+
+
+@lru_cache(maxsize=2)
+def _order_of_planes(seed: int, turn: int, count: int) -> list[int]:
+    """All planes in an order that is drawn anew for each turn."""
+    order: list[int] = np.random.default_rng((seed, turn)).permutation(count).tolist()
+    return order
 
 
 def _drawn_pupils(

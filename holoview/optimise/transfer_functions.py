@@ -68,6 +68,7 @@ class TransferFunctions:
         count = len(self.wavelengths)
         self._stored_rows, self.plane_rows = self._find_rows()
         self._flat_planes: dict[tuple[int, int, int], FlatView] = {}
+        self._flat_gaps: dict[tuple[int, int], FlatView] = {}
         self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), len(self._stored_rows))
         self.gap = self._empty_gap(count)
         for i, λ in enumerate(self.wavelengths):
@@ -95,8 +96,11 @@ class TransferFunctions:
 
     def flat_gap(self, wavelengths: slice) -> FlatView:
         """The same of `gap_storage`."""
-        assert self.gap_storage is not None
-        return strided_view(self.gap_storage[wavelengths])
+        key = (wavelengths.start, wavelengths.stop)
+        if key not in self._flat_gaps:
+            assert self.gap_storage is not None
+            self._flat_gaps[key] = strided_view(self.gap_storage[wavelengths])
+        return self._flat_gaps[key]
 
     @cached_property
     def flat_rows(self) -> NDArray[np.int64]:

@@ -708,8 +708,8 @@ def backpropagate_rows(
 ) -> None:
     """The transpose of `modulate_rows`: lines in the gap become those of c_V, from lines of c_W.
 
-    products (laser, source, y, x): c_w·w of each pixel is added, w being the light behind modulator 2. Lines: V to the
-    window, c_W to the window, and back to the gap's band. scale: of the first and the last.
+    products (laser, source, y, x): where to write c_w·w of each pixel, w being the light behind modulator 2. Lines: V
+    to the window, c_W to the window, and back to the gap's band. scale: of the first and the last.
     """
     radices, roots, starts, places, window = gap_line
     last_radices, last_roots, last_starts, last_places, last_window = last_line
@@ -773,9 +773,12 @@ def _meet_pixels(
 def _add_pixel_rows(
     block: Any, flat: Any, at: Any, stride: Any, row: Any, rows: Any, upsample: Any, size: Any, squares: Any
 ) -> None:
-    """Adds the first `rows` lanes of a block of pixels (x, part, lane) to the rows of pixels in which they lie."""
+    """Sums of the first `rows` lanes of a block of pixels (x, part, lane) in the rows of pixels in which they lie."""
     for start in range(0, size, _HALF):
         turn(block, start * BLOCK, LANES, squares, 0, LANES)
         for lane in range(rows):
             to = at + (row + lane) // upsample * stride + 2 * start
-            store(flat, to, add(load(flat, to), load(squares, lane * LANES)))
+            total = load(squares, lane * LANES)
+            if (row + lane) % upsample > 0:
+                total = add(load(flat, to), total)
+            store(flat, to, total)

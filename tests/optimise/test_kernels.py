@@ -80,6 +80,20 @@ def test_gradients_are_equal_to_rounding_and_nothing_else_is_written(
     assert torch.equal(beyond, untouched)
 
 
+@LAYOUTS
+def test_sums_of_imaginary_parts_are_equal_to_rounding(layout: str, noise: Noise, compiled: CompiledKernels) -> None:
+    products, factors = _fields(noise, layout), noise(2, LASERS) - 0.5
+    found, expected = torch.full((2, ROWS, SAMPLES), 7.0, dtype=torch.float64)
+    compiled.sum_imaginary(products, factors, found)
+    TORCH_KERNELS.sum_imaginary(products, factors, expected)
+    terms = factors.abs()[:, None, None, None] * products.imag.abs()
+    # each of n terms is rounded by its factor and by n sums, in both
+    bound = 2 * (LASERS * SOURCES + 1) * UNIT * terms.sum(dim=(0, 1))
+    assert bool(((found - expected).abs() <= bound).all())
+    whole = np.einsum("l,lsyx->yx", factors.numpy(), products.imag.numpy())
+    assert bool(((expected - torch.from_numpy(whole)).abs() <= bound).all())
+
+
 @CHANNELS
 def test_residuals_are_equal_to_rounding(channels: int, noise: Noise, compiled: CompiledKernels) -> None:
     """Of a part of an image, as a region cuts it, whose values lie below 0 and above 1 too."""

@@ -53,7 +53,7 @@ def _evaluate(objective: Objective, plane: int, image: torch.Tensor, at_a_time: 
     """The loss of an image (channel, y, x), evaluated in blocks of rows, which is overwritten with its slope."""
     blocks = [slice(start, min(start + at_a_time, ROWS)) for start in range(0, ROWS, at_a_time)]
     norms = [objective.evaluate_rows(plane, rows, image[:, rows]).norms for rows in blocks]
-    return objective.plane_loss(plane, torch.stack(norms))
+    return objective.plane_losses([plane], torch.stack(norms)[None])[0]
 
 
 def _plain_loss(name: str, image: torch.Tensor, wanted: np.ndarray, region: Any, weight: float) -> torch.Tensor:

@@ -34,7 +34,7 @@ def _objective(bench: Bench, **settings: Any) -> Objective:
 
 
 def _evaluate(objective: Objective, image: torch.Tensor, plane: int = 0) -> PlaneLoss:
-    return objective.plane_loss(plane, objective.evaluate_rows(plane, slice(0, ROWS), image).norms[None])
+    return objective.plane_losses([plane], objective.evaluate_rows(plane, slice(0, ROWS), image).norms[None, None])[0]
 
 
 def _channels(rgb: np.ndarray) -> torch.Tensor:
