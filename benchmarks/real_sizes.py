@@ -112,7 +112,7 @@ ANYWHERE: dict[str, Draw] = {
     "motion_blur": lambda r: {"motion": (r.uniform(0.8, 2.5), _signed(r, 0.8, 2.5))},
     "vignetting": lambda r: {"shading": r.uniform(0.15, 0.4)},
     "camera_fringes": lambda r: {"fringes": (r.uniform(0.02, 0.06), r.uniform(12.0, 60.0), r.uniform(0.0, np.pi))},
-    "ambient": lambda r: {"room": r.uniform(0.005, 0.03)},
+    "ambient": lambda r: {"room": r.uniform(0.05, 0.3)},
     "camera_alignment": lambda r: {"camera": (_signed(r, 0.4, 2.0), _signed(r, 0.4, 2.0), _signed(r, 0.0005, 0.003))},
 }
 NEAR: dict[str, Draw] = ANYWHERE | {
@@ -315,7 +315,7 @@ def measure(
     for k, λ in enumerate(wavelength):
         signal = scale[float(λ)] * power[k] * bench.picture(levels[k], float(λ))
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
-        light = signal * exposure[-1] + faults.room * exposure[-1] * np.quantile(signal, 0.999)
+        light = signal * exposure[-1] + faults.room * exposure[-1]
         electrons = rng.poisson(FULL_WELL * light) + READ_NOISE * rng.standard_normal(light.shape)
         images[k] = np.clip(np.rint(electrons / ELECTRONS + BLACK + faults.black), 0, 2**BITS - 1)
     _write(path, is_fourier, levels, images, wavelength, power, np.array(exposure))
