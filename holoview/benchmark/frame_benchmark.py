@@ -421,7 +421,7 @@ def benchmark_frame(
         PADDED: open_renderer(system.edit({"propagation": "linear"}), device, half, strategy),
     }
     jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
-    jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(renderers[FULL])}
+    jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(open_renderer(base, device, half, strategy))}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _pruned_jobs(base)
     jobs |= _cuda_jobs(base)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)

@@ -202,22 +202,30 @@ def gap_edit(renderer: IncrementalRenderer) -> TimedJob | None:
 
 
 def amplitude_edit(renderer: IncrementalRenderer) -> TimedJob:
-    """Alternate between two amplitudes of all lasers."""
+    """Alternate between two amplitudes of the first laser, as while it is dragged in the viewer."""
     factors = cycle([_CHANGE, 1.0])
     amplitudes = renderer.system.amplitudes
-    return _edit(renderer, lambda: {"system": renderer.system.with_(amplitudes=amplitudes * next(factors))})
+
+    def change() -> dict[str, Any]:
+        edited = amplitudes.copy()
+        edited[:, 0] *= next(factors)
+        return {"system": renderer.system.with_(amplitudes=edited)}
+
+    return _edit(renderer, change, may_reorder=renderer.device.info.is_cpu)
 
 
-def _edit(renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]]) -> TimedJob:
+def _edit(
+    renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]], *, may_reorder: bool = False
+) -> TimedJob:
     """Time from an edit to XYZ, with all earlier results up to date."""
 
     def job() -> None:
         renderer.edit(**change())
-        _update_and_wait(renderer)
+        _update_and_wait(renderer, may_reorder=may_reorder)
 
     return job
 
 
-def _update_and_wait(renderer: IncrementalRenderer) -> None:
-    renderer.update(with_srgb=False)
+def _update_and_wait(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> None:
+    renderer.update(with_srgb=False, may_reorder=may_reorder)
     renderer.device.wait()

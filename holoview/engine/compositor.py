@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from holoview.colour import XYZ_TO_SRGB
 from holoview.engine.shader_structs import BLEND, BLEND_TERM, SRGB_ENCODING
 from holoview.gpu.device import Buffer, Device
+from holoview.gpu.line_fft import is_read_as_u64
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, link
 from holoview.numerics.sampling import ceil_div, round_up
 
-QUAD = 4
-"""Pixels of an invocation: an intensity on the device is padded to a multiple of it."""
+OCTET = 8
+"""Pixels of an invocation of composite.wgsl: an intensity on the device is padded to a multiple of it."""
 MAX_TERMS = 64
 """Terms that a dispatch of composite.wgsl adds. They are uniforms, which drivers on a processor read once for all."""
 _WORKGROUP = 64
@@ -29,7 +30,7 @@ WeightedIntensity = tuple[int, NDArray[np.float64]]
 
 def padded_pixels(shape: tuple[int, int]) -> int:
     """Pixels from one intensity to the next in a buffer of several intensities of `shape` (y, x)."""
-    return round_up(math.prod(shape), QUAD)
+    return round_up(math.prod(shape), OCTET)
 
 
 class Compositor:
@@ -71,31 +72,35 @@ class Compositor:
         terms: Sequence[WeightedIntensity],
         xyz_buffer: Buffer,
         *,
-        accumulates: bool = False,
+        base: Buffer | None = None,
     ) -> None:
-        """Record XYZ = Σ weight·intensity over `terms`, or with `accumulates` add it to the stored XYZ.
+        """Record XYZ = Σ weight·intensity over `terms`, or add it to the XYZ of `base`, which may be `xyz_buffer`.
 
         The weights hold for all work with these buffers that hasn't been submitted yet.
         """
         for first in range(0, max(len(terms), 1), MAX_TERMS):
             some = terms[first : first + MAX_TERMS]
-            recorder.add(self._blending((intensity, xyz_buffer, accumulates or first > 0, first), some))
+            recorder.add(self._blending((intensity, xyz_buffer, xyz_buffer if first else base, first), some))
 
-    def _blending(self, key: tuple[Buffer, Buffer, bool, int], terms: Sequence[WeightedIntensity]) -> Dispatch:
-        """The dispatch that adds some terms. key: intensity, XYZ, whether to add to it, the first term's number."""
-        intensity, xyz_buffer, accumulates, _ = key
-        quads = self._pixels // QUAD
+    def _blending(self, key: tuple[Buffer, Buffer, Buffer | None, int], terms: Sequence[WeightedIntensity]) -> Dispatch:
+        """The dispatch that adds some terms. key: intensity, XYZ, what they are added to, the first term's number."""
+        intensity, xyz_buffer, base, _ = key
+        octets = self._pixels // OCTET
         blend = self._uniform(("blend", *key), BLEND.size, "blend")
         table = self._uniform(("terms", *key), MAX_TERMS * BLEND_TERM.size, "blend terms")
-        self._device.write(blend, BLEND.pack(quads=quads, count=len(terms)))
+        self._device.write(blend, BLEND.pack(octets=octets, count=len(terms)))
         if terms:
             items = ({"xyz": xyz, "intensity_index": index} for index, xyz in terms)
             self._device.write(table, BLEND_TERM.pack_array(items))
         if key not in self._dispatches:
-            source = link(GeneratedWgsl("structs", BLEND.wgsl + BLEND_TERM.wgsl), "display/composite.wgsl")
-            groups = [[blend, table], [intensity, xyz_buffer]]
-            pipeline = self._device.pipeline(source, {"accumulates": accumulates})
-            workgroups = (*workgroup_grid(ceil_div(quads, _WORKGROUP), self._device), 1)
+            structs = GeneratedWgsl("structs", BLEND.wgsl + BLEND_TERM.wgsl)
+            storage = f"display/pixels_{'u64' if is_read_as_u64(self._device) else 'f32'}.wgsl"
+            other = None if base is xyz_buffer else base
+            groups = [[blend, table], [intensity, xyz_buffer, other or intensity]]
+            source = link(structs, storage, "display/composite.wgsl")
+            switches = {"accumulates": base is xyz_buffer, "has_base": other is not None}
+            pipeline = self._device.pipeline(source, switches)
+            workgroups = (*workgroup_grid(ceil_div(octets, _WORKGROUP), self._device), 1)
             self._dispatches[key] = Dispatch.bind(self._device, pipeline, groups, workgroups)
         return self._dispatches[key]
 

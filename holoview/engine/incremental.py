@@ -69,6 +69,10 @@ class UpdateProgress:
     total: int
 
 
+XyzTerms = dict[FrameWavelength, tuple[Fingerprint, bytes]]
+"""Fingerprints of the intensities that XYZ is the sum of, and their weights."""
+
+
 class IncrementalRenderer:
     """Renders the drive of a system at one focal plane, and re-renders it after edits.
 
@@ -109,6 +113,7 @@ class IncrementalRenderer:
         self.step_s: float | None = None
         self.update_s, self.progress = 0.0, 0.0
         self._submitter = Submitter(device)
+        self._others: Buffer | None = None  # XYZ of the terms that aren't being edited
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = check_plan(make_plan(system, [*system.planes_m, self.plane_m]))
@@ -135,8 +140,9 @@ class IncrementalRenderer:
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory of fields and intensities."""
-        return self._frame.memory_bytes + self._fields.memory_bytes + self._intensities.memory_bytes
+        """Device memory of fields and intensities, and of a sum of these."""
+        others = 0 if self._others is None else self._others.nbytes
+        return self._frame.memory_bytes + self._fields.memory_bytes + self._intensities.memory_bytes + others
 
     @property
     def traffic_bytes(self) -> int:
@@ -198,9 +204,9 @@ class IncrementalRenderer:
         """Stop the search for a faster strategy. The renderer stays usable."""
         self._selector.close()
 
-    def update(self, *, with_srgb: bool = True) -> None:
-        """Compute everything that is stale; without `with_srgb`, not the sRGB image."""
-        for _ in self.steps(with_srgb=with_srgb):
+    def update(self, *, with_srgb: bool = True, may_reorder: bool = False) -> None:
+        """Compute everything that is stale; without `with_srgb`, not the sRGB image. may_reorder: see `steps`."""
+        for _ in self.steps(with_srgb=with_srgb, may_reorder=may_reorder):
             pass
 
     def invalidate(self) -> None:
@@ -209,17 +215,19 @@ class IncrementalRenderer:
         self._fingerprints.clear()
 
     def steps(
-        self, *, with_srgb: bool = True, wait: bool = False, slice_s: float | None = None
+        self, *, with_srgb: bool = True, wait: bool = False, slice_s: float | None = None, may_reorder: bool = False
     ) -> Iterator[UpdateProgress]:
         """Compute everything that is stale, one submission for each step; with `wait`, wait for the device after each.
 
         slice_s: split each submission into slices of about this many seconds, and wait for each; the slices of one
-        submission yield the same `done`. The iterator ends early if the renderer is edited, another iterator starts or
+        submission yield the same `done`. may_reorder: after an edit of few lasers their light is added to the stored
+        sum of the others' light; then XYZ is that of a new renderer to rounding only, and counts as stale for the next
+        update without `may_reorder`. The iterator ends early if the renderer is edited, another iterator starts or
         `intensity` computes something: finished work stays valid, and the next iterator continues from there.
         """
         before = started = time.perf_counter()
         spent, done, self.progress = 0.0, 0, 0.0
-        for step in self._steps(with_srgb=with_srgb, wait=wait, slice_s=slice_s):
+        for step in self._steps(self._pending(with_srgb, may_reorder), wait=wait, slice_s=slice_s):
             spent += time.perf_counter() - before
             if step.done > done:
                 self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
@@ -232,9 +240,11 @@ class IncrementalRenderer:
         if done == 0:  # nothing was stale
             self.update_s, self.progress = time.perf_counter() - started, 1.0
 
-    def _steps(self, *, with_srgb: bool, wait: bool, slice_s: float | None) -> Iterator[UpdateProgress]:
+    def _steps(
+        self, submissions: Sequence[Submission], *, wait: bool, slice_s: float | None
+    ) -> Iterator[UpdateProgress]:
         self._generation += 1
-        generation, submissions = self._generation, self._pending(with_srgb)
+        generation = self._generation
         for done, submission in enumerate(submissions, start=1):
             if slice_s is None:
                 self._submitter.submit(submission, wait=wait)
@@ -279,7 +289,7 @@ class IncrementalRenderer:
 
     # --- what is stale ----------------------------------------------------------------------------------------------
 
-    def _pending(self, with_srgb: bool) -> list[Submission]:
+    def _pending(self, with_srgb: bool, may_reorder: bool = False) -> list[Submission]:
         """The submissions that are still needed, in order.
 
         First the stale resident intensities, then XYZ from all resident ones; then each transient intensity, which is
@@ -288,15 +298,20 @@ class IncrementalRenderer:
         plan, is_resident = self._plan, self._intensities.is_resident
         keys = [(int(frame), int(wavelength)) for frame, wavelength in np.argwhere(plan.weights > 0)]
         weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in keys}
-        xyz_fingerprint = tuple((self._intensity_fingerprint(key), weights[key].tobytes()) for key in keys)
+        terms = {key: (self._intensity_fingerprint(key), weights[key].tobytes()) for key in keys}
         submissions: list[Submission] = []
         most = self._frame.max_wavelengths
         for span in group_into_spans([key for key in keys if is_resident(key) and not self._is_current(key)], most):
             submissions += self._intensity_submissions(span)
+        transient = group_into_spans([key for key in keys if not is_resident(key)], most)
+        edited = self._edited_terms(terms) if may_reorder and not transient else frozenset()
+        xyz_fingerprint = (edited, tuple(terms.items()))
         if not self._holds({"XYZ": xyz_fingerprint}):
-            transient = group_into_spans([key for key in keys if not is_resident(key)], most)
-            last = None if transient else xyz_fingerprint
-            submissions.append(partial(self._composite_resident, weights, last))
+            if edited:
+                submissions += self._reordered_submissions(weights, terms, edited)
+            else:
+                last = None if transient else xyz_fingerprint
+                submissions.append(partial(self._composite_resident, weights, last))
             for span in transient:
                 submissions += self._intensity_submissions(span)
                 last = xyz_fingerprint if span is transient[-1] else None
@@ -305,6 +320,34 @@ class IncrementalRenderer:
         if with_srgb and not self._holds({"sRGB": srgb_fingerprint}):
             submissions.append(partial(self._encode_srgb, self.exposure_stops, srgb_fingerprint))
         return submissions
+
+    def _edited_terms(self, terms: XyzTerms) -> frozenset[FrameWavelength]:
+        """The terms of XYZ to add to the sum of the others, if these are at least as many; else none.
+
+        They are those that aren't in the stored sum of others, or those that an edit has changed.
+        """
+        if self._holds({"XYZ": (frozenset(), tuple(terms.items()))}):
+            return frozenset()
+        _, shown = self._fingerprints.get("XYZ", (None, ()))
+        others = self._fingerprints.get("others", ())
+        if not others or not set(others) <= set(terms.items()):
+            others = set(shown) & set(terms.items())
+        edited = frozenset(terms) - {key for key, _ in others}
+        has_room = self._others is not None or self.memory_bytes + self.xyz_buffer.nbytes <= self._budget_bytes
+        return edited if 2 * len(edited) <= len(terms) and has_room else frozenset()
+
+    def _reordered_submissions(
+        self, weights: dict[FrameWavelength, XyzWeight], terms: XyzTerms, edited: frozenset[FrameWavelength]
+    ) -> list[Submission]:
+        """The submissions that add the edited terms of XYZ to the sum of the others, which is stored."""
+        others = tuple((key, term) for key, term in terms.items() if key not in edited)
+        submissions: list[Submission] = []
+        if not self._holds({"others": others}):
+            rest = {key: weights[key] for key, _ in others}
+            submissions.append(partial(self._composite_others, rest, others))
+        last = {key: weights[key] for key in weights if key in edited}
+        xyz_fingerprint = (edited, tuple(terms.items()))
+        return [*submissions, partial(self._composite_edited, last, xyz_fingerprint)]
 
     def _intensity_submissions(self, span: WavelengthSpan) -> list[Submission]:
         """The submissions that compute the intensities of a span: one for each source."""
@@ -369,12 +412,40 @@ class IncrementalRenderer:
     ) -> None:
         """Record XYZ as the weighted sum of all resident intensities; `fingerprint` is that of XYZ afterwards."""
         self._remember({"XYZ": fingerprint}, recorder)
-        if not self._intensities.buffers:
-            recorder.clear(self.xyz_buffer)
         resident = {key: weight for key, weight in weights.items() if self._intensities.is_resident(key)}
-        for number, buffer in enumerate(self._intensities.buffers):
-            terms = self._intensities.blend_terms(resident, buffer)
-            self._record_composite(recorder, buffer, terms, accumulates=number > 0)
+        self._record_sum(recorder, resident, self.xyz_buffer)
+
+    def _composite_others(
+        self, weights: dict[FrameWavelength, XyzWeight], fingerprint: Fingerprint, recorder: CommandRecorder
+    ) -> None:
+        """Record the weighted sum of the resident intensities that aren't being edited."""
+        if self._others is None:
+            self._others = self.compositor.xyz_buffer("XYZ of other lasers")
+        self._remember({"others": fingerprint}, recorder)
+        self._record_sum(recorder, weights, self._others)
+
+    def _composite_edited(
+        self, weights: dict[FrameWavelength, XyzWeight], fingerprint: Fingerprint, recorder: CommandRecorder
+    ) -> None:
+        """Record XYZ as the sum of the others and the weighted intensities that are being edited."""
+        self._remember({"XYZ": fingerprint}, recorder)
+        self._record_sum(recorder, weights, self.xyz_buffer, self._others)
+
+    def _record_sum(
+        self,
+        recorder: CommandRecorder,
+        weights: dict[FrameWavelength, XyzWeight],
+        target: Buffer,
+        base: Buffer | None = None,
+    ) -> None:
+        """Record `target` as the sum of an XYZ image `base` and the weighted resident intensities."""
+        summands = [(buffer, self._intensities.blend_terms(weights, buffer)) for buffer in self._intensities.buffers]
+        if not weights:
+            recorder.clear(target)
+        for buffer, terms in summands:
+            if terms:
+                self._record_composite(recorder, buffer, terms, target, base)
+                base = target
 
     def _composite_transient(
         self,
@@ -386,7 +457,9 @@ class IncrementalRenderer:
         """Record adding the transient intensities of a span to XYZ; `fingerprint` is that of XYZ afterwards."""
         some = {key: weights[key] for key in ((span.frame, span.wavelength + i) for i in range(span.count))}
         buffer = self._intensities.region((span.frame, span.wavelength)).buffer
-        self._record_composite(recorder, buffer, self._intensities.blend_terms(some, buffer), accumulates=True)
+        self._record_composite(
+            recorder, buffer, self._intensities.blend_terms(some, buffer), self.xyz_buffer, self.xyz_buffer
+        )
         self._remember({"XYZ": fingerprint}, recorder)
 
     def _encode_srgb(self, exposure_stops: float, fingerprint: Fingerprint, recorder: CommandRecorder) -> None:
@@ -446,9 +519,14 @@ class IncrementalRenderer:
         recorder.on_submit(set_if_same_strategy)
 
     def _record_composite(
-        self, recorder: CommandRecorder, intensity: Buffer, terms: Sequence[WeightedIntensity], *, accumulates: bool
+        self,
+        recorder: CommandRecorder,
+        intensity: Buffer,
+        terms: Sequence[WeightedIntensity],
+        target: Buffer,
+        base: Buffer | None,
     ) -> None:
-        self.compositor.composite(recorder, intensity, terms, self.xyz_buffer, accumulates=accumulates)
+        self.compositor.composite(recorder, intensity, terms, target, base=base)
         self._frame.dispatch_counts["composite"] += 1
 
     # --- memory and kernels -----------------------------------------------------------------------------------------
@@ -483,7 +561,8 @@ class IncrementalRenderer:
         self._fields = FieldMemory(frame, self._budget_bytes - intensities.memory_bytes)
         self._frame, self.compositor, self._intensities = frame, compositor, intensities
         self.xyz_buffer, self.srgb_buffer = xyz_buffer, srgb_buffer
-        self._fingerprints: dict[Hashable, Fingerprint] = {}  # of complete results; see `field_keys`
+        self._others = None
+        self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `field_keys`
         self._stores_first_rows = False
         frame.tables.set_distance(1, float(plan.planes_m[-1]))
 

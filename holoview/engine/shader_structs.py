@@ -92,7 +92,7 @@ WEIGHT = WgslStruct("Weight", [("weight", "f32")])  # factor of the intensity
 BLEND = WgslStruct(
     "Blend",
     [
-        ("quads", "u32"),  # groups of four pixels in an intensity
+        ("octets", "u32"),  # groups of eight pixels in an intensity
         ("count", "u32"),  # number of blend terms
     ],
 )

@@ -168,7 +168,7 @@ class WgpuExecutor:
         self.submit()  # since the weights affect all recorded work that isn't submitted
         term = (0, self.plan.colour_weights[wavelength])
         for intensity, xyz in zip(self._intensity, self._xyz, strict=True):
-            self._compositor.composite(self._recording(), intensity, [term], xyz, accumulates=True)
+            self._compositor.composite(self._recording(), intensity, [term], xyz, base=xyz)
 
     def xyz(self) -> NDArray[np.floating]:
         """XYZ (plane, y, x, 3) float32; submits the recorded work."""

@@ -658,8 +658,12 @@ def storage_shader(device: Device, *, half: bool = False) -> str:
     """
     if half:
         return "fft/complex_f16.wgsl"
-    is_wide = device.info.is_cpu and INT64 in device.features
-    return "fft/complex_u64.wgsl" if is_wide else "fft/complex_f32.wgsl"
+    return "fft/complex_u64.wgsl" if is_read_as_u64(device) else "fft/complex_f32.wgsl"
+
+
+def is_read_as_u64(device: Device) -> bool:
+    """Whether shaders read and write pairs of f32 as 64-bit integers."""
+    return device.info.is_cpu and INT64 in device.features
 
 
 def subgroup_size(device: Device) -> int:

@@ -312,7 +312,7 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
             if region.buffer is buffer
         ]
         recorder = CommandRecorder(device)
-        compositor.composite(recorder, buffer, terms, xyz, accumulates=number > 0)
+        compositor.composite(recorder, buffer, terms, xyz, base=xyz if number else None)
         step("composite", recorder)
     recorder = CommandRecorder(device)
     compositor.encode_srgb(recorder, xyz, srgb)

@@ -10,6 +10,10 @@ The simplified system has one sample for each modulator pixel and no padding, wh
 less: light of higher diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other.
 If that isn't fast enough it has three lasers only, with amplitudes that preserve the mean colour.
 
+While one laser's amplitude is edited on a CPU, its light is added to the stored sum of the others' light, which differs
+by rounding; after a pause in editing the sum is computed in its usual order, so that the picture at rest is always the
+same.
+
 `SideRenderers` has a renderer for each side of a comparison: now, target, snapshots, presets.
 """
 
@@ -54,9 +58,9 @@ def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: De
     return renderer
 
 
-def slices(renderer: IncrementalRenderer) -> Iterator[UpdateProgress]:
-    """Renders what is stale, slice by slice."""
-    return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S)
+def slices(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
+    """Renders what is stale, slice by slice. may_reorder: see `IncrementalRenderer.steps`."""
+    return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S, may_reorder=may_reorder)
 
 
 class ProgressiveRenderer:
@@ -92,7 +96,7 @@ class ProgressiveRenderer:
     def progress(self) -> float:
         """Share of the full frame that is computed: its renderer's progress."""
         if self._stage != "full":
-            return float(self._stage == "done")
+            return float(self._stage in ("settle", "done"))
         return 0.0 if self._steps is None or self._full is None else self._full.progress
 
     @property
@@ -104,7 +108,7 @@ class ProgressiveRenderer:
     def follows(self) -> bool:
         """Whether the picture shows the last request, be it by its quick frame."""
         is_quick_shown = self._stage == "full" and self._follows_quick_frame
-        return self._next is None and (self.is_fresh or is_quick_shown)
+        return self._next is None and (self.is_fresh or is_quick_shown or self._stage == "settle")
 
     @property
     def _is_in_quick_frame(self) -> bool:
@@ -134,8 +138,9 @@ class ProgressiveRenderer:
 
     @property
     def _pause_s(self) -> float:
-        """The rest of the pause after a quick frame."""
-        if self._stage != "full" or self._steps is not None or not self._follows_quick_frame:
+        """The rest of the pause after a quick frame or a sum in another order."""
+        follows_another = self._follows_quick_frame if self._stage == "full" else self._stage == "settle"
+        if self._steps is not None or not follows_another:
             return 0.0
         return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
 
@@ -214,6 +219,8 @@ class ProgressiveRenderer:
 
     def shown_xyz(self) -> NDArray[np.float32] | None:
         """The picture's XYZ (y, x, 3) on the host, be it quick; None until it shows the last request."""
+        if self._stage == "settle" and self._full is not None:
+            return self._full.xyz()
         if not self.follows or self.is_fresh or self._quick is None:
             return self.xyz()
         return self._quick.xyz() * np.float32(self.quick_gain)
@@ -264,7 +271,7 @@ class ProgressiveRenderer:
             except UserError:  # the system can't be simplified
                 self._stage = "full"
         self._full = edit_to_scene(self._full, scene, self._device)
-        return slices(self._full)
+        return slices(self._full, may_reorder=self._device.info.is_cpu and self._stage == "full")
 
     def _quick_laser_count(self, scene: Scene) -> int | None:
         """How many lasers fit into the time for a quick frame; None before any was measured."""
@@ -285,7 +292,8 @@ class ProgressiveRenderer:
         if is_quick:
             self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
             return
-        self._stage, self.full_scene = "done", self._requested
+        self._stage = "settle" if renderer.pending_count(with_srgb=False) else "done"
+        self._follows_quick_frame, self.full_scene = False, self._requested
         self._compare_brightness()
 
     def _compare_brightness(self) -> None:

@@ -1,14 +1,13 @@
-// CIE XYZ from intensities: XYZ = Σ (XYZ of unit intensity) × intensity over wavelengths and frames. Each invocation
-// computes four pixels. Twin: holoview/engine/torch_executor.py, composite.
+// CIE XYZ from intensities: XYZ = Σ (XYZ of unit intensity) × intensity over wavelengths and frames, or added to another
+// XYZ image. Each invocation computes eight pixels. Link it after `pixels_f32.wgsl` or `pixels_u64.wgsl`, which read and
+// write them. Twin: holoview/engine/torch_executor.py, composite.
 
-// Whether to add to the stored XYZ.
+// Whether to add to the stored XYZ, or to the XYZ of another image.
 override accumulates: bool = false;
+override has_base: bool = false;
 
 @group(0) @binding(0) var<uniform> blend: Blend;
 @group(0) @binding(1) var<uniform> terms: array<BlendTerm, 64>;  // the first `blend.count` are filled
-
-@group(1) @binding(0) var<storage, read> intensity: array<vec4f>;
-@group(1) @binding(1) var<storage, read_write> xyz: array<vec4f>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -16,31 +15,31 @@ fn main(
     @builtin(num_workgroups) workgroups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let quad = (workgroup.y * workgroups.x + workgroup.x) * 64u + local;
-    if (quad >= blend.quads) {
+    let octet = (workgroup.y * workgroups.x + workgroup.x) * 64u + local;
+    if (octet >= blend.octets) {
         return;
     }
-    var a = vec4f(0.0);
-    var b = vec4f(0.0);
-    var c = vec4f(0.0);
-    var d = vec4f(0.0);
+    var left = mat4x3f();
+    var right = mat4x3f();
     if (accumulates) {
-        a = xyz[4u * quad];
-        b = xyz[4u * quad + 1u];
-        c = xyz[4u * quad + 2u];
-        d = xyz[4u * quad + 3u];
+        left = read_xyz(2u * octet);
+        right = read_xyz(2u * octet + 1u);
+    }
+    if (has_base) {
+        left = read_base(2u * octet);
+        right = read_base(2u * octet + 1u);
     }
     for (var i = 0u; i < blend.count; i++) {
         let term = terms[i];
-        let response = vec4f(term.xyz, 0.0);
-        let four = intensity[term.intensity_index * blend.quads + quad];
-        a += four.x * response;
-        b += four.y * response;
-        c += four.z * response;
-        d += four.w * response;
+        let eight = read_intensities(term.intensity_index * blend.octets + octet);
+        left += xyz_of_four(eight[0], term.xyz);
+        right += xyz_of_four(eight[1], term.xyz);
     }
-    xyz[4u * quad] = a;
-    xyz[4u * quad + 1u] = b;
-    xyz[4u * quad + 2u] = c;
-    xyz[4u * quad + 3u] = d;
+    write_xyz(2u * octet, left);
+    write_xyz(2u * octet + 1u, right);
+}
+
+fn xyz_of_four(intensities: vec4f, response: vec3f) -> mat4x3f {
+    let i = intensities;
+    return mat4x3f(i.x * response, i.y * response, i.z * response, i.w * response);
 }

@@ -187,6 +187,76 @@ def test_after_an_edit_a_renderer_shows_what_a_fresh_one_shows(device: Device, n
     assert np.abs(renderer.srgb8().astype(int) - fresh.srgb8()).max() <= ("iris" in name)
 
 
+# --- a laser's light added to the sum of the others' ---------------------------------------------------------------
+
+OTHERS, LAST = {"composite": 2}, {"composite": 1}
+"""Dispatches of a laser's first edit, which stores the sum of the others, and of each further one."""
+
+
+def _amplitudes(**changes: float) -> dict[str, Any]:
+    """An edit of amplitudes of SYSTEM, by frame and wavelength, such as f0w2."""
+    amplitudes = SYSTEM.amplitudes.copy()
+    for name, value in changes.items():
+        amplitudes[int(name[1]), int(name[3])] = value
+    return {"system": SYSTEM.edit({"amplitudes": amplitudes})}
+
+
+def _assert_equal_to_rounding(renderer: IncrementalRenderer, fresh: np.ndarray) -> None:
+    """n products and n - 1 sums of numbers that aren't negative round n times, in either order."""
+    assert np.all(np.abs(renderer.xyz() - fresh) <= 2 * (LIT + 1) * 2.0**-24 * fresh)
+
+
+def _fresh(device: Device, edit: dict[str, Any]) -> np.ndarray:
+    given = {"system": SYSTEM, "drive": random_drive(SYSTEM)} | edit
+    fresh = IncrementalRenderer(given.pop("system"), given.pop("drive"), device, max_wavelengths=1, **given)
+    fresh.update()
+    return fresh.xyz()
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [(_amplitudes(f0w1=0.3), OTHERS), (_amplitudes(f0w1=4.0), LAST), (_amplitudes(f0w1=4.0), NOTHING)],
+        [(_amplitudes(f1w2=0.3), OTHERS), (_amplitudes(f1w2=0.3, f0w0=2.0), OTHERS), (_amplitudes(f0w0=3.0), OTHERS)],
+        [(_amplitudes(f0w0=0.3, f0w1=0.1), OTHERS), (_amplitudes(f0w1=0.2), LAST), (_amplitudes(f0w1=0.9), LAST)],
+        [(_amplitudes(f0w1=0.3), OTHERS), (_amplitudes(f0w1=0.0), LAST), (_amplitudes(f0w1=1.0), LAST)],
+        [({"system": SYSTEM.edit({"amplitudes": 2 * SYSTEM.amplitudes})}, LAST)],
+        [(_amplitudes(f0w1=0.3), OTHERS), ({"plane_m": 3.5e-3}, LAST | {"propagate": LIT, "observe": LIT})],
+    ],
+    ids=["one", "in turn", "two", "off and on", "all", "another plane"],
+)
+def test_the_light_of_an_edited_laser_is_added_to_the_sum_of_the_others(
+    device: Device, edits: list[tuple[dict[str, Any], dict[str, int]]]
+) -> None:
+    renderer = _open(device)
+    for edit, cost in edits:
+        renderer.edit(**edit)
+        assert _cost(renderer, lambda: renderer.update(with_srgb=False, may_reorder=True)) == cost
+        fresh = _fresh(device, {"system": renderer.system, "plane_m": renderer.plane_m})
+        _assert_equal_to_rounding(renderer, fresh)
+    renderer.update()
+    assert np.array_equal(renderer.xyz(), fresh)
+
+
+def test_numbers_read_singly_or_in_pairs_give_the_same_image_bit_for_bit(device: Device) -> None:
+    found = []
+    for each in (device, open_device(device.info.name, features=())):
+        renderer = _open(each, strategy="passes")
+        found.append(renderer.xyz())
+        renderer.edit(**_amplitudes(f0w1=0.3))
+        renderer.update(may_reorder=True)
+        found.append(renderer.xyz())
+    assert np.array_equal(found[:2], found[2:]) and not np.array_equal(*found[:2])
+
+
+def test_without_room_for_the_sum_of_the_others_all_are_added_anew(device: Device) -> None:
+    intensities = _open(device).compositor.intensity_bytes * 6
+    renderer = _open(device, budget_bytes=intensities)
+    renderer.edit(**_amplitudes(f0w1=0.3))
+    assert _cost(renderer, lambda: renderer.update(with_srgb=False, may_reorder=True)) == LAST
+    assert np.array_equal(renderer.xyz(), _fresh(device, _amplitudes(f0w1=0.3)))
+
+
 # --- results ----------------------------------------------------------------------------------------------------
 
 TOLERANCE = 1e-6

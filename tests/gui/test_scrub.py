@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from holoview.app.script import measure_frame_rate
@@ -74,6 +75,35 @@ def test_edits_that_come_with_every_slice_are_shown_all_the_same(
     newest = replace(scene, plane_m=9e-3 + 1e-5 * edits)
     renderer.request(newest)
     assert renderer.follows, "the newest edit is what is shown: there was nothing to request"
+
+
+def test_after_edits_of_an_amplitude_the_picture_at_rest_is_that_of_a_new_renderer(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renderer, scene = _rendered(device)
+    monkeypatch.setattr(device, "info", replace(device.info, kind="CPU"))
+    monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", float("inf"))
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
+    amplitudes = scene.system.amplitudes.copy()
+    for factor in (0.5, 0.7):
+        amplitudes[0, 0] *= factor
+        edited = replace(scene, system=scene.system.edit({"amplitudes": amplitudes}))
+        renderer.request(edited)
+        while renderer.wait_s == 0:
+            renderer.compute_slice()
+        assert renderer.is_busy and renderer.follows and renderer.progress == 1.0
+        shown = renderer.shown_xyz()
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 0.0)
+    while renderer.is_busy:
+        renderer.compute_slice()
+    fresh = ProgressiveRenderer(device)
+    fresh.request(edited)
+    while fresh.is_busy:
+        fresh.compute_slice()
+    expected = fresh.xyz()
+    assert expected is not None and shown is not None
+    assert np.array_equal(renderer.xyz(), expected)
+    assert np.allclose(shown, expected, rtol=2 * (len(amplitudes[0]) + 1) * 2.0**-24, atol=0.0)
 
 
 def test_the_frame_rate_is_that_of_the_images_drawn(device: Device) -> None:

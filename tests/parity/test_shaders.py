@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from holoview.engine import shader_structs
 from holoview.engine.fused_kernels import KERNELS, FrameLayout, FrameShape, FusedKernels, KernelVariant, make_transform
-from holoview.gpu.device import Buffer, Device
+from holoview.gpu.device import INT64, Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
@@ -30,6 +30,8 @@ pytestmark = pytest.mark.gpu
 STRUCTS = {struct.name: struct for struct in vars(shader_structs).values() if isinstance(struct, WgslStruct)}
 DECLARATIONS = GeneratedWgsl("structs", "".join(struct.wgsl for struct in STRUCTS.values()))
 SWITCH = re.compile(r"^override (\w+): bool\b", re.MULTILINE)
+STORAGES = {"display/composite.wgsl": [["display/pixels_f32.wgsl"], ["display/pixels_u64.wgsl"]]}
+"""Files that a shader has to be linked after, one of each list."""
 NUMBER = re.compile(r"^override (\w+): [ui]32;", re.MULTILINE)
 
 
@@ -69,7 +71,9 @@ def _run(device: Device, text: str, uniforms: list[Buffer], inputs: list[Buffer]
 def test_a_shader_compiles_in_every_permutation(device: Device, name: str, constants: dict[str, int]) -> None:
     is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
     probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
-    device.pipeline(link(DECLARATIONS, name, GeneratedWgsl("probe", probe), label=name), constants)
+    for parts in STORAGES.get(name, [[]]):
+        if INT64 in device.features or not any("u64" in part for part in (name, *parts)):
+            device.pipeline(link(DECLARATIONS, *parts, name, GeneratedWgsl("probe", probe), label=name), constants)
 
 
 def _compile(device: Device, transform: LineFft) -> None:
