@@ -55,7 +55,13 @@ from holoview.diagnose.search_context import (
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import ActiveEffects, is_user_effect, listed_effects, load_user_effects
+from holoview.model.effects.registry import (
+    ActiveEffects,
+    is_user_effect,
+    listed_effects,
+    load_user_effects,
+    unmet_by_bench,
+)
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 
@@ -420,7 +426,8 @@ def prepare_search(
     properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
     visible = {e.id: e for e in effects if not unmet[e.id]}
-    unseen = {e.id: e for e in effects if unmet[e.id] and not changes_only_power(e)}
+    others = [e for e in effects if unmet[e.id] and not unmet_by_bench(e, properties)]
+    unseen = {e.id: e for e in others if not changes_only_power(e)}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
     if properties.wavelengths == 1:
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")

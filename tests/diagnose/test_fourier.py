@@ -40,14 +40,24 @@ def _measured(effects: dict[str, dict[str, float]], seed: int) -> Captures:
     ids=["stroke", "a camera that is turned and too large"],
 )
 def test_it_is_diagnosed_beside_its_saturated_zero_order(effects: dict[str, dict[str, float]], seed: int) -> None:
-    few = [listed_effects()[n] for n in ("stroke", "camera_alignment", "camera_blur", "distance", "crosstalk", "tilt")]
-    found = diagnose(_measured(effects, seed), few, workers=1, free_maps=False)
+    few = ("stroke", "camera_alignment", "camera_blur", "distance", "crosstalk", "tilt")
+    absent = ("gap", "slm_alignment", "iris1", "aberration2")  # this bench has none of these
+    candidates = [listed_effects()[n] for n in (*few, *absent)]
+    found = diagnose(_measured(effects, seed), candidates, workers=1, free_maps=False)
     assert found.verdict is Verdict.EXPLAINED and [c.effect for c in found.causes] == list(effects)
     (cause,) = found.causes
     for name, true in effects[cause.effect].items():
         interval = cause.intervals[name]
         assert abs(interval.value - true) <= 3 * interval.half_width  # as for hidden faults
     assert found.after.chi2_per_pixel == pytest.approx(1.0, abs=0.05) and found.before.chi2_per_pixel > 2
+
+
+def test_one_modulator_in_the_near_field_has_no_rivals_between_two() -> None:
+    captures = make_captures(small_system(1), {"stroke": {"stroke_error": 0.1}}, AcquisitionSettings(6, seed=1))
+    candidates = [listed_effects()[n] for n in ("stroke", "camera_black", "gap", "slm_alignment", "iris1", "stage")]
+    found = diagnose(captures, candidates, workers=1, free_maps=False)
+    assert found.verdict is Verdict.EXPLAINED and [c.effect for c in found.causes] == ["stroke"]
+    assert not any({"gap", "slm_alignment", "iris1"} & {*names} for names in found.rivals)
 
 
 def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
