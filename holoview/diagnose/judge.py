@@ -17,6 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2 as chi_squared
 from scipy.stats import t as student
 
 from holoview.diagnose.config import SearchConfig, VerdictConfig
@@ -31,7 +32,11 @@ JITTER_EXCESS = 0.02
 """[χ²/n] Excess that jitter of an ordinary laboratory leaves: consistent below it, and a single cause that reaches it
 ends the search. Evidence: the search study."""
 CHANCE_SIGMAS = 2.5
-"""[σ] Excess within so many standard deviations √(2/n) is chance. Evidence: the standard deviation is a derivation."""
+"""[σ] A search takes an excess within so many standard deviations √(2/n) for chance. Evidence: the deviation is a
+derivation."""
+FALSE_ALARM = 1e-6
+"""[1] Chance that a verdict blames captures of a right model, or correct records of the noise. Evidence: a convention;
+2.5 σ blamed one of 200 to 500 files."""
 EXPLAINED_MAX_SHARE = 0.2
 """[1] … and up to this share of the nominal excess. Evidence: the search study; of a large error a blur explains nine
 tenths."""
@@ -57,7 +62,6 @@ clearly worse has no better noise to offer; light of the room and a black level 
 NOISE_ACCURACY = 0.02
 """[χ²/n] Deficit that isn't blamed. Evidence: electrons per count, by which variances scale, are seldom measured
 better; as much as `JITTER_EXCESS` on the other side."""
-NOISE_FALSE_ALARM = 1e-6  # [1] Chance that correct records of the noise are blamed. Evidence: a convention.
 _NOISE_BLOCK_PX = 8
 """[px] Side of a block. Evidence: a reason: readout correlates a few neighbours; a picture of 64 × 64 pixels still has
 64 blocks."""
@@ -282,7 +286,7 @@ def check_noise(comparison: Comparison, values: FittedValues) -> NoiseCheck:
         return NoiseCheck(1.0, 0.0)
     chi2 = float(sums.sum()) / pixels
     scatter = math.sqrt(float(np.square(sums - chi2 * counts).sum()) * blocks / (blocks - 1)) / pixels
-    chance = float(student.isf(NOISE_FALSE_ALARM, blocks - 1)) * max(scatter, math.sqrt(2.0 / pixels))
+    chance = float(student.isf(FALSE_ALARM, blocks - 1)) * max(scatter, math.sqrt(2.0 / pixels))
     fitted_share = (3 if comparison.fit_shifts else 1) * len(comparison.indices) / pixels
     return NoiseCheck(chi2, 1.0 - fitted_share - math.hypot(NOISE_ACCURACY, chance))
 
@@ -325,19 +329,24 @@ def with_further_cause(verdict: Verdict) -> Verdict:
 
 
 def chance_excess(pixels: float) -> float:
-    """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
+    """The excess χ²/n − 1 that a search takes for chance; its standard deviation is √(2/n)."""
     return float(CHANCE_SIGMAS * (2.0 / pixels) ** 0.5)
+
+
+def most_by_chance(pixels: float) -> float:
+    """The excess χ²/n − 1 that so many pixels of a right model exceed with the chance `FALSE_ALARM`."""
+    return float(chi_squared.isf(FALSE_ALARM, pixels)) / pixels - 1.0
 
 
 def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig) -> float:
     """The largest excess χ²/n − 1 that causes may leave to count as an explanation."""
     max_excess = min(config.explained_excess, EXPLAINED_MAX_SHARE * nominal_excess)
-    return max(chance_excess(pixels), max_excess)
+    return max(most_by_chance(pixels), max_excess)
 
 
 def jitter_excess(pixels: float) -> float:
     """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance leave, independent of each other."""
-    return math.hypot(JITTER_EXCESS, chance_excess(pixels))
+    return math.hypot(JITTER_EXCESS, most_by_chance(pixels))
 
 
 def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:

@@ -78,7 +78,7 @@ def test_the_table_of_thresholds_has_the_values_of_the_configuration() -> None:
         f"Beyond {screening.LOCAL_MAX_ERROR:.0%}".replace("%", " %"),
         f"After {CONFIG.budget.max_fields:,} fields".replace(",", " "),
         f"Δχ² > {CONFIG.verdict.min_delta_chi2:g} on held-out captures",
-        f"< {judge.JITTER_EXCESS:g}, or within {judge.CHANCE_SIGMAS:g} σ",
+        f"< {judge.JITTER_EXCESS:g}, or what chance exceeds",
         f"excess ≤ {CONFIG.verdict.explained_excess:.2f}",
         f"χ²/n > {judge.FLOOR_CHI2:g}, Δχ² > {CONFIG.verdict.min_delta_chi2:g}",
         f"gains spread by > {power_law.MIN_SPREAD:.1%}".replace("%", " %"),

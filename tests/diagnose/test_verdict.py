@@ -56,7 +56,7 @@ def test_of_a_large_error_nine_tenths_arent_enough_to_name_with_confidence() -> 
 
 
 def test_of_few_pixels_jitter_and_chance_add() -> None:
-    """Of 20 000 pixels, 0.025 is 2.5 σ of chance: as much and jitter of 0.02 leave 0.032; of 10⁶ pixels 0.020."""
-    assert _decided(1.031, pixels=2e4).verdict is Verdict.CONSISTENT
-    assert _decided(1.033, pixels=2e4).verdict is Verdict.UNEXPLAINED
-    assert _decided(1.021, pixels=1e6).verdict is Verdict.UNEXPLAINED
+    """20 000 pixels exceed 0.048 once in a million times: as much and jitter of 0.02 leave 0.052; 10⁶ pixels 0.021."""
+    assert _decided(1.051, pixels=2e4).verdict is Verdict.CONSISTENT
+    assert _decided(1.054, pixels=2e4).verdict is Verdict.UNEXPLAINED
+    assert _decided(1.022, pixels=1e6).verdict is Verdict.UNEXPLAINED

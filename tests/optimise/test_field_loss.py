@@ -81,11 +81,13 @@ def test_its_gradient_is_what_central_differences_approach(directions: list[int]
     step = torch.from_numpy(rng.normal(size=system.drive_shape)) * λ
     found = problem.evaluate(path, system.amplitudes, EvaluationRequest(path_gradient=True)).path_gradient
     assert found is not None
-    size = 1e-5  # truncation of the second order, 1e-10 of the loss; rounding 1e-16/1e-5
+    size = 1e-5  # rounding 1e-16/1e-5
     ahead, behind = (
         problem.evaluate(path + sign * size * step, system.amplitudes, EvaluationRequest()).loss for sign in (1, -1)
     )
-    assert float((found * step).sum()) == pytest.approx((ahead - behind) / (2 * size), rel=1e-6, abs=1e-10)
+    # Phases turn by 2π of a step: the cubic term is (2π)³·size²/6 of the loss, 4e-9; with 60 draws 7e-10 r.m.s., beside
+    # slopes of 0.08.
+    assert float((found * step).sum()) == pytest.approx((ahead - behind) / (2 * size), rel=1e-6, abs=1e-8)
 
 
 def test_a_hologram_shows_a_field_with_its_phase() -> None:
