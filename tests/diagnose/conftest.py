@@ -27,6 +27,9 @@ from tests.captures.conftest import SHAPE, pictures
 
 MakeContext = Callable[..., SearchContext]
 
+NOISE_CHI2 = 1 + 5.5 * (2 / (4 * 44 * 60)) ** 0.5
+"""χ²/n that chance exceeds once in 50 million times: of the four held-out pictures of twelve of `small_system`."""
+
 
 def small_system(modulators: int = 2, **changes: Any) -> System:
     """Modulators of 32 × 40 pixels and 16 levels, two wavelengths, one plane."""

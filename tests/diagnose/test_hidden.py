@@ -13,7 +13,7 @@ from holoview.diagnose.judge import Verdict
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.report.diagnosis import Diagnosis
 from holoview.model.effects.registry import listed_effects
-from tests.diagnose.conftest import small_system
+from tests.diagnose.conftest import NOISE_CHI2, small_system
 from tests.diagnose.sealed import Sealed, Truth
 from tests.explored import explored
 
@@ -78,7 +78,7 @@ def _check_causes(found: Diagnosis, truth: Truth) -> None:
             seen, wanted = (abs(interval.value), abs(true)) if name in even else (interval.value, true)
             assert abs(seen - wanted) <= FAIL_AT * interval.half_width, (cause.effect, name, true, interval)
         assert cause.gain_db > LEAST_GAIN_DB and cause.after.chi2_per_pixel < cause.before.chi2_per_pixel
-    assert found.after.chi2_per_pixel < 1.05 < found.before.chi2_per_pixel
+    assert found.after.chi2_per_pixel < NOISE_CHI2 < found.before.chi2_per_pixel
 
 
 @pytest.mark.parametrize("seed", explored(SINGLES, 0))

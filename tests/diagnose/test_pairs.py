@@ -14,7 +14,7 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.screening import screen_effects
 from holoview.diagnose.search import select_causes
 from holoview.model.effects.registry import listed_effects
-from tests.diagnose.conftest import MakeContext, small_system
+from tests.diagnose.conftest import NOISE_CHI2, MakeContext, small_system
 
 MOVED = {"camera_alignment": {"shift_y": 6e-6, "shift_x": -4e-6}, "tilt": {"tilt_y": 1e-3, "tilt_x": -0.7e-3}}
 SMEARED = {"distance": {"distance_error": 2e-4}, "source_extent": {"radius": 2e-3}}
@@ -51,7 +51,7 @@ def test_a_cause_that_stood_for_another_is_exchanged(make_context: MakeContext) 
     context = dataclasses.replace(make_context(SMEARED), config=config)
     effects = [context.effects[name] for name in ("camera_blur", "distance", "source_extent", "stroke")]
     found = select_causes(context, effects, _ignore)
-    assert set(found.best.causes) == set(SMEARED) and found.best.chi2_per_pixel < 1.05
+    assert set(found.best.causes) == set(SMEARED) and found.best.chi2_per_pixel < NOISE_CHI2
     assert any("camera_blur" in candidate.causes for candidate in found.candidates)
 
 

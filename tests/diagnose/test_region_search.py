@@ -49,6 +49,8 @@ from tests.diagnose.conftest import MakeContext, small_system
 CONFIG = SearchConfig(region=RegionConfig(side_px=32, further_px=8))
 EFFECTS = [listed_effects()[name] for name in ("gap", "stroke", "vignetting")]
 NOTE = "Causes were searched in the middle of the pictures"
+FAIL_AT = 3.0
+"""Half-widths of the 95 % interval by which a value may miss the truth; as for hidden faults."""
 
 
 def _large() -> System:
@@ -69,7 +71,7 @@ def test_a_cause_of_the_middle_is_fitted_to_whole_pictures() -> None:
     found = _diagnose(captures)
     assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == ["gap"]
     interval = found.causes[0].intervals["gap_error"]
-    assert abs(interval.value - 1e-4) < interval.half_width
+    assert abs(interval.value - 1e-4) < FAIL_AT * interval.half_width
     assert any(NOTE in note for note in found.notes)
 
 
@@ -112,7 +114,8 @@ def test_the_middle_of_a_far_field_names_what_whole_pictures_do() -> None:
     by_middle, by_whole = (_diagnose_far(captures, config) for config in (FAR_CONFIG, SearchConfig()))
     assert by_middle.verdict is by_whole.verdict is Verdict.EXPLAINED
     first, second = (found.causes[0].intervals["stroke_error"] for found in (by_middle, by_whole))
-    assert abs(first.value - 0.08) < first.half_width and abs(first.value - second.value) < second.half_width
+    assert abs(first.value - 0.08) < FAIL_AT * first.half_width
+    assert abs(first.value - second.value) < FAIL_AT * second.half_width  # of nearly the same pixels
     notes = [[note for note in found.notes if NOTE in note] for found in (by_middle, by_whole)]
     assert notes == [[f"{NOTE}, 58 × 72 camera pixels; whole pictures fitted and judged them."], []]
 

@@ -15,7 +15,7 @@ from holoview.diagnose.rivals import prefer_fewer_numbers, wider_names
 from holoview.diagnose.screening import fit_over_range
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.registry import listed_effects
-from tests.diagnose.conftest import MakeContext, small_system
+from tests.diagnose.conftest import NOISE_CHI2, MakeContext, small_system
 
 Truth = Mapping[str, Mapping[str, float]]
 ERRORS = {"gap": {"gap_error": 1.5e-4}, "distance": {"distance_error": -3e-4}}
@@ -48,7 +48,7 @@ def test_what_one_number_explains_is_named_by_it(
     context = make_context({simple: ERRORS[simple], **other})
     found = prefer_fewer_numbers(context, _found_first(context, wide, other))
     assert set(found.best.causes) == {simple, *other}
-    assert found.best.chi2_per_pixel < 1.05 and {wide, *other} in [set(c.causes) for c in found.candidates]
+    assert found.best.chi2_per_pixel < NOISE_CHI2 and {wide, *other} in [set(c.causes) for c in found.candidates]
     name, true = next(iter(ERRORS[simple].items()))
     assert found.best.fit.values[simple][name] == pytest.approx(true, rel=0.02)
 

@@ -153,7 +153,7 @@ def _check_wavelengths(problem: Problem, opd_m: torch.Tensor) -> None:
         expected[i] = (sides[0] - sides[1]) / (2 * step_m)
     # A loss near 1 is rounded by some 1e-16, over 4e-14 m: 0.01/m, beside slopes of 1e6 to 3e7/m; measured 5e-9.
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=2e-8 * np.abs(expected).max())
-    assert (np.abs(found) > 1e3).all()
+    assert np.abs(found).max() > 1e5  # of one laser alone it may be small by chance
 
 
 @pytest.mark.parametrize("bench_name", SYSTEMS)

@@ -24,7 +24,7 @@ class Probe(Study):
     quick_note = "Quick: the same."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [self.make_job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]
+        return [self.make_job(f"square {n}", {"n": n + seed, "seconds": 1.0}) for n in range(20)]
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         log = Path(settings["log"]) if "log" in settings else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from holoview.model.effects.hook_contexts import Pose
 from holoview.rig.dots import NAMES, BenchFacts, Dots, brightest_dot, find_dots, fit_geometry, predicted_px
@@ -54,13 +55,14 @@ def test_exact_dots_give_the_geometry(facts: BenchFacts) -> None:
 
 
 def test_errors_of_noisy_dots_are_as_large_as_stated() -> None:
-    """8 sessions: the r.m.s. of 8 normal deviates lies within 0.2 … 2.05 except once in 10⁴ (χ² of 8)."""
+    """8 sessions: the r.m.s. of 8 normal deviates lies beyond either limit once in 10⁸ times (χ² of 8)."""
     pulls = []
     for seed in range(8):
         found = fit_geometry(start_of(ONE), ONE, dots_of(ONE, 0.05, seed, settings=(2e-3, 6e-3)))
         pulls.append([(found[n] - TRUE[n]) / found.uncertainty(n) for n in NAMES[:8]])
     rms = np.sqrt((np.array(pulls) ** 2).mean(axis=0))
-    assert (rms > 0.2).all() and (rms < 2.05).all()
+    low, high = np.sqrt(chi2.ppf((1e-8, 1 - 1e-8), 8) / 8)  # 0.07 and 2.6
+    assert (rms > low).all() and (rms < high).all()
 
 
 def test_dots_at_wrong_places_are_left_out() -> None:
