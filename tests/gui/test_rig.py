@@ -69,7 +69,7 @@ def rig_gui(make_gui: Callable[..., Gui], tmp_path: Path, monkeypatch: pytest.Mo
     path = write_rig(tmp_path)
     bench = FakeBench(path)
     monkeypatch.setitem(cast(dict[str, Opener], KINDS), "fake", bench.open)
-    for name in ("OFF_TIMEOUT_S", "_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
+    for name in ("_CALL_TIMEOUT_S", "_CLOSE_TIMEOUT_S"):
         monkeypatch.setattr(live_devices, name, 0.2)
     yield RigGui(make_gui(system_of_rig(bench.rig), SIZE, panels=PANELS), path, bench)
     bench.hangs.clear()

@@ -9,6 +9,7 @@ import pytest
 
 from holoview.captures.capture_file import read_captures
 from holoview.experiment.rig_session import MODELS
+from holoview.rig import live_devices
 from holoview.util.errors import UserError
 from tests.experiment.live.conftest import LASER_M, Rigged
 from tests.experiment.live.fake_bench import PLAN
@@ -45,8 +46,8 @@ def test_the_lasers_go_off_while_the_camera_hangs(rigged: Rigged) -> None:
     rigged.wait(lambda: rigged.rig.waiting.startswith("waiting for the camera ("))
     assert rigged.bench.laser is not None
     rigged.rig.lasers_off()
-    rigged.wait(lambda: rigged.bench.laser is None)
-    assert rigged.rig.state.wavelength_m is None and not rigged.rig.off_problem
+    rigged.wait(lambda: rigged.bench.laser is None and not rigged.rig.off_problem)
+    assert rigged.rig.state.wavelength_m is None
     rigged.bench.hangs["camera"] = False
     rigged.wait(lambda: not rigged.rig.is_busy)
     assert rigged.rig.is_open
@@ -172,7 +173,8 @@ def test_closing_switches_the_lasers_off_though_the_camera_hangs(rigged: Rigged)
     assert rigged.bench.laser is None
 
 
-def test_lasers_that_do_not_answer_are_told(rigged: Rigged) -> None:
+def test_lasers_that_do_not_answer_are_told(rigged: Rigged, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_devices, "OFF_TIMEOUT_S", 0.2)
     rigged.open()
     rigged.light_up()
     rigged.bench.hangs["lasers"] = True
