@@ -159,10 +159,14 @@ def test_a_session_without_any_light_is_refused() -> None:
 @pytest.mark.parametrize("size", [0.45, pytest.param(0.15, marks=pytest.mark.explores)])
 @pytest.mark.parametrize("name", ["gap", "tilt", "lut", "iris2", "crosstalk", "camera_gamma", "camera_alignment"])
 def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, name: str, size: float) -> None:
-    """Neither before it is known nor after."""
+    """Not once it is known; and before, few enough.
+
+    Of captures whose effect isn't known yet 1.4 % are left out for the time being, where an effect is large (tilt and
+    look-up table, 24 draws): five of twelve once in two million times.
+    """
     faults = {name: sample_effect(listed_effects()[name], small_system(), size, np.random.default_rng(3))}
     context = make_context(faults)
-    assert not find_suspects(context, {}, (), is_final=False).indices
+    assert len(find_suspects(context, {}, (), is_final=False).indices) <= 4
     assert not find_suspects(context, faults, (), is_final=True).indices
 
 

@@ -55,15 +55,16 @@ def _comparison(captures: Captures, fake: Fake, shifts: bool = False, black: flo
 
 
 STILL = np.zeros((COUNT, 2))
-SCATTER = 0.05
-"""Five σ of χ²/n, √(2/n) for n = 8·44·60, and 3 % for weights taken from smoothed pictures."""
+SCATTER = 0.08
+"""Five σ of χ²/n, √(2/n) = 0.0097 for n = 8·44·60, and 3 % for variances taken from smoothed pictures, which are too
+large by 1 %, with saturated pixels among them by 2 %."""
 
 
 def test_any_gain_fits_and_is_told() -> None:
     gain = np.random.default_rng(5).uniform(0.5, 2.0, COUNT)
     captures, fake = _session(gain, STILL)
     fitted = _comparison(captures, fake).fit_gains({})
-    assert fitted.gain / 1000 == pytest.approx(gain, rel=2e-3)  # 2640 pixels of some 4000 electrons
+    assert fitted.gain / 1000 == pytest.approx(gain, rel=2.7e-3)  # 6 σ of 2640 pixels of 2000 electrons or more
     assert _comparison(captures, fake).chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)
 
 
@@ -78,11 +79,12 @@ def test_movements_without_direction_are_taken_out() -> None:
     shift = 0.15 * np.random.default_rng(6).standard_normal((COUNT, 2))
     shift -= shift.mean(axis=0)
     captures, fake = _session(np.ones(COUNT), shift)
-    assert _comparison(captures, fake).chi2_per_pixel({}) > 1.3
+    # 3.4 for the mean of 14 squares of movements; all as small as this once in 10⁷ times
+    assert _comparison(captures, fake).chi2_per_pixel({}) > 1.1
     shaken = _comparison(captures, fake, shifts=True)
     assert shaken.chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)
     found = shaken.fit_gains({}).shift
-    assert found is not None and found == pytest.approx(shift, abs=0.02)
+    assert found is not None and found == pytest.approx(shift, abs=0.03)  # 6 σ of each
 
 
 def test_a_movement_that_all_share_stays_in() -> None:

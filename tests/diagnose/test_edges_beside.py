@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -23,10 +23,18 @@ WRONG = {"radius_error": 0.12, "decentre_y": 0.63, "decentre_x": -0.87}
 """Whose edge passes the zero order as closely, from the other side."""
 
 
+def _assert_found(values: Mapping[str, float]) -> None:
+    """Where the far edge is cut by no light, a larger stop that lies further off does the same: with 20 draws radius
+    and shift had opposite errors of 0.02 r.m.s., at most 0.06, and the edge where they meet one of 0.0004."""
+    assert values == pytest.approx(IRIS, abs=0.25)
+    edge = IRIS["radius_error"] + IRIS["decentre_x"]
+    assert values["radius_error"] + values["decentre_x"] == pytest.approx(edge, abs=0.01)
+
+
 def test_both_radius_and_shift_are_scanned(make_context: MakeContext) -> None:
     context = make_context(TRUTH)
     found = fit_over_range(context, {"tilt": TILT}, context.effects["iris1"], [])
-    assert found.values["iris1"] == pytest.approx(IRIS, abs=0.1)
+    _assert_found(found.values["iris1"])
 
 
 def test_a_stop_that_was_taken_for_another_is_searched_anew(make_context: MakeContext) -> None:
@@ -35,7 +43,7 @@ def test_a_stop_that_was_taken_for_another_is_searched_anew(make_context: MakeCo
     both = CandidateFit(("iris1", "tilt"), {"iris1": WRONG, "tilt": TILT}, 0.0)
     joint, anew = (_joint_fits(context, fits)[0] for fits in ([both], _with_edges_anew(context, both, base)))
     assert anew.cost < joint.cost / 2
-    assert anew.values["iris1"] == pytest.approx(IRIS, abs=0.1)
+    _assert_found(anew.values["iris1"])
     assert _with_edges_anew(context, both, CandidateFit(("tilt",), {"tilt": TILT}, 0.0)) == []
 
 

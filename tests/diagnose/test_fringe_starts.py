@@ -11,11 +11,14 @@ from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, make_context_of
 
-TRUE = {"path_y": 3.7e-6, "path_x": -6.1e-6, "cos1": 0.02, "sin1": -0.01, "cos2": 0.0, "sin2": 0.03}
+TRUE = {"path_y": 3.65e-6, "path_x": -6.1e-6, "cos1": 0.02, "sin1": -0.01, "cos2": 0.0, "sin2": 0.03}
 
 
 def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_context: MakeContext) -> None:
-    """Paths to half a step, a quarter of the shortest wavelength; amplitudes with what so far off a peak costs."""
+    """Paths to half a step, a quarter of the shortest wavelength; amplitudes with what so far off a peak costs.
+
+    The true ones lie within a quarter of a step, so that noise doesn't choose between two steps.
+    """
     context = make_context({"camera_fringes": TRUE})
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
     starts = FringeStarts(comparison.fit_gains({}), comparison)

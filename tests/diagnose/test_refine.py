@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.refine import FAR_ERROR, refine_fit
+from holoview.diagnose.refine import refine_fit
 from tests.diagnose.conftest import MakeContext
 
 GROSS = {"z4": 4e-7, "z5": 3e-7, "z9": -4e-7}
@@ -20,14 +20,14 @@ def _fit(cause: str, values: Mapping[str, float]) -> CandidateFit:
 def test_a_gross_cause_is_found_from_far_away(make_context: MakeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """One tolerant fit from half of three aberrations leaves too much for the next stage; further ones come near.
 
-    In 20 draws of the patterns one fit left 0.178 to 0.218, and further ones found the values within 0.3 %.
+    In 26 draws of the patterns one fit left 0.195 ± 0.014, and further ones found the values within 0.3 %.
     """
     context = make_context({"aberration1": GROSS})
     far = _fit("aberration1", {name: 0.5 * x for name, x in GROSS.items()})
     with monkeypatch.context() as only:
         only.setattr("holoview.diagnose.refine._TOLERANT_ROUNDS", 1)
         once = refine_fit(context, far)
-    assert context.relative_model_error(once.values) > FAR_ERROR
+    assert context.relative_model_error(once.values) > 0.1
     found = refine_fit(context, far).values["aberration1"]
     assert {name: found[name] for name in GROSS} == pytest.approx(GROSS, rel=0.02)
 

@@ -36,6 +36,17 @@ def _starts(context: SearchContext) -> StuckStarts:
     return StuckStarts(context, {}, context.tolerant_comparison(context.split.coarse, error))
 
 
+def _most_unlike(context: SearchContext, row: int, column: int) -> float:
+    """The level of a pixel of modulator 2 that changes its light most where it does least, in the smooth captures.
+
+    A pixel that shows nearly what its patterns have there anyway stands out of nothing: one draw in five.
+    """
+    captures, some = context.data.captures, context.split.coarse
+    levels, turns = np.linspace(0.0, 1.0, 16), captures.slms[1].opd_range_m / captures.wavelength_m[some]
+    away = levels[:, None] - captures.levels[some, 1, row, column] / 15
+    return float(levels[np.abs(np.exp(2j * np.pi * turns * away) - 1).min(axis=1).argmax()])
+
+
 @pytest.mark.parametrize(
     ("name", "true"),
     [
@@ -46,9 +57,11 @@ def _starts(context: SearchContext) -> StuckStarts:
     ],
 )
 def test_the_start_is_what_is_stuck_at_the_level_that_it_shows(
-    make_context: MakeContext, name: str, true: dict[str, Any]
+    make_context: MakeContext, context: SearchContext, name: str, true: dict[str, Any]
 ) -> None:
     """On the true modulator alone. Levels to a fiftieth of the stroke, from where a fit converges."""
+    if "pixel_rows" in true:
+        true = true | {"pixel_levels": (_most_unlike(context, 22, 17),)}
     context = make_context({name: true})
     starts = _starts(context)
     (found,) = starts(context.effects[name])
