@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import sys
@@ -21,6 +22,7 @@ import torch
 from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed, optimiser_stops
 from benchmarks.common import count_of
 from holoview import __version__
+from holoview.benchmark.time_to_quality import STEPS_RAD, QualityRun
 
 Section = tuple[Callable[[argparse.Namespace], Any], Callable[[Any], str]]
 
@@ -36,7 +38,7 @@ SECTIONS: dict[str, Section] = {
     "convergence": (
         lambda args: optimiser_convergence.measure(
             args.seeds,
-            args.long,
+            QualityRun(args.long, args.rounds, args.adam_steps),
             args.convergence_size,
             [name == "stops" for name in args.convergence],
             args.scenes,
@@ -81,7 +83,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--repeats", type=count_of, default=7, help="iterations timed, after two that aren't")
     parser.add_argument("--threads", nargs="+", type=count_of, default=[torch.get_num_threads(), 1], help="of torch")
-    parser.add_argument("--seeds", type=count_of, default=2, help="first patterns a target (convergence)")
+    parser.add_argument(
+        "--seeds", nargs="+", type=_seed, default=[0, 1], metavar="SEED", help="of the first patterns (convergence)"
+    )
+    parser.add_argument(
+        "--adam-steps", nargs="+", type=_step, default=STEPS_RAD, metavar="RAD", help="of which the best counts"
+    )
+    parser.add_argument("--rounds", type=count_of, default=3, help="in which runs are timed (convergence)")
     parser.add_argument("--long", type=count_of, default=1000, help="iterations of the long run (convergence)")
     parser.add_argument(
         "--convergence-size", nargs=2, type=_even, default=[192, 256], metavar=("Y", "X"), help="samples (convergence)"
@@ -94,6 +102,17 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--curves", type=Path, metavar="PNG", help="where to draw the curves of convergence")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")
     return parser
+
+
+def _seed(text: str) -> int:
+    return 0 if text == "0" else count_of(text)
+
+
+def _step(text: str) -> float:
+    step = float(text)
+    if not 0 < step < math.inf:
+        raise argparse.ArgumentTypeError(f'"{text}": expected a step above 0, rad')
+    return step
 
 
 def _even(text: str) -> int:

@@ -18,21 +18,21 @@ TARGETS = ("still-life", "night", "resolution")
 
 
 def measure(
-    seeds: int, long: int, size: Sequence[int], stops: Sequence[bool], targets: Sequence[str]
+    seeds: Sequence[int], scope: QualityRun, size: Sequence[int], stops: Sequence[bool], targets: Sequence[str]
 ) -> list[dict[str, Any]]:
     """A row for each target, seed and choice of stops (those of the first order, or none); prints it when it is ready.
 
-    long: iterations of the long runs. size: (y, x) samples.
+    size: (y, x) samples.
     """
     rows = []
     for has_stops in stops:
         for target in targets:
-            for seed in range(seeds):
+            for seed in seeds:
                 work = colour_work(size, target, seed)
                 if has_stops:
                     work = Work(work.system.edit(STOPS), work.stack, work.drive)
                 with torch_threads(1):
-                    found = time_to_quality(work, QualityRun(long))
+                    found = time_to_quality(work, scope)
                 assert found is not None
                 rows.append(found | {"target": target, "seed": seed, "stops": has_stops})
                 print(report(rows[-1:]), file=sys.stderr, flush=True)
@@ -71,7 +71,7 @@ def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
             chart.set_ylabel("PSNR − goal, dB")
             chart.set(xlim=(0, 1.1), ylim=(-3, 0.4))
             chart.axhline(0, color="0.5", linewidth=0.8)
-        for row in (row for row in rows if row["seed"] == 0):
+        for row in (row for row in rows if row["seed"] == rows[0]["seed"]):
             chart, colour = charts[choices.index(row["stops"])], f"C{targets.index(row['target'])}"
             for prefix, style in (("", "-"), ("adam_", ":")):
                 made, psnr_db = zip(*row[f"{prefix}curve"], strict=True)

@@ -263,8 +263,8 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         "--drawn-planes",
         metavar="N",
         type=whole(0),
-        help="so many planes, drawn anew, count in an iteration of the first 70 %%, which takes less time; 0: all "
-        "(1 of four or more in runs of 100 iterations or more, else all)",
+        help="so many planes, drawn anew, count in an iteration but for the last 30 %% (40 at least, half at most), "
+        "which takes less time; 0: all (1 of four or more in runs of 80 iterations or more, else all)",
     )
     group.add_argument(
         "--chromatic",

@@ -42,9 +42,10 @@ class Settings:
     given and counts; that of the system alone when empty. Not with free wavelengths.
     drawn_pupils: number of places of the pupil that are drawn anew in each iteration, from the seed, in place of
     `pupil_places_m`; 0 for none. Not with free wavelengths.
-    drawn_planes: number of planes that an iteration takes in the first 70 % of them; they come in turn, in an order
-    drawn from the seed. 0, or as many as there are, for all planes. None for one plane in runs of 100 iterations or
-    more, where there are four planes or more of equal weight, seen from one place; for all elsewhere.
+    drawn_planes: number of planes that an iteration takes before the last 30 %, or the last 40 iterations where these
+    are more, but in the first half at least; they come in turn, in an order drawn from the seed. 0, or as many as there
+    are, for all planes. None for one plane in runs of 80 iterations or more, where there are four planes or more of
+    equal weight, seen from one place; for all elsewhere.
     Each tenth iteration, those that solve for amplitudes or move wavelengths, and those of modulators with levels take
     all.
     drawn_radius_m: of the disc about the pupil of the system's eye in which they are drawn, m.

@@ -32,9 +32,10 @@ from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
 _NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
-_DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes
+_DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes, and are so many where that's at most half
+_SETTLING = 40
 _WHOLE_EVERY = 10  # iterations of which one takes all planes
-_FEWEST_PLANES, _LONG_RUN = 4, 100  # from which on one is drawn by default: in short runs noise doesn't average out
+_FEWEST_PLANES, _LONG_RUN = 4, 80  # from which on one is drawn by default: in short runs noise doesn't average out
 
 
 def iterate(
@@ -232,7 +233,7 @@ class Optimiser:
         """
         request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
         count, few = len(self.problem.objective.target), self._planes_at_a_time
-        settles = iteration >= _DRAWN_SHARE * iterations
+        settles = iteration >= min(_DRAWN_SHARE * iterations, max(iterations - _SETTLING, iterations / 2))
         is_first = self._make_best is None
         if not 0 < few < count or settles or is_first or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
             return request
