@@ -157,7 +157,7 @@ class TransferFunctions:
         """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane."""
         padded = math.prod(self.plan.grid.padded)
         for k, z in enumerate(self.plan.planes_m):
-            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k))[self._stored_rows] / padded
+            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k), self._stored_rows).div_(padded)
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
 
@@ -197,9 +197,20 @@ class TransferFunctions:
         gap_m = self.plan.system.gap_m
         return (1.0 if gap_m is None else self._transmitted_share(0, wavelength, gap_m)) * last, last
 
-    def relay_transfer(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None = None) -> Tensor:
-        """H × pupil in a relay's band, seen by an eye or by that of the plan; complex128 with a pupil."""
+    def relay_transfer(
+        self,
+        relay: int,
+        wavelength: int,
+        distance_m: float,
+        eye: Eye | None = None,
+        rows: Tensor | slice = slice(None),
+    ) -> Tensor:
+        """H × pupil in a relay's band, seen by an eye or by that of the plan; complex128 with a pupil.
+
+        rows: of the band's frequencies k_y.
+        """
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(relay))
+        ky = ky[rows]
         transfer = self.plan.transfer(relay, wavelength, distance_m, eye)
         if 0 in (len(ky), len(kx)):
             return torch.zeros(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
