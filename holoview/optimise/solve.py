@@ -35,7 +35,9 @@ _NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
 _DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes, and are so many where that's at most half
 _SETTLING = 40
 _WHOLE_EVERY = 10  # iterations of which one takes all planes
-_FEWEST_PLANES, _LONG_RUN = 4, 80  # from which on one is drawn by default: in short runs noise doesn't average out
+_FEWEST_PLANES = 4  # of which one is drawn by default
+LONG_RUN = 80
+"""Iterations from which on one plane is drawn by default: in shorter runs noise doesn't average out."""
 
 
 def iterate(
@@ -248,7 +250,7 @@ class Optimiser:
         if settings.drawn_planes is not None:
             return settings.drawn_planes
         is_plain = count == len(self.system.planes_m) and settings.plane_weights is None
-        return 1 if is_plain and count >= _FEWEST_PLANES and settings.iterations >= _LONG_RUN else 0
+        return 1 if is_plain and count >= _FEWEST_PLANES and settings.iterations >= LONG_RUN else 0
 
     def _maker_of(self, shown: torch.Tensor) -> Callable[[], Hologram]:
         """Makes the hologram of present patterns when it is asked for, since few are; the same one each time."""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import torch
 
+from holoview.benchmark import time_to_quality as module
 from holoview.benchmark.autograd_loop import StoredLoop, Work
 from holoview.benchmark.time_to_quality import (
     MARGIN_DB,
@@ -80,6 +83,23 @@ def test_amplitudes_that_are_solved_for_lower_the_loss_of_the_rival() -> None:
 def test_what_the_rival_does_not_compute_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(UserError, match="expected"):
         time_to_quality(_work(**changes), QualityRun(long=5))
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [({11: 0.05, 12: 0.001}, 12), ({11: 0.001, 12: 0.05}, 11)])
+def test_a_longer_run_counts_if_it_takes_less_time(
+    seconds: dict[int, float], expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def planned(work: Work, iterations: int) -> Iterator[tuple[int, float]]:
+        time.sleep(seconds.get(iterations, 0))
+        yield iterations, float(iterations)
+
+    monkeypatch.setattr(module, "planned", planned)
+    monkeypatch.setattr(module, "LONG_RUN", 12)
+    scope = QualityRun(long=20, rounds=2)
+    assert module._fastest_plan(_work(), 9.5, scope) == expected
+    assert module._fastest_plan(_work(), 15.5, scope) == 16
+    monkeypatch.setattr(module, "LONG_RUN", 21)
+    assert module._fastest_plan(_work(), 9.5, scope) == 11
 
 
 def test_an_interruption_ends_it_without_a_result() -> None:
