@@ -28,7 +28,9 @@ from holoview.gpu.line_fft import (
     Step,
     Strategy,
     TransformShader,
+    can_access_fours,
     can_transform_repeats,
+    is_read_as_u64,
     lanes_per_line,
     precompile,
     spectrum_order,
@@ -212,6 +214,15 @@ KERNELS: dict[str, tuple[Axis, tuple[WgslStruct, ...]]] = {
     "observe": ("x", ()),
 }
 """Axis of the transform of each kernel, and the structs that its hooks use."""
+_ACCESS: dict[bool, dict[str, tuple[str, ...]]] = {
+    False: {
+        "light": ("rows_store",),
+        "modulate": ("rows_load", "rows_store"),
+        "observe": ("rows_load", "observe_singles"),
+    },
+    True: {"light": ("rows_store_fours",), "modulate": ("rows_store_fours",), "observe": ("observe_fours",)},
+}
+"""Files with the hooks that load and store lines along x, by whether they access four values at a time."""
 _SHARED_HOOK: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
 """The hook that takes the transmission of a modulator pixel, which all its samples share."""
 
@@ -316,17 +327,21 @@ def make_transform(layout: FrameLayout, variant: KernelVariant, *, half: bool = 
     kernel, relay = variant.kernel, variant.relay
     axis, structs = KERNELS[kernel]
     grid = layout.pixel_grid if kernel == "light" else layout.shape.grid
-    lines, holds_whole_lines = lines_of(layout, kernel, relay), _holds_whole_lines(layout, kernel, relay)
-    has_work_hooks = holds_whole_lines and not half  # rounding to f16 after each pass would cost 12 dB of PSNR
+    lines = lines_of(layout, kernel, relay)
+    fours = not half and _accesses_fours(layout, kernel, grid)
+    has_work_hooks = layout.strategy == "passes" and _holds_whole_lines(layout, kernel, relay)
+    has_work_hooks = has_work_hooks and not half  # rounding to f16 after each pass would cost 12 dB of PSNR
     parts = (
         GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(struct.wgsl for struct in structs)),
         GeneratedWgsl("constants", _constants_wgsl(layout, kernel, relay, grid)),
         storage_shader(layout.device, half=half),
+        f"frame/rows_{'fours' if fours else 'singles'}.wgsl",
         f"frame/rows_{'two_buffers' if variant.separate_buffers else 'in_place'}.wgsl",
         *(("frame/work.wgsl",) if has_work_hooks else ()),
         f"frame/{kernel}.wgsl",
+        *(f"frame/{name}.wgsl" for name in _ACCESS[fours].get(kernel, ())),
     )
-    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample)
+    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample, fours)
     shape = (lines, grid.padded[1]) if axis == "x" else (grid.padded[0], lines)
     return LineFft(layout.device, axis, shape, _steps(layout, kernel, relay), hooks, layout.strategy)
 
@@ -381,6 +396,15 @@ def _adds_lane(layout: FrameLayout, kernel: str, *grids: Grid) -> bool:
     n = grids[0].padded[axis]
     lanes = lanes_per_line(n, subgroup_size(layout.device)) if layout.strategy == "subgroup" else None
     return lanes is not None and all(k % lanes == 0 for k in (n // lanes, *(grid.offset[axis] for grid in grids)))
+
+
+def _accesses_fours(layout: FrameLayout, kernel: str, grid: Grid) -> bool:
+    """Whether a kernel along x loads and stores four neighbouring values at a time, which is faster on a processor."""
+    if KERNELS[kernel][0] != "x" or layout.strategy != "subgroup" or not is_read_as_u64(layout.device):
+        return False
+    lanes = lanes_per_line(grid.padded[1], subgroup_size(layout.device))
+    divides = kernel != "observe" or (grid.shape[1] % 4 == 0 and grid.offset[1] % 4 == 0)
+    return lanes is not None and divides and can_access_fours(grid.padded[1], lanes)
 
 
 def _window(grid: Grid, axis: int) -> Range:

@@ -30,8 +30,8 @@ COMMON_DECLARATIONS = f"""//#include "lib/complex.wgsl"
 {LINE_RANGE.wgsl}
 @group(0) @binding(0) var<uniform> lines: LineRange;
 
-// Number of an invocation among those of a subgroup that share a line; 0 where they share none.
-var<private> lane_of_line: u32;
+// First point of an invocation, to which constants are added for the others, in a subgroup; otherwise 0.
+var<private> lane_point: u32;
 """
 """The beginning of every generated transform shader."""
 

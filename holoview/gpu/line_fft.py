@@ -36,7 +36,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Literal
 from weakref import WeakKeyDictionary
 
@@ -238,13 +238,21 @@ def lanes_per_line(n: int, subgroup_size: int) -> int | None:
 
 
 def generate_subgroup_shader(
-    axis: str, n: int, lanes: int, steps: Sequence[Step], shared_hook: str | None = None, shared_points: int = 1
+    axis: str,
+    n: int,
+    lanes: int,
+    steps: Sequence[Step],
+    shared_hook: str | None = None,
+    shared_points: int = 1,
+    *,
+    fours: bool = False,
 ) -> str:
     """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; entry point `main`.
 
     shared_hook: "load" or "middle" if that hook takes a value that each `shared_points` neighbouring points share.
+    fours: see `Hooks`; only if `can_access_fours`.
     """
-    code = _Line(axis, n, lanes, shared_hook, shared_points)
+    code = _Line(axis, n, lanes, shared_hook, shared_points, fours=fours)
     points: Names | None = None
     spectrum: Spectrum | None = None
     for step in steps:
@@ -269,6 +277,11 @@ def can_repeat(n: int, lanes: int, repeats: int) -> bool:
     return n % (lanes * lanes * repeats) == 0
 
 
+def can_access_fours(n: int, lanes: int) -> bool:
+    """Whether lanes can load and store four neighbouring points at a time."""
+    return lanes % 4 == 0 and n % (4 * lanes * lanes) == 0
+
+
 def subgroup_workgroups(lanes: int, lines: int) -> int:
     """Number of workgroups for `lines` lines of `lanes` lanes each."""
     return ceil_div(lines, _lines_per_workgroup(lanes))
@@ -281,15 +294,18 @@ def _lines_per_workgroup(lanes: int) -> int:
 class _Line(WgslEmitter):
     """Emits statements on the registers of a line: its points, or the groups of its spectrum one after the other."""
 
-    def __init__(self, axis: str, n: int, lanes: int, shared_hook: str | None, shared_points: int) -> None:
+    def __init__(
+        self, axis: str, n: int, lanes: int, shared_hook: str | None, shared_points: int, *, fours: bool = False
+    ) -> None:
         super().__init__()
-        self._shared_hook, self._shared_points = shared_hook, shared_points
+        self._shared_hook, self._shared_points, self._fours = shared_hook, shared_points, fours
         self.axis, self.n, self.lanes, self.registers = axis, n, lanes, n // lanes
         self.groups = ceil_div(self.registers, lanes)
         for bit in self._bits():
             self.lines.append(f"let is_odd{bit} = (lane & {bit}u) != 0u;")
         self.lines.append("let subgroup_start = invocation - lane;")
-        self.lines += ["lane_of_line = lane;", "begin(line, field);"]
+        self.lines.append(f"lane_point = {f'lane % 4u * {lanes}u + lane / 4u * 4u' if fours else 'lane'};")
+        self.lines.append("begin(line, field);")
         self._twiddles = self.twiddles("lane", self.registers, n)
 
     def spectrum(self, points: Names, step: Step) -> Spectrum:
@@ -328,8 +344,13 @@ class _Line(WgslEmitter):
         return {k: self.let(f"load_shared({self._point(k)}, {value})") for k, value in self._shared_values(registers)}
 
     def loaded_spectrum(self, step: Step) -> Spectrum:
-        """Frequencies from the hook `load`, group by group."""
-        for group in range(self.groups):
+        """Frequencies from the hook `load` or `load_four`, group by group."""
+        for group in range(0, self.groups if self._fours else 0, 4):
+            starts = self._frequencies(group, step)
+            fours = {digit: self.let(f"load_four({self._of_four(start)})") for digit, start in starts.items()}
+            split = {digit: self._transposed([f"{four}[{i}]" for i in range(4)]) for digit, four in fours.items()}
+            yield from ((group + i, {digit: values[i] for digit, values in split.items()}) for i in range(4))
+        for group in range(0 if self._fours else self.groups):
             positions = self._frequencies(group, step)
             yield group, {digit: self.let(f"load({position})") for digit, position in positions.items()}
 
@@ -366,11 +387,21 @@ class _Line(WgslEmitter):
                 yield k, self.let(f"subgroupShuffle({own}, subgroup_start + lane / {u}u + {k % u * s // u}u)")
 
     def store_points(self, points: Names, step: Step) -> None:
-        """Pass the points of a valid line to the hook `store`."""
+        """Pass the points of a valid line to the hook `store` or `store_four`."""
+        if self._fours:
+            for first in sorted({k - k % 4 for k in self._needed_points(step)}):
+                self._store_four(self._point(first), [points[first + i] for i in range(4)])
+            return
         self._store("is_valid_line", {self._point(k): points[k] for k in self._needed_points(step)})
 
     def store_spectrum(self, spectrum: Spectrum, step: Step) -> None:
-        """Pass the frequencies of a valid line to the hook `store`."""
+        """Pass the frequencies of a valid line to the hook `store` or `store_four`."""
+        if self._fours:
+            for first in range(0, self.groups, 4):
+                groups = [values for _, values in islice(spectrum, 4)]
+                for digit, position in self._frequencies(first, step).items():
+                    self._store_four(position, [values[digit] for values in groups])
+            return
         for group, values in spectrum:
             is_whole = (group + 1) * self.lanes <= self.registers
             is_used = f"is_valid_line && lane + {group * self.lanes}u < {self.registers}u"
@@ -383,6 +414,15 @@ class _Line(WgslEmitter):
     def _store(self, condition: str, values: dict[str, str]) -> None:
         stores = [f"    store({position}, {value});" for position, value in values.items()]
         self.lines += [f"if ({condition}) {{", *stores, "}"]
+
+    def _store_four(self, start: str, values: list[str]) -> None:
+        """Pass the values of four registers, the first of which is at `start`, to the hook `store_four`."""
+        four = f"mat4x2f({', '.join(self._transposed(values))})"
+        self.lines += ["if (is_valid_line) {", f"    store_four({self._of_four(start)}, {four});", "}"]
+
+    def _of_four(self, position: str) -> str:
+        """The position at which a lane accesses four registers, of which the first one is at `position`."""
+        return position.replace("lane", "lane_point", 1)
 
     def _needed_points(self, step: Step) -> tuple[int, ...]:
         """The registers with points that a step needs."""
@@ -412,10 +452,10 @@ class _Line(WgslEmitter):
         return [1 << bit for bit in reversed(range(self.lanes.bit_length() - 1))]
 
     def _transposed(self, values: list[str]) -> list[str]:
-        """Exchange register i of lane j with register j of lane i."""
+        """Exchange register i of lane j with register j of lane i; of four registers, with the last two bits of j."""
         out = list(values)
-        for bit in self._bits():
-            for low in (i for i in range(self.lanes) if not i & bit):
+        for bit in (bit for bit in self._bits() if bit < len(values)):
+            for low in (i for i in range(len(values)) if not i & bit):
                 a, b = out[low], out[low + bit]
                 out[low] = self.let(f"select({a}, subgroupShuffleXor({b}, {bit}u), is_odd{bit})")
                 out[low + bit] = self.let(f"select(subgroupShuffleXor({a}, {bit}u), {b}, is_odd{bit})")
@@ -494,6 +534,9 @@ class Hooks:
     has_work_hooks: the WGSL also defines `load_work` and `store_work`, with the signatures of `load` and `store`, for
     intermediate values between the shaders of a transform; otherwise these are in a work buffer.
     shared_hook: "load" or "middle" if that hook takes the value that each `shared_points` points share.
+    fours: of the strategy `subgroup`, whether the hooks `load_four(position: vec3u) -> mat4x2f`, of a spectrum, and
+    `store_four(position: vec3u, values: mat4x2f)` access four neighbouring values, of which `position` is the first, in
+    place of `load` and `store`.
     """
 
     name: str
@@ -502,6 +545,7 @@ class Hooks:
     has_work_hooks: bool = False
     shared_hook: Literal["load", "middle"] | None = None
     shared_points: int = 1
+    fours: bool = False
 
 
 @dataclass(frozen=True)
@@ -572,7 +616,13 @@ class LineFft:
         lanes = lanes_per_line(self._length, subgroup_size(self._device))
         assert lanes is not None
         text = generate_subgroup_shader(
-            self.axis, self._length, lanes, self._steps, self._hooks.shared_hook, self._hooks.shared_points
+            self.axis,
+            self._length,
+            lanes,
+            self._steps,
+            self._hooks.shared_hook,
+            self._hooks.shared_points,
+            fours=self._hooks.fours,
         )
         return [TransformShader(self._linked(text), dict(self._hooks.constants), partial(subgroup_workgroups, lanes))]
 

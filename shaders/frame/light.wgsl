@@ -41,7 +41,3 @@ fn load_shared(position: vec3u, pixel: vec2f) -> vec2f {
     }
     return value;
 }
-
-fn store(position: vec3u, value: vec2f) {
-    write_sample(position.z, position.y, position.x, value);
-}

@@ -16,10 +16,6 @@ fn begin(line: u32, field: u32) {
     modulator = modulators[params.first_wavelength + field];
 }
 
-fn load(position: vec3u) -> vec2f {
-    return read_sample(position.z, position.y, position.x);
-}
-
 // Transmission of the modulator pixel, which all its samples share.
 fn shared_value(position: vec3u) -> vec2f {
     return phasor(opd[pixel_index(grid, position.y, position.x - grid.offset.y)], modulator);
@@ -34,8 +30,4 @@ fn middle_shared(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
         return cmul(value, dense[position.y * grid.shape.y + x]);
     }
     return cmul(value, pixel);
-}
-
-fn store(position: vec3u, value: vec2f) {
-    write_sample(position.z, position.y, position.x, value);
 }

@@ -6,24 +6,11 @@
 // an `if`.
 override accumulates: bool = false;
 
-@group(1) @binding(3) var<storage, read_write> intensity: array<f32>;
-
 fn begin(line: u32, field: u32) {
 }
 
-fn load(position: vec3u) -> vec2f {
-    return read_sample(position.z, position.y, position.x);
-}
-
-fn store(position: vec3u, value: vec2f) {
-    let x = position.x - grid.offset.y;
-    if (is_padded && x >= grid.shape.y) {
-        return;
-    }
-    let at = (params.target_field + position.z) * intensity_stride + position.y * grid.shape.y + x;
-    var sum = params.weight * dot(value, value);
-    if (accumulates) {
-        sum += intensity[at];
-    }
-    intensity[at] = sum;
+// Index of sample (y, x) of the field in the buffer of intensities.
+fn index_of_intensity(field: u32, y: u32, x: u32) -> u32 {
+    let row = (params.target_field + field) * intensity_stride + y * grid.shape.y;
+    return row + lane_point + (x - lane_point);
 }

@@ -30,11 +30,11 @@ fn index_in_row(x: u32) -> u32 {
     return x / TILE_X * TILE_X * TILE_Y + x % TILE_X;
 }
 
-// Index of sample x of row y of a field. If the points of a lane are the lane's number plus multiples of the number of
-// lanes (`adds_lane`), the index is the sum of that of the lane, equal for all its points, and of a constant for each
+// Index of sample x of row y of a field. If the points of a lane are its first one plus numbers that share no digit of a
+// tile with it (`adds_lane`), the index is the sum of that of the lane, equal for all its points, and of a constant for each
 // point: a driver that executes shaders on the CPU then evaluates one addition for each access instead of all of it.
 fn index_of_sample(shape: RowLayout, field: u32, y: u32, x: u32) -> u32 {
-    let lane = lane_of_line;
+    let lane = lane_point;
     if (!adds_lane) {
         return index_of_row(shape, field, y) + index_in_row(x);
     }

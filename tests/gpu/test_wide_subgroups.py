@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.line_fft import generate_subgroup_shader, lanes_per_line
-from holoview.gpu.spectrum_order import Step
+from holoview.gpu.line_fft import can_access_fours, generate_subgroup_shader, lanes_per_line
+from holoview.gpu.spectrum_order import SpectrumOrder, Step
 
 Values = NDArray[Any]
+HOOKS = ("load", "store", "load_four", "store_four", "subgroupShuffle", "subgroupShuffleXor")
 TOLERANCE = 1e-10
 """Relative L2: constants have 12 digits, and everything else is float64."""
 
@@ -35,7 +36,7 @@ class Workgroup:
         self._active = np.ones(size, bool)
         self.offsets: list[Values] = []  # of all points from the numbers of their lanes
         self._names: dict[str, Any] = {
-            **{name: getattr(self, f"_{name}") for name in ("load", "store", "subgroupShuffle", "subgroupShuffleXor")},
+            **{name: getattr(self, f"_{name}") for name in HOOKS},
             "local": self._local,
             "invocation": self._local % subgroup,
             "workgroup_number": 0,
@@ -49,6 +50,7 @@ class Workgroup:
             "middle_shared": lambda position, value, shared: 2 * value,
             "vec2f": lambda x, y=None: x + 1j * (x if y is None else y),
             "vec3u": lambda *parts: parts,
+            "mat4x2f": lambda *columns: columns,
             "f32": lambda x: x * 1.0,
             "min": np.minimum,
             "cis": lambda turns: np.exp(2j * np.pi * turns),
@@ -79,14 +81,23 @@ class Workgroup:
         return eval(text, {"__builtins__": {}}, self._names)
 
     def _load(self, position: tuple[Any, ...]) -> Values:
-        self.offsets.append(position[0] - self._names["lane_of_line"])
+        self.offsets.append(position[0] - self._names["lane_point"])
         return self._data[position[1], position[0]]
 
     def _store(self, position: tuple[Any, ...], value: Values) -> None:
-        self.offsets.append(position[0] - self._names["lane_of_line"])
+        self.offsets.append(position[0] - self._names["lane_point"])
         along, line = (np.broadcast_to(part, self._active.shape)[self._active] for part in position[:2])
         assert np.isnan(self.stored[line, along]).all(), "stored twice"
         self.stored[line, along] = value[self._active]
+
+    def _load_four(self, position: tuple[Any, ...]) -> tuple[Values, ...]:
+        assert np.all(position[0] % 4 == 0)
+        return tuple(self._load((position[0] + i, *position[1:])) for i in range(4))
+
+    def _store_four(self, position: tuple[Any, ...], values: tuple[Values, ...]) -> None:
+        assert np.all(position[0] % 4 == 0)
+        for i, value in enumerate(values):
+            self._store((position[0] + i, *position[1:]), value)
 
     def _subgroupShuffle(self, value: Values, lane: Values) -> Values:
         return np.broadcast_to(value, self._local.shape)[self._first + lane]
@@ -123,6 +134,25 @@ def test_a_transform_is_that_of_numpy(n: int, subgroup: int, direction: Any) -> 
     assert _error(run.stored, expected) < TOLERANCE
     if n % lanes**2 == 0:  # then the frames' kernels add up indices from that of the lane and a constant
         assert all(np.ptp(offset) == 0 and offset[0] % lanes == 0 for offset in run.offsets)
+
+
+@pytest.mark.parametrize(
+    ("n", "lanes", "band"), [(256, 4, None), (256, 8, None), (1024, 8, (-256, 255)), (4096, 16, (-300, 200))]
+)
+def test_four_values_at_a_time_give_the_same(n: int, lanes: int, band: Any) -> None:
+    assert can_access_fours(n, lanes)
+    data, kept = _lines(n, 2), np.arange(n)
+    for steps in ([Step("inverse", None, band)], [Step("inverse", None, band), Step("forward", None, band)]):
+        if band is not None:
+            kept = SpectrumOrder.natural(n, lanes, band).frequencies() % n
+        spectrum = np.zeros_like(data)
+        spectrum[:, kept] = data[:, : len(kept)]
+        expected = np.fft.ifft(spectrum, norm="forward")
+        if len(steps) > 1:
+            expected = np.fft.fft(2 * expected)[:, kept]
+        run = Workgroup(generate_subgroup_shader("x", n, lanes, steps, fours=True), lanes, data)
+        assert _error(run.stored[:, : expected.shape[1]], expected) < TOLERANCE
+        assert all(np.ptp(offset) == 0 and offset[0] % (4 * lanes) == 0 for offset in run.offsets[::4])
 
 
 @pytest.mark.parametrize("subgroup", [16, 32, 64])

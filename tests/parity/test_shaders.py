@@ -81,7 +81,11 @@ def _compile(device: Device, transform: LineFft) -> None:
         device.pipeline(shader.source, shader.constants)
 
 
-_PARTS = ("columns", "propagation", "rows", "rows_in_place", "rows_two_buffers", "work")
+_ROWS = ("in_place", "two_buffers", "singles", "fours", "load", "store", "store_fours")
+_PARTS = (
+    *("columns", "propagation", "rows", "work", "observe_singles", "observe_fours"),
+    *(f"rows_{name}" for name in _ROWS),
+)
 _WHOLE: Range = (-64, 63)
 _HALF: Range = (-16, 15)
 SHAPES = {
