@@ -87,7 +87,7 @@ over whole samples, which changes the light more than the effect does."""
 _NO_SCAN_CHI2 = 2.0
 """[χ²/n] Near the truth, no range is scanned if the model is this close. Evidence: nothing lies beyond the reach of
 tangents there."""
-_SCAN_CAPTURES = 2  # [captures] A scan compares.
+SCAN_CAPTURES = 2  # [captures] A scan compares.
 _COSTLY_SCAN_POINTS = 3  # [points] Of the scan of a costly effect.
 _COSTLY_MAX_COST = 0.9
 """[1] A costly effect is fitted if a point of its scan leaves less than this share of the cost without it."""
@@ -414,7 +414,7 @@ class _Screening:
         self._context, self._base, self._progress, self._note = context, base, progress, note
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
-        few = spread_over_wavelengths(context.data.captures, coarse, _SCAN_CAPTURES)
+        few = spread_over_wavelengths(context.data.captures, coarse, SCAN_CAPTURES)
         self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
         self._base_cost = cost_or_inf(comparison, base)
         self.starts = SuggestedStarts(context, base, comparison)

@@ -13,7 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from holoview.diagnose.fit import CandidateFit, cost_or_inf, local_fit
+import numpy as np
+
+from holoview.diagnose.capture_split import spread_over_wavelengths
+from holoview.diagnose.fit import CandidateFit, cost_or_inf, free_parameters_of, local_fit
 from holoview.diagnose.judge import (
     FLOOR_CHI2,
     NEAR_CHI2,
@@ -43,6 +46,7 @@ from holoview.diagnose.refine import (
 from holoview.diagnose.rivals import prefer_fewer_numbers, with_rivals
 from holoview.diagnose.screening import (
     COSTLY_FIELDS,
+    SCAN_CAPTURES,
     field_count,
     fit_over_range,
     is_dear,
@@ -78,6 +82,9 @@ excess, on held-out or on smooth captures; no ranges are scanned for a further c
 the cost. Evidence: beside a cause that was found near the nominal bench, the other cause is mostly near too, and scans
 take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage explained six
 tenths of the excess in smooth captures, and nothing in rough captures."""
+_ALIKE_SHARE = 0.25
+"""[1] Effects that each leave less than this share of the nominal excess change the pictures alike. Evidence:
+derivation: the change by either is at most 30° from the residual, so that their correlation is 0.5 or more."""
 _TOLD_SHARE = 0.3
 """[1] A cause that leaves less than this share of the cost is told before all effects are screened. Evidence: measured:
 beside a gap, a displaced modulator left 0.15, and a displaced camera, which takes a part of the same change, 0.49."""
@@ -243,7 +250,7 @@ def _search_single_causes(
         queue.refine_new(_short_list(without_costly_fits(context, screened, unbiased)))
         result = rank_on_held_out(context, queue.fits)
         if is_first_round and not is_settled(result) and _is_promising(context, result):
-            result = _search_second_causes_early(context, result, effects, progress)
+            result = _search_second_causes_early(context, result, screened, effects, progress)
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
         else:
             result = refine_leaders_along_axes(context, result)
@@ -266,12 +273,18 @@ def _tell_early(
 
 
 def _search_second_causes_early(
-    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+    context: SearchContext,
+    result: SearchResult,
+    screened: Sequence[CandidateFit],
+    effects: Sequence[Effect],
+    progress: ProgressCallback,
 ) -> SearchResult:
     """Second causes before ranges are scanned. Single causes are polished before; costly single causes after, since
     polishing a costly cause that lacks another cause spends budget without gain. A costly cause near the floor is
-    polished like all others.
+    polished like all others. screened: single causes, the best first.
     """
+    if shared := shared_with_costly(context, screened):
+        result = rank_on_held_out(context, [*shared, *(c.fit for c in result.candidates)])
     result = refine_leaders_along_axes(context, result, also_costly=False)
     result = free_fine_parameters(context, result, also_costly=False)
     if is_settled(result):
@@ -336,6 +349,7 @@ def _with_one_more_cause(
     context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> list[CandidateFit]:
     """The best joint fits of a base and one more cause; a fit that explains nearly all ends the search."""
+    context = with_captures_that_show(context, base)
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
     best = noise + _WORTHWHILE_COST * (base_cost - noise) if base_cost > noise else _WORTHWHILE_COST * base_cost
@@ -363,6 +377,17 @@ def _with_one_more_cause(
         if context.budget_exhausted or settled:
             break
     return joint
+
+
+def with_captures_that_show(context: SearchContext, base: CandidateFit) -> SearchContext:
+    """The context in which a further cause is screened on the roughest captures, if a base leaves nothing in the
+    smoothest ones: there every effect would explain the rest."""
+    split = context.split
+    smooth = context.data_weighted_comparison(split.coarse, 0.0)
+    roughest = split.rough[~np.isin(split.rough, split.fine)]
+    if not len(roughest) or cost_or_inf(smooth, base.values) > FLOOR_CHI2 * smooth.pixel_count:
+        return context
+    return replace(context, split=replace(split, coarse=roughest))
 
 
 def _with_edges_anew(context: SearchContext, fit: CandidateFit, base: CandidateFit) -> list[CandidateFit]:
@@ -396,17 +421,55 @@ def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[Ca
     return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
 
 
+def shared_with_costly(context: SearchContext, screened: Sequence[CandidateFit]) -> list[CandidateFit]:
+    """Refined fits of the best simple cause together with an effect of many fields that changes the pictures alike.
+
+    screened: single causes, the best first. Where a blur of the camera and an extended source act together, either
+    alone is fitted too large, and beside it the other has nothing left to explain. A joint fit is followed up only if
+    it leaves nearly nothing.
+    """
+    costly = [f for f in screened if field_count(context, f.values) >= COSTLY_FIELDS]
+    simple = next((f for f in screened if f not in costly), None)
+    if simple is None or not costly or context.budget_exhausted:
+        return []
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    nominal, alone = (cost_or_inf(unbiased, values) - unbiased.pixel_count for values in ({}, simple.values))
+    limit = unbiased.pixel_count + _ALIKE_SHARE * nominal
+    alike = [f for f in costly if cost_or_inf(unbiased, f.values) < limit] if alone < _ALIKE_SHARE * nominal else []
+    shared = context.run_parallel([partial(_fit_from_middle, context, simple, f) for f in alike])
+    most = unbiased.pixel_count + min((NEAR_CHI2 - 1) * unbiased.pixel_count, _WORTHWHILE_COST * alone)
+    near = [f for f in shared if cost_or_inf(unbiased, f.values) < most]
+    return context.run_parallel([partial(refine_fit, context, f) for f in near])
+
+
+def _fit_from_middle(context: SearchContext, a: CandidateFit, b: CandidateFit) -> CandidateFit:
+    """A joint fit, on a few captures, of two causes that were fitted alone.
+
+    If both change the pictures alike, their true values lie near the line from the one alone to the other alone, and
+    the fit begins in its middle.
+    """
+    few = spread_over_wavelengths(context.data.captures, context.split.coarse, SCAN_CAPTURES)
+    comparison = context.tolerant_comparison(few, context.relative_model_error(a.values))
+    effects, values = [context.effects[name] for name in (*a.causes, *b.causes)], {**a.values, **b.values}
+    free = free_parameters_of(effects, values)
+    middle = 0.5 * (free.pack(a.values) + free.pack(b.values))
+    return local_fit(effects, free.unpack(middle, values), comparison)
+
+
 def with_costly_in_place(context: SearchContext, result: SearchResult, effects: Sequence[Effect]) -> list[CandidateFit]:
     """Refined fits in which an effect of many fields stands in place of one cause of the best candidate.
 
     Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
     extended source, even more so while the distance is wrong. So each costly effect is tried beside the other causes.
-    It is followed up only if it leaves clearly less than the cause that it replaces.
+    It is followed up only if it leaves clearly less than the cause that it replaces. Once the budget is spent, only
+    effects whose search takes a small part of it are tried.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
-    if len(best.causes) < 2 or context.budget_exhausted:
+    if len(best.causes) < 2 or context.screening_exhausted:
         return []
     costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
+    if context.budget_exhausted:
+        costly = [e for e in costly if not is_dear(context, e)]
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
         for others in map(best.without, best.causes)

@@ -2,28 +2,60 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import Verdict, rank_on_held_out
+from holoview.diagnose.fit import CandidateFit, local_fit
+from holoview.diagnose.judge import JITTER_CHI2, Verdict, rank_on_held_out
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.search import with_costly_in_place
+from holoview.diagnose.search import shared_with_costly, with_costly_in_place
+from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
 
 def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_context: MakeContext) -> None:
-    """Beside the right distance, a blur of the camera leaves several times as much of the excess."""
+    """Beside the right distance, a blur of the camera leaves several times as much. The budget was spent just then."""
     distance = {"distance_error": -2.5e-4}
     context = make_context({"distance": distance, "source_extent": {"radius": 1.5e-3}})
     start = CandidateFit(("camera_blur", "distance"), {"camera_blur": {"sigma": 1.0}, "distance": distance}, 0.0)
     blurred = rank_on_held_out(context, [refine_fit(context, start)])
     effects = [context.effects[name] for name in ("bandwidth", "source_extent", "tilt")]
-    found = with_costly_in_place(context, blurred, effects)
+    spent = replace(context, field_budget=0.5 * context.predictor.fields_requested)
+    found = with_costly_in_place(spent, blurred, effects)
     best = rank_on_held_out(context, [*found, blurred.best.fit]).best
     assert {*best.causes} == {"distance", "source_extent"}
     assert best.excess < 0.3 * blurred.best.excess
+
+
+def test_an_extended_source_is_found_beside_a_true_blur(make_context: MakeContext) -> None:
+    """Either alone is fitted too large, the best first; beside the blur alone nothing is left for the source."""
+    hidden = {"camera_blur": {"sigma": 1.6}, "source_extent": {"radius": 1.8e-3}}
+    context = make_context(hidden)
+    alone = _alone(context, **hidden)
+    assert alone[0].values["camera_blur"]["sigma"] > 1.7 and alone[1].values["source_extent"]["radius"] > 1.9e-3
+    (found,) = shared_with_costly(context, alone)
+    best = rank_on_held_out(context, [found, *alone]).best
+    assert {*best.causes} == hidden.keys() and best.chi2_per_pixel < JITTER_CHI2
+
+
+def test_a_source_is_not_kept_beside_a_blur_where_there_is_none(make_context: MakeContext) -> None:
+    """What a second cause, here light of the other polarisation, leaves isn't given to the source."""
+    blur = {"sigma": 1.6}
+    context = make_context({"camera_blur": blur, "polarisation": {"share": 0.1}})
+    alone = _alone(context, camera_blur=blur, source_extent={"radius": 1.8e-3})
+    smooth = context.data_weighted_comparison(context.split.coarse, 0.0)
+    nominal = smooth.chi2_per_pixel({}) - 1
+    assert all(smooth.chi2_per_pixel(fit.values) - 1 < 0.25 * nominal for fit in alone), "alike: a joint fit is tried"
+    assert shared_with_costly(context, alone) == []
+
+
+def _alone(context: SearchContext, **starts: dict[str, float]) -> list[CandidateFit]:
+    """Fits of each effect alone, on smooth captures."""
+    smooth = context.tolerant_comparison(context.split.coarse, context.relative_model_error({}))
+    return [local_fit([context.effects[name]], {name: start}, smooth) for name, start in starts.items()]
 
 
 @pytest.mark.explores
