@@ -59,14 +59,17 @@ def test_on_a_bench_as_modelled_it_does_what_the_simulation_does(rig: RigDescrip
 
 
 def test_on_a_wrong_bench_it_gains_most_of_what_the_nominal_model_has_lost(rig: RigDescription) -> None:
-    """Lost is what a hologram of the right model has more on the bench than one of the nominal model."""
+    """Lost is what a hologram of the right model has more on the bench than one of the nominal model.
+
+    With five draws it gained 0.79 ± 0.08 of that; 0.35 is more than five of these below.
+    """
     system = system_on(rig)
     bench = system.edit(WRONG)
     camera = ModelCamera(bench, rig, shift_m=(6e-6, -3e-6))
     first, *_, last = _loop(rig, camera, 30, _nominal_drive(system)).states()
     known = next(iter(_loop(rig, camera, 1, _nominal_drive(bench)).states()))
     assert known.psnr_db > first.psnr_db + 2
-    assert last.best_psnr_db > first.psnr_db + 0.5 * (known.psnr_db - first.psnr_db)
+    assert last.best_psnr_db > first.psnr_db + 0.35 * (known.psnr_db - first.psnr_db)
 
 
 def test_noise_doesnt_keep_it_from_improving(rig: RigDescription) -> None:

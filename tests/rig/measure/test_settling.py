@@ -53,7 +53,7 @@ def test_the_bench_s_hidden_time_constant_is_found(make_rig: MakeRig, constant: 
     facts, number = rig.bench.camera, 1
     found = measure_settling(devices.modulators[number], devices.camera, facts, devices.clock, levels[number], 256)
     assert found.constant_s == pytest.approx(constant, abs=0.02 * constant + 5 * found.deviation_s)
-    # Of pictures of 1536 pixels 3.5 %; its logarithm scatters by 0.28 from pattern to pattern, and is 5 of these below.
-    assert found.deviation_s < 0.15 * constant
+    # Of pictures of 1536 pixels 3.5 %; its logarithm scatters by 0.28 from pattern to pattern, and is 6 of these below.
+    assert found.deviation_s < 0.2 * constant
     # The step's amplitude, 1, is known better than to a fifth, and counts by its logarithm.
     assert found.wait_s == pytest.approx(found.constant_s * np.log(1 / REMAINING), rel=0.03)
