@@ -63,6 +63,7 @@ from holoview.engine.shader_structs import (
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.model.passband import Transfer
 from holoview.model.plan import Plan
 from holoview.numerics.sampling import ceil_div
 
@@ -92,7 +93,7 @@ class DeviceTables:
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
-        self._support_rows: dict[tuple[int, int], bytes] = {}  # of which the support by columns is among the items
+        self._transfers: dict[tuple[int, int], Transfer] = {}  # that the tables of a relay and wavelength hold
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
         self._fill_inputs()
         self.set_plan(plan, inputs)
@@ -127,11 +128,13 @@ class DeviceTables:
         columns = grid.padded[1]
         supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
         for wavelength in range(count) if wavelengths is None else wavelengths:
-            step = self.plan.transfer(relay, wavelength, distance_m)
+            step, last = self.plan.transfer(relay, wavelength, distance_m), self._transfers.get((relay, wavelength))
+            has_same_stops = last is not None and step.has_stops_of(last)
+            if last is not None and has_same_stops and replace(step, support=last.support) == last:  # arrays aside
+                continue
+            self._transfers[relay, wavelength] = step
             propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
-            rows = step.support.tobytes()
-            if self._support_rows.get((relay, wavelength)) != rows:  # most edits leave the stops as they are
-                self._support_rows[relay, wavelength] = rows
+            if not has_same_stops:  # most edits leave the stops as they are
                 supports[wavelength] = support_table(step, grid).tobytes()
         self._refill(("propagations", relay), propagations)
         self._refill(("support", relay), supports)
