@@ -464,10 +464,10 @@ def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) ->
         min(time_ms for name, time_ms in ms.items() if name.startswith(f"{job}:")) for job in (TORCH, TORCH_SINGLE)
     )
     pruned = [time_ms for name, time_ms in ms.items() if name.startswith(f"{TORCH_PRUNED}:")]
-    beside_pruned = [Criterion("frame / best pruned torch loop", ms[FULL] / min(pruned), 1.0, 0.9)] if pruned else []
+    beside_pruned = [Criterion("frame / best pruned torch loop", ms[FULL] / min(pruned), 1.0, 0.85)] if pruned else []
     return [
         Criterion("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
-        Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
+        Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.60),
         *beside_pruned,
         Criterion("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
         Criterion("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
