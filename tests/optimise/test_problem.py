@@ -169,8 +169,8 @@ def test_single_precision_is_near_double(
     assert found.loss == pytest.approx(expected.loss, rel=5e-6)  # 7e-7 at most in 450 draws
     assert found.psnr_db == pytest.approx(expected.psnr_db, abs=4.4 * 5e-6)
     assert found.eyebox_variation == pytest.approx(expected.eyebox_variation, rel=5e-6)
-    # At most 1.5e-6 in 450 draws, of few numbers that may cancel; with sRGB 2.6e-5, by pixels near black. There its slope
-    # bends by 1.7 %: in some of a thousand draws rounding takes one of 6000 values across, and so changes its share.
+    # At most 1.5e-6 in 450 draws, of few numbers that may cancel; with sRGB 2.6e-5, by pixels near black. There its
+    # slope bends by 1.7 %: in some of a thousand draws rounding takes one of 6000 values across, and changes its share.
     tolerance = 1e-3 if name == "srgb" else 2e-5
     for field in ("path_gradient", "amplitude_gradient", "optimal_amplitudes", "wavelength_gradient"):
         one, other = (np.asarray(getattr(e, field), dtype=np.float64) for e in (found, expected))
