@@ -10,7 +10,7 @@ a blur often explains nine tenths.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeVar
@@ -344,9 +344,9 @@ def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig
     return max(most_by_chance(pixels), max_excess)
 
 
-def jitter_excess(pixels: float) -> float:
+def jitter_excess(pixels: float, by_chance: Callable[[float], float] = most_by_chance) -> float:
     """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance leave, independent of each other."""
-    return math.hypot(JITTER_EXCESS, most_by_chance(pixels))
+    return math.hypot(JITTER_EXCESS, by_chance(pixels))
 
 
 def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:

@@ -35,7 +35,7 @@ from holoview.diagnose.correct.bad_captures import (
     record_stands_out,
     without_planes,
 )
-from holoview.diagnose.judge import JITTER_EXCESS, SearchResult, chance_excess
+from holoview.diagnose.judge import SearchResult, chance_excess, jitter_excess
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.screening import is_very_costly
 from holoview.diagnose.search_context import SearchContext
@@ -73,7 +73,7 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
     every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
     excess, pixels = _fit_all(context, judged, values, every)
-    ordinary = np.array([math.hypot(JITTER_EXCESS, chance_excess(n)) for n in pixels])
+    ordinary = np.array([jitter_excess(n, chance_excess) for n in pixels])
     median = float(np.median(excess))
     is_strict = is_final and median <= context.config.verdict.explained_excess
     min_ratio = MIN_RATIO if is_strict else TOLERANT_RATIO
