@@ -1,15 +1,27 @@
 """`holoview calibrate CAPTURES.h5 -o CALIBRATED.toml` learns corrections to a bench's model from camera captures;
-`holoview calibrate lut FILE.csv` fits a modulator's look-up table to a diffraction-efficiency sweep.
+`holoview calibrate lut FILE.csv` fits a modulator's look-up table to sweeps of its grey level.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from pathlib import Path
 
 from holoview.calibrate.calibration_result import CalibrationTask, format_score, maps_path, plan_calibration
-from holoview.calibrate.lut_fit import fit_lut, format_lut, lut_table, plot_lut, read_sweep, save_lut, with_lut
+from holoview.calibrate.lut_fit import ORDERS, fit_lut
+from holoview.calibrate.lut_table import (
+    compare_vendor,
+    format_lut,
+    lut_table,
+    plot_lut,
+    read_vendor_table,
+    save_lut,
+    vendor_table,
+    with_lut,
+)
+from holoview.calibrate.sweep import read_sweep
 from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
 from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
@@ -20,14 +32,14 @@ from holoview.model import preset
 from holoview.optimise.parallel import limit_torch_threads
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.file_writer import make_folder
+from holoview.util.file_writer import make_folder, write_file
 from holoview.util.processes import Interruption
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_input(
-        parser, "source", nargs="+", metavar="CAPTURES.h5 | lut FILE.csv", help="a capture file, or lut and a sweep"
+        parser, "source", nargs="+", metavar="CAPTURES.h5 | lut FILE.csv …", help="a capture file, or lut and sweeps"
     )
     add_output(parser, "-o", "--output", metavar="TOML", suffix=".toml", help="the preset, or the table, to write")
     add_input(parser, "--preset", help="the bench to start from: a preset's name or a TOML file")
@@ -39,11 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Runs a calibration from captures or from a sweep of levels."""
     source: list[str] = args.source
-    if source[0] == "lut" and len(source) == 2:
+    if source[0] == "lut" and len(source) >= 2:
         _reject_foreign_options(args, _CAPTURES_OPTIONS, "holoview calibrate CAPTURES.h5")
-        return run_lut(args, Path(source[1]))
+        return run_lut(args, [Path(name) for name in source[1:]])
     if len(source) != 1 or source[0] == "lut":
-        expected = "CAPTURES.h5, or: lut FILE.csv"
+        expected = "CAPTURES.h5, or: lut FILE.csv …"
         raise UserError("holoview calibrate", f'"{" ".join(source)}"', expected=expected)
     _reject_foreign_options(args, _LUT_OPTIONS, "holoview calibrate lut")
     return run_captures(args, Path(source[0]))
@@ -158,18 +170,40 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
     return f", {seconds_per_epoch * (state.epochs - state.epoch):.0f} s left"
 
 
-# --- lut: a modulator's look-up table from a diffraction-efficiency sweep ---
+# --- lut: a modulator's look-up table from sweeps of its grey level ---
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_LUT_OPTIONS = ("wavelength", "plot", "save_preset")
+_LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "vendor_table")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 
 
 def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options for a look-up table."""
-    group.add_argument("--wavelength", metavar="LENGTH", help='of the sweep, e.g. "820 nm": turns phases into lengths')
+    group.add_argument(
+        "--wavelength",
+        action="append",
+        metavar="LENGTH",
+        help='of the sweep, e.g. "820 nm": turns phases into lengths; once, or once for each file in their order',
+    )
+    group.add_argument(
+        "--period",
+        action="append",
+        type=number(),
+        metavar="PIXELS",
+        help="of the grating; once, or once for each file in their order",
+    )
+    group.add_argument(
+        "--order",
+        choices=(*ORDERS, "auto"),
+        help="whose power was read: that of the first or zero order of a binary grating, or of an interferometer "
+        "(default: auto, recognised by the reading at the reference level)",
+    )
     add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
+    add_input(group, "--compare", metavar="VENDOR.lut", type=Path, help="compare with a vendor's table")
+    add_output(
+        group, "--vendor-table", metavar="LUT", suffix=".lut", help="write a turn as lines: grey level, 12-bit drive"
+    )
     add_output(
         group,
         "--save-preset",
@@ -179,33 +213,67 @@ def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def run_lut(args: argparse.Namespace, file: Path) -> int:
-    """Fits the table, writes the files that were asked for, and prints stroke and residuals."""
-    wavelength = _parse_wavelength(args.wavelength)
+def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
+    """Fits the table, writes the files that were asked for, and prints stroke and residuals.
+
+    Raises UserError, after the figures are printed and before anything is written, where no table explains the sweeps.
+    """
+    wavelengths = [_parse_wavelength(text) for text in args.wavelength or ()]
+    periods: list[float] = args.period or []
+    for option, values in (("--wavelength", wavelengths), ("--period", periods)):
+        if len(values) not in (0, 1, len(files)):
+            raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
     if args.plot is not None:
         require_matplotlib("--plot")
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
     preset_system = None if args.preset is None else preset.load(args.preset)
-    lut = fit_lut(read_sweep(file))
+    vendor = None if args.compare is None else read_vendor_table(args.compare)
+    groups = [sorted(set(wavelengths), key=wavelengths.index).index(value) for value in wavelengths]
+    order = None if args.order in (None, "auto") else args.order
+    lut = fit_lut([read_sweep(file) for file in files], order, groups if len(groups) == len(files) else None)
+    name = files[0].name
+    figures = lut_table(lut, name, wavelengths, periods)
+    lines = format_lut(lut, wavelengths, periods)
+    if vendor is not None:
+        comparison = compare_vendor(lut, vendor)
+        figures["compared"] = {
+            "file": args.compare.name,
+            "rms_pi": comparison.rms / math.pi,
+            "greatest_pi": comparison.greatest / math.pi,
+            "level": comparison.level,
+            "share": comparison.share,
+            "is_reversed": comparison.is_reversed,
+        }
+        direction = ", with levels that count down in its drive" if comparison.is_reversed else ""
+        lines.append(
+            f"{args.compare.name}{direction}: the fitted phase is off by {comparison.rms / math.pi:.3f} π r.m.s., "
+            f"{comparison.greatest / math.pi:+.3f} π at its level {comparison.level}"
+        )
+    if args.json:
+        print_json(figures)
+    else:
+        print("\n".join(lines))
+    if not lut.explains:
+        found = f"no monotone phase explains the readings: {lut.residual:.2g} of the power's range is left"
+        remedy = "state --order if it isn't that one; else look for drift, saturation or another spot in the reading"
+        raise UserError(name, found, expected="a residual below 0.05 or of the noise", remedy=remedy)
+    wavelength = wavelengths[0] if wavelengths else None
     system = None if preset_system is None else with_lut(preset_system, lut, wavelength)
+    drives = None if args.vendor_table is None else vendor_table(lut)
     if args.output is not None:
-        save_lut(args.output, lut, file.name, wavelength)
+        save_lut(args.output, lut, name, wavelengths, periods)
     if system is not None:
         preset.save(system, args.save_preset)
+    if drives is not None:
+        write_file(args.vendor_table, drives)
     if args.plot is not None:
-        plot_lut(args.plot, lut, file.name)
-    if args.json:
-        print_json(lut_table(lut, file.name, wavelength))
-    else:
-        print("\n".join(format_lut(lut, wavelength)))
+        plot_lut(args.plot, lut, name)
     return 0
 
 
-def _parse_wavelength(text: str | None) -> float | None:
-    if text is None:
-        return None
+def _parse_wavelength(text: str) -> float:
     value = units.parse(text, "--wavelength")
     if not _WAVELENGTH_RANGE_M[0] <= value <= _WAVELENGTH_RANGE_M[1]:
         raise UserError("--wavelength", text, expected="between 100 nm and 10 um")

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from holoview.calibrate.lut_fit import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
+from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures, write_captures
 from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
 from holoview.captures.records import find_record_errors

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.calibrate.lut_fit import ExposureLimits, plan_exposures
+from holoview.calibrate.exposure import ExposureLimits, plan_exposures
 from holoview.captures.dataset import Captures
 from holoview.util.errors import UserError
 

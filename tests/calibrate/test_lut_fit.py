@@ -1,4 +1,4 @@
-"""Look-up tables from diffraction-efficiency sweeps: analytic ones, a real one, and files that aren't any."""
+"""Look-up tables from sweeps of the grey level: analytic ones, a real one, and files that aren't any."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.calibrate.lut_fit import EfficiencySweep, fit_lut, read_sweep
+from holoview.calibrate.lut_fit import UNSEEN_SLOPE, Order, fit_lut
+from holoview.calibrate.lut_table import compare_vendor, format_lut, lut_table, read_vendor_table, vendor_table
+from holoview.calibrate.sweep import Sweep, parse_sweep, read_sweep
 from holoview.util.errors import UserError
 
 REAL = Path(__file__).resolve().parents[1] / "data" / "lcos_820nm_first_order_power.csv"
 LEVELS = np.arange(128.0)
 
 
-def _sweep(stroke_pi: float, gamma: float, seed: int, noise: float = 0.01, contrast: float = 0.0) -> EfficiencySweep:
-    """P = b + a·(1 + c·x)·sin²(φ/2) with φ = stroke·x^γ and white noise of that share of a."""
+def _sweep(stroke_pi: float, gamma: float, seed: int, noise: float = 0.01, contrast: float = 0.0) -> Sweep:
+    """P = b + a·(1 + c·φ/stroke)·sin²(φ/2) with φ = stroke·x^γ and white noise of that share of a."""
     x = LEVELS / LEVELS[-1]
-    power = 20 + 2000 * (1 + contrast * x) * np.sin(stroke_pi * np.pi * x**gamma / 2) ** 2
-    return EfficiencySweep(LEVELS, power + np.random.default_rng(seed).normal(0, 2000 * noise, len(x)))
+    power = 20 + 2000 * (1 + contrast * x**gamma) * np.sin(stroke_pi * np.pi * x**gamma / 2) ** 2
+    return Sweep(LEVELS, power + np.random.default_rng(seed).normal(0, 2000 * noise, len(x)))
 
 
 STROKES = pytest.mark.parametrize(("stroke_pi", "gamma"), [(1.5, 0.8), (2.6, 1.4), (3.4, 1.0)])
@@ -29,8 +31,8 @@ def test_a_known_stroke_is_inside_its_interval(stroke_pi: float, gamma: float) -
     lut = fit_lut(_sweep(stroke_pi, gamma, seed=3))
     low, high = (bound / np.pi for bound in lut.stroke_interval)
     # four half intervals: beyond 7.8 sigma chance is nil; a wrong branch is off by π
-    assert lut.fit.stroke / np.pi == pytest.approx(stroke_pi, abs=4 * (high - low) / 2)
-    assert lut.fit.relative_rms < 0.015  # the noise is 0.01 of full power; of 128 readings it scatters by 6 %
+    assert lut.stroke / np.pi == pytest.approx(stroke_pi, abs=4 * (high - low) / 2)
+    assert lut.residual < 0.015  # the noise is 0.01 of full power; of 128 readings it scatters by 6 %
 
 
 @STROKES
@@ -55,10 +57,10 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_contrast_that_changes_is_found_only_where_it_does() -> None:
     """Schwarz's criterion takes a slope by chance in 3 % of sweeps (χ² with one degree of freedom above ln 128); of 60
     sweeps without one it is 0.0083 (r.m.s.), of which this allows six."""
-    assert abs(fit_lut(_sweep(3.4, 1.1, seed=5)).fit.contrast_slope) < 0.05
-    changing = fit_lut(_sweep(3.4, 1.1, seed=5, contrast=0.5))
-    assert changing.fit.contrast_slope == pytest.approx(0.5, abs=0.1)
-    assert changing.fit.stroke / np.pi == pytest.approx(3.4, abs=0.05)
+    unchanged, changing = fit_lut(_sweep(3.4, 1.1, seed=5)), fit_lut(_sweep(3.4, 1.1, seed=5, contrast=0.5))
+    assert abs(unchanged.fits[0].slope * unchanged.stroke) < 0.05
+    assert changing.fits[0].slope * changing.stroke == pytest.approx(0.5, abs=0.1)
+    assert changing.stroke / np.pi == pytest.approx(3.4, abs=0.05)
 
 
 def test_levels_rise_strictly_as_a_modulator_states_them() -> None:
@@ -70,18 +72,18 @@ def test_levels_rise_strictly_as_a_modulator_states_them() -> None:
 
 def test_a_real_modulator_at_820_nm() -> None:
     lut = fit_lut(read_sweep(REAL))
-    assert lut.rms_linear_2pi == pytest.approx(0.33, abs=0.01)
-    assert lut.rms_linear_free == pytest.approx(0.22, abs=0.01)
-    assert lut.fit.relative_rms < 0.03  # what a monotone table was known to leave
+    assert lut.linear_2pi == pytest.approx(0.33, abs=0.01)
+    assert lut.linear_free == pytest.approx(0.22, abs=0.01)
+    assert lut.residual < 0.03  # what a monotone table was known to leave
     # read off the curve: maxima at levels 168 and 238, a null at 208, and 0.43 of full power after the second maximum
-    assert 3.4 < lut.fit.stroke / np.pi < 3.7
-    null = 160 + int(lut.sweep.power[160:230].argmin())
-    assert np.interp(null, lut.sweep.levels, lut.fit.phase) == pytest.approx(2 * np.pi, abs=0.15)
+    assert 3.4 < lut.stroke / np.pi < 3.7
+    null = 160 + int(lut.fits[0].sweep.power[160:230].argmin())
+    assert np.interp(null, lut.fits[0].sweep.levels, lut.phase) == pytest.approx(2 * np.pi, abs=0.15)
 
 
 BAD = {
     "no such file": None,
-    "two columns": "0,1,2\n" * 20,
+    "two columns": "0,1,2,3\n" * 20,
     "isn't a finite number": "".join(f"{k},{'nan' if k == 7 else k}\n" for k in range(20)),
     "line 3": "0,1\n1,2\n2,many\n",
     "rows": "0,1\n1,2\n",
@@ -108,3 +110,153 @@ def test_headings_separators_and_order_of_rows_are_free(tmp_path: Path) -> None:
     sweep = read_sweep(file)
     assert sweep.levels.tolist() == list(range(40))
     assert sweep.power[0] == 400
+
+
+# --- other spots and other files --------------------------------------------------------------------------------------
+
+STARTS: dict[Order, float] = {"1": 0.0, "0": np.pi, "interferometer": 1.2}
+NOISE = 0.005  # of the full power
+
+
+def _table(
+    order: Order, stroke_pi: float, seed: int, pedestal: float = 0.3
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """256 levels, powers and phases of a modulator with a slow beginning: φ = stroke·(x + x²)/2."""
+    levels = np.arange(256.0)
+    x = levels / 255
+    phase = stroke_pi * np.pi * (x + x**2) / 2
+    power = pedestal + np.sin((phase - STARTS[order]) / 2) ** 2 + np.random.default_rng(seed).normal(0, NOISE, 256)
+    return levels, power, phase
+
+
+def _text(levels: np.ndarray, power: np.ndarray) -> str:
+    return "".join(f"{level:g},{value:.6f}\n" for level, value in zip(levels, power, strict=True))
+
+
+@pytest.mark.parametrize("order", STARTS)
+@pytest.mark.parametrize("counts_down", [False, True])
+def test_the_spot_is_recognised_and_its_phase_is_found(order: Order, *, counts_down: bool) -> None:
+    levels, power, phase = _table(order, 2.7, seed=11)
+    lut = fit_lut(parse_sweep(_text(255 - levels, power) if counts_down else _text(levels, power)))
+    assert lut.order == order
+    assert lut.explains
+    # Noise of 0.005 is 0.14 rad at the turning points of sin² for one reading (√(2·noise)·√2); smoothness over the
+    # knots' distance of eight levels and more leaves a third.
+    found = lut.phase[::-1] if counts_down else lut.phase
+    assert np.sqrt(np.mean((found - phase) ** 2)) < 0.1
+    low, high = lut.stroke_interval
+    assert low - 0.05 < 2.7 * np.pi < high + 0.05
+    assert any("count down" in line for line in format_lut(lut)) == counts_down
+
+
+@pytest.mark.parametrize("pedestal", [0.0, 2.0, 40.0])
+def test_a_pedestal_of_any_size_is_stray_light(pedestal: float) -> None:
+    levels, power, _ = _table("1", 2.7, seed=12, pedestal=pedestal)
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    assert lut.fits[0].stray == pytest.approx(pedestal, abs=5 * NOISE)
+    assert lut.stroke / np.pi == pytest.approx(2.7, abs=0.05)
+
+
+def test_few_levels_on_a_pedestal_above_half_of_the_greatest_power() -> None:
+    x = np.linspace(0, 1, 17)
+    lut = fit_lut(parse_sweep(_text(x, 0.35 + 0.26 * np.sin(np.pi * x) ** 2)))
+    assert lut.stroke / np.pi == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_sweep_that_was_cut_off_ends_there() -> None:
+    levels, power, phase = _table("0", 2.7, seed=13)
+    power[180:] = 0.0
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    assert lut.levels[-1] == 179
+    assert lut.stroke == pytest.approx(phase[179], abs=0.15)
+    assert any("levels 180 to 255 all read 0" in line for line in format_lut(lut))
+    table = lut_table(lut, "sweep.csv")
+    assert len(table["phase_pi"]) == 256
+    assert table["phase_pi"][178] is not None
+    assert table["phase_pi"][200] is None
+
+
+def test_periods_share_a_table_and_each_has_its_own_full_power() -> None:
+    """Fringing between bars raises the full power of fine gratings with the phase."""
+    levels, _, phase = _table("1", 3.5, seed=0)
+    slopes, draws = (0.2, 0.05), np.random.default_rng(14)
+    powers = [(1 + c * phase) * np.sin(phase / 2) ** 2 + draws.normal(0, NOISE, 256) for c in slopes]
+    lut = fit_lut([parse_sweep(_text(levels, power)) for power in powers])
+    assert [fit.slope for fit in lut.fits] == pytest.approx(slopes, abs=0.01)
+    assert lut.stroke / np.pi == pytest.approx(3.5, abs=0.02)
+
+
+@pytest.mark.parametrize(("path", "is_said"), [(0.95, False), (1.05, True)])
+def test_wavelengths_share_a_table_and_one_dispersion(path: float, *, is_said: bool) -> None:
+    """At 633 nm the phase is that at 532 nm times 532/633 and the ratio of the optical paths; a liquid crystal's is
+    below 1."""
+    levels, _, phase = _table("1", 3.0, seed=0)
+    draws, factor = np.random.default_rng(15), path * 532 / 633
+    powers = [np.sin(f * phase / 2) ** 2 + draws.normal(0, NOISE, 256) for f in (1.0, factor)]
+    lut = fit_lut([parse_sweep(_text(levels, power)) for power in powers], "1", [0, 1])
+    assert lut.fits[1].factor == pytest.approx(factor, abs=0.01)
+    lines = format_lut(lut, [532e-9, 633e-9])
+    assert any("check which file" in line for line in lines) == is_said
+
+
+def test_readings_that_no_phase_explains_give_no_table() -> None:
+    """Damped beats: neither turning point nor contrast repeats."""
+    x = np.arange(256.0)
+    lut = fit_lut(parse_sweep(_text(x, np.exp(-x / 60) * np.sin(x / 9) + 0.4 * np.sin(x / 31))), "1")
+    assert not lut.explains
+
+
+def test_an_unseen_change_of_the_full_power_is_said_with_its_effect() -> None:
+    levels, power, _ = _table("1", 1.6, seed=16)
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    # On the falling flank the last reading is a smaller share of a full power that grew by (1 + c·stroke)/(1 + c·π).
+    share = np.sin(0.8 * np.pi) ** 2 * (1 + UNSEEN_SLOPE * np.pi) / (1 + UNSEEN_SLOPE * 1.6 * np.pi)
+    further = 2 * (np.pi - np.arcsin(np.sqrt(share))) - 1.6 * np.pi  # 0.055 rad
+    assert lut.unseen_shift == pytest.approx(further, abs=0.02)  # noise of 0.005 where sin² has a slope of 0.48: 0.01
+    levels, power, _ = _table("1", 3.6, seed=16)
+    assert fit_lut(parse_sweep(_text(levels, power))).unseen_shift is None
+
+
+def test_a_vendors_table_is_read_written_and_compared(tmp_path: Path) -> None:
+    levels, power, _ = _table("1", 2.7, seed=17)
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    file = tmp_path / "mine.lut"
+    file.write_text(vendor_table(lut))
+    table = read_vendor_table(file)
+    assert (len(table.drives), table.bits) == (256, 12)
+    ours = compare_vendor(lut, table)
+    assert ours.rms < 2 * np.pi * 2.7 / 4096 + 0.01  # rounding to 12 bits, and the phase between levels
+    file.write_text("".join(f"{k} {4095 - 8 * k}\n" for k in range(256)))  # counts down in the drive
+    assert compare_vendor(lut, read_vendor_table(file)).rms > 0.2  # a table in proportion to the level is no turn
+    low = fit_lut(parse_sweep(_text(*_table("1", 1.6, seed=18)[:2])))
+    with pytest.raises(UserError, match="holds a whole turn"):
+        vendor_table(low)
+
+
+BAD_TABLES = {
+    "no such file": None,
+    "rows; expected a table": "0 1\n1 2\n",
+    "levels from 0": "".join(f"{k + 3} {k}\n" for k in range(256)),
+    "drives from -5": "".join(f"{k} {k - 5}\n" for k in range(256)),
+    "isn't a finite number": "".join(f"{k} nan\n" for k in range(256)),
+}
+
+
+@pytest.mark.parametrize("said", BAD_TABLES)
+def test_bad_vendor_tables_are_refused_in_clear_words(said: str, tmp_path: Path) -> None:
+    file, content = tmp_path / "vendor.lut", BAD_TABLES[said]
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(UserError, match=said):
+        read_vendor_table(file)
+
+
+def test_columns_of_other_programs_are_read() -> None:
+    levels, power, _ = _table("1", 2.7, seed=19)
+    semicolons = "".join(f"{a:.1f};{b:.5f}\n".replace(".", ",") for a, b in zip(levels, power, strict=True))
+    assert parse_sweep(semicolons).power == pytest.approx(power, abs=1e-5)
+    alone = parse_sweep("".join(f"{value:.5f}\n" for value in power))
+    assert alone.levels.tolist() == levels.tolist()
+    assert "one column" in alone.notes[0]
+    weighted = parse_sweep("".join(f"{a:g} {b:.5f} 0.01\n" for a, b in zip(levels, power, strict=True)))
+    assert weighted.deviation is not None

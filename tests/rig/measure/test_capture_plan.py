@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.calibrate.lut_fit import ExposureLimits, plan_exposures
+from holoview.calibrate.exposure import ExposureLimits, plan_exposures
 from holoview.captures import read_captures, write_captures
 from holoview.captures.dataset import join_captures
 from holoview.cli import main

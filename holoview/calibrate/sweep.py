@@ -1,0 +1,179 @@
+"""Sweeps of a modulator's grey level, from text files, checked and with their noise.
+
+`read_sweep` reads a file; `parse_sweep` a text.
+
+Half of the modulator's pixels (the other bars of a binary grating, or half of an interferometer's field) stays at the
+reference level while the level of the others steps through its range; at each step the power of one spot is read.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.util.errors import UserError
+from holoview.util.files import read_text
+
+Floats = NDArray[np.float64]
+
+_EXPECTED = (
+    "two columns, grey level and power, separated by comma, semicolon or space; a third may hold standard errors"
+)
+MIN_ROWS = 12
+_MIN_SIGNAL = 8.0  # range of the power over its noise; of 256 readings of white noise alone the range is 6 (sd 0.5)
+_SHORTEST_CUT = 3  # equal readings in a row at the end of a sweep that can't be measured ones
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """The power of a spot while a grey level is varied.
+
+    levels: (n,), strictly ascending. power: (n,), in any unit; negative where it is a difference of two powers.
+    starts_high: whether the reference level, which the other pixels keep, is levels[-1] instead of levels[0].
+    deviation: (n,), standard errors of the power; None where they aren't known.
+    name: of the file. notes: what was assumed and left out, for people.
+
+    >>> import numpy as np
+    >>> Sweep(np.arange(3.0), np.ones(3)).distance.tolist()
+    [0.0, 0.5, 1.0]
+    """
+
+    levels: Floats
+    power: Floats
+    starts_high: bool = False
+    deviation: Floats | None = None
+    name: str = "sweep"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def distance(self) -> Floats:
+        """Distance of each level from the reference level as a share of the range, (n,)."""
+        share = (self.levels - self.levels[0]) / (self.levels[-1] - self.levels[0])
+        return share[-1] - share if self.starts_high else share
+
+    @property
+    def range(self) -> float:
+        """Highest minus lowest power."""
+        return float(np.ptp(self.power))
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a reading: third differences of the power, √20 times as large, contain little else."""
+        return float(np.median(np.abs(np.diff(self.power, n=3)))) / (0.6745 * math.sqrt(20))
+
+
+def read_sweep(path: str | os.PathLike[str]) -> Sweep:
+    """Reads the columns grey level and power, and perhaps standard errors, separated by comma, semicolon, tab or space.
+
+    The first line may hold headings, and lines that begin with # are comments. A single column holds powers, of levels
+    that are counted from 0. Rows may have any order; where levels fall from row to row, the reference level is the
+    highest one. Readings at the end that are all equal, after a jump, are left out: there the sweep was cut off.
+
+    Raises UserError when the file is missing or a line isn't two or three finite numbers (it names the line), and when
+    there are fewer than 12 levels, a level occurs twice, or the power changes by less than 8 times its noise.
+    """
+    file = Path(path)
+    try:
+        return parse_sweep(read_text(file, f"a CSV file of {_EXPECTED}"), file.name)
+    except UserError as error:
+        raise error if str(error).startswith(str(file)) else error.inside(f"{file}: ") from error
+
+
+def parse_sweep(text: str, name: str = "sweep") -> Sweep:
+    """`read_sweep` of a text."""
+    table, notes = parse_columns(text, 3, _EXPECTED, "sweep"), []
+    if len(table) < MIN_ROWS:
+        raise UserError("sweep", f"{len(table)} rows", expected=f"at least {MIN_ROWS} grey levels")
+    if table.shape[1] == 1:
+        notes.append("one column: taken as powers of the levels 0, 1, 2, …")
+        table = np.column_stack([np.arange(float(len(table))), table])
+    return _checked(table, name, notes)
+
+
+def parse_columns(text: str, most: int, expected: str, where: str) -> Floats:
+    """The numbers (row, column) of a text of 1 to `most` columns, separated by comma, semicolon, tab or space.
+
+    Beside semicolons and tabs a comma is a decimal point. The first line may hold headings, and lines that begin with #
+    are comments. Raises UserError, which names the line, for anything else.
+    """
+    lines = [(number, line.strip()) for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1)]
+    lines = [(number, line) for number, line in lines if line and line[0] != "#"]
+    if lines and not any(_is_number(cell) for cell in _split_cells(lines[0][1])):
+        lines = lines[1:]
+    rows: list[list[float]] = []
+    for number, line in lines:
+        cells = _split_cells(line)
+        if not 1 <= len(cells) <= most:
+            raise UserError(f"line {number}", f'"{line[:40]}", {len(cells)} columns', expected=expected)
+        for cell in cells:
+            if not _is_number(cell) or not math.isfinite(float(cell)):
+                raise UserError(f"line {number}", f'"{cell[:40]}" isn\'t a finite number', expected=expected)
+        if rows and len(cells) != len(rows[0]):
+            found = f'"{line[:40]}", {len(cells)} columns after rows of {len(rows[0])}'
+            raise UserError(f"line {number}", found, expected=expected)
+        rows.append([float(cell) for cell in cells])
+    if not rows:
+        raise UserError(where, "no numbers", expected=expected)
+    return np.array(rows, dtype=np.float64)
+
+
+def _split_cells(line: str) -> list[str]:
+    if ";" in line or "\t" in line:  # beside these a comma is a decimal point
+        line = line.replace(",", ".")
+    return [cell for cell in re.split(r"[,;\t ]+", line) if cell]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _checked(table: Floats, name: str, notes: list[str]) -> Sweep:
+    """The sweep of a table (n, 2 or 3) in the order of its file. Raises UserError if it can't be one."""
+    starts_high = bool((np.diff(table[:, 0]) < 0).all())
+    if starts_high:
+        notes.append(f"levels count down: level {table[0, 0]:g} of the first row is taken as the reference")
+    cut = _cut_off(table[:, 1])
+    if cut:
+        first, last = sorted((table[-cut, 0], table[-1, 0]))
+        notes.append(f"levels {first:g} to {last:g} all read {table[-1, 1]:g} after a jump: the sweep is cut off there")
+        table = table[:-cut]
+    if len(table) < MIN_ROWS:
+        raise UserError("sweep", f"{len(table)} rows", expected=f"at least {MIN_ROWS} grey levels")
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    levels, power = table[:, 0], table[:, 1]
+    repeated = np.flatnonzero(np.diff(levels) == 0)
+    if len(repeated):
+        raise UserError("sweep", f"grey level {levels[repeated[0]]:g} occurs twice", expected="each grey level once")
+    if levels[0] < 0:
+        raise UserError("sweep", f"grey level {levels[0]:g}", expected="levels from 0")
+    deviation = table[:, 2] if table.shape[1] == 3 else None
+    if deviation is not None and not (deviation > 0).all():
+        raise UserError("sweep", "a standard error of 0 or less in the third column", expected="positive numbers")
+    sweep = Sweep(levels, power, starts_high, deviation, name, tuple(notes))
+    if sweep.range <= _MIN_SIGNAL * sweep.noise or sweep.range <= 1e-9 * np.abs(power).max():
+        found = f"power from {power.min():g} to {power.max():g}, with noise of {sweep.noise:.2g} a reading"
+        expected = (
+            "power that rises from almost none (first order), falls from its greatest (zero order), or oscillates"
+        )
+        raise UserError("sweep", found, expected=expected, remedy="the columns are grey level, then power")
+    return sweep
+
+
+def _cut_off(power: Floats) -> int:
+    """The number of equal readings at the end that follow a jump larger than any between the others; 0 without."""
+    same = 1 + int(np.argmax(np.append(power[::-1] != power[-1], True)[1:]))
+    if same < _SHORTEST_CUT or same >= len(power) - 1:
+        return 0
+    steps = np.abs(np.diff(power[: len(power) - same]))
+    jump = abs(power[-same] - power[-same - 1])
+    return same if jump > 2 * steps.max() else 0
