@@ -383,7 +383,7 @@ def simulate(
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
-    focus_m, eye = focused_planes(system) if planes is None else parse_planes(system, planes), system.eye
+    focus_m, eye = np.array([plane.nominal_m for plane in plan.planes]), system.eye
     return View(
         intensity=intensity,
         xyz=xyz,
@@ -392,7 +392,7 @@ def simulate(
         pitch_m=plan.grid.pitch_m,
         backend=label,
         focus_m=focus_m,
-        accommodation_dpt=None if eye is None else eye.dioptres(focus_m, system.planes_m),
+        accommodation_dpt=None if eye is None else np.array([plane.accommodation_dpt for plane in plan.planes]),
         degrees_per_sample=None if eye is None else sample_degrees(plan.grid.pitch_m, eye.eyepiece_m),
         notes=exceeded_limits(plan),
     )

@@ -564,7 +564,7 @@ class IncrementalRenderer:
         self._others = None
         self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `field_keys`
         self._stores_first_rows = False
-        frame.tables.set_distance(1, float(plan.planes_m[-1]))
+        frame.tables.set_plane(len(plan.planes) - 1)
 
     def _wavelengths_together(self, plan: Plan, compositor: Compositor) -> int:
         """How many wavelengths a dispatch may compute."""
@@ -579,7 +579,7 @@ class IncrementalRenderer:
         """Replace the plan by one of the same structure."""
         before = self._example_fingerprints()
         self._frame.tables.set_plan(plan, inputs)
-        self._frame.tables.set_distance(1, float(plan.planes_m[-1]))
+        self._frame.tables.set_plane(len(plan.planes) - 1)
         self._stores_first_rows |= self._is_gap_edit(before)
 
     def _apply_strategy(self, strategy: Strategy) -> bool:

@@ -99,11 +99,10 @@ _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are reco
 
 @dataclass(frozen=True)
 class Frame:
-    """The recording: the frame of a plan by a strategy within limits of the device, first at the plane `plane_m`."""
+    """The recording: the frame of a plan by a strategy within limits of the device, first at the plan's last plane."""
 
     plan: Plan
     inputs: ShaderInputs
-    plane_m: float
     strategy: Strategy = "passes"
     limits: Mapping[str, int] = field(default_factory=lambda: DEFAULT_LIMITS)
     is_quick: bool = False
@@ -279,7 +278,7 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
     """
     plan = recorded.plan
     frame = FusedFrame(plan, recorded.inputs, device, strategy=recorded.strategy)
-    frame.tables.set_distance(1, recorded.plane_m)
+    frame.tables.set_plane(len(plan.planes) - 1)
     compositor = Compositor(device, plan.grid.shape)
     lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
     sources = range(len(plan.slopes))
@@ -349,7 +348,7 @@ def _assembled(
         "version": VERSION,
         "strategy": recorded.strategy,
         "is_quick": recorded.is_quick,
-        "plane_m": None if recorded.plan.nominal.eye else recorded.plane_m,
+        "plane_m": None if recorded.plan.nominal.eye else recorded.plan.planes[-1].nominal_m,
         "limits": dict(device.limits),
         "shape": list(compositor.shape),
         "pitch": compositor.pitch,
@@ -430,12 +429,13 @@ def page_document(
     name: on the page. plane_m: the focal plane that it opens with. farthest_m: the one with the largest
     distance that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
-    plan = make_plan(hologram.system, [*focused_planes(hologram.system), farthest_m])
+    planes_m = [*focused_planes(hologram.system), farthest_m, plane_m]
+    plan = make_plan(hologram.system, planes_m)
     inputs = FrameInputs(plan, hologram.drive)
-    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, farthest_m)
-    frames = strategies(Frame(plan, inputs, plane_m))
+    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, planes_m)
+    frames = strategies(Frame(plan, inputs))
     if quick is not None:
-        frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), plane_m, is_quick=True))
+        frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), is_quick=True))
     patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(hologram.system))
     pixels = patterns.reshape(-1, *patterns.shape[2:])
     recordings = record_frames(frames, [pattern.tobytes() for pattern in pixels])
@@ -451,14 +451,14 @@ def page_document(
     return document, recordings.heads, recordings.data
 
 
-def _quick_plan(plan: Plan, farthest_m: float) -> Plan | None:
+def _quick_plan(plan: Plan, planes_m: Sequence[float]) -> Plan | None:
     """The plan of a preview, padded by the light's walk-off only; None where it wouldn't be much faster or as true."""
     system = plan.nominal
     if system.sampling.propagation != "linear" or system.effects or _has_pupils(system):
         return None
     if plan.grid.padded[0] * plan.grid.padded[1] < _QUICK_SAMPLES:
         return None
-    return make_plan(system.with_(propagation="compact"), [*focused_planes(system), farthest_m])
+    return make_plan(system.with_(propagation="compact"), planes_m)
 
 
 def read_document(document: dict[str, Any], data: bytes) -> Hologram:

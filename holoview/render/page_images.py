@@ -169,7 +169,7 @@ def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
+                passed = executor.transmit(spectrum, 1, wavelength)
                 power[band] = passed.values.abs().square().numpy()
                 seen = power[np.ix_(rows, columns)]
                 if by_place:
