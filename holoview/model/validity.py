@@ -505,7 +505,8 @@ def _response(plan: Plan) -> Measured | None:
 )
 def _sample_phase(plan: Plan) -> Measured | None:
     active = ActiveEffects(plan.nominal.effect_values)
-    steps = [(effect.sample_phase(plan.nominal, values), effect.id) for effect, values in active.pairs]
+    system = plan.nominal.with_(planes=[plane.nominal_m for plane in plan.planes])
+    steps = [(effect.sample_phase(system, values), effect.id) for effect, values in active.pairs]
     if not steps or max(steps)[0] == 0.0:
         return None
     phase, name = max(steps)
