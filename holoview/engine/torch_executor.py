@@ -243,9 +243,10 @@ def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
 class StageField:
     """The coherent light of one laser in one frame at a stage.
 
-    values: (y, x) complex128; behind "stop" and at "pupil", phases count from the axis: the middle of the field.
+    values: (y, x) complex128; at "stop" and "pupil", phases count from the axis: the middle of the field.
     step: from one sample to the next, (y, x): m, or a direction sine where the light is known by direction.
-    is_by_direction: whether it is. wavelength_m: of the light.
+    is_by_direction: whether it is. wavelength_m: of the light. origin: of the first sample, (y, x) from the axis, as
+    `step`.
     share: of the light of the laser, frame and direction that was asked for, which effects may split into samples that
     add in intensity; `values` are then those of the central one. note: the same in words; empty without such effects.
     """
@@ -255,6 +256,7 @@ class StageField:
     step: tuple[float, float]
     is_by_direction: bool
     wavelength_m: float
+    origin: tuple[float, float]
     share: float = 1.0
     note: str = ""
 
@@ -283,15 +285,17 @@ def stage_field(
     plan = make_plan(seen, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     beam, share = plan.central_beam(laser, frame, source)
-    values = _at_stage(executor, beam, stage)
+    values = beam_at_stage(executor, beam, stage)
     is_by_direction = stage in ("stop", "pupil")
     λ, grid = float(plan.system.wavelengths_m[beam.wavelength]), plan.grid
     step_y, step_x = (λ * df for df in grid.frequency_step) if is_by_direction else (grid.pitch_m,) * 2
+    first = [k.min() for k in executor.frequencies(1)] if is_by_direction else [(1 - n) / 2 for n in grid.shape]
+    origin = (float(first[0]) * step_y, float(first[1]) * step_x)
     note = _sample_note(plan, laser, frame, source, share)
-    return StageField(stage, values, (step_y, step_x), is_by_direction, λ, share, note)
+    return StageField(stage, values, (step_y, step_x), is_by_direction, λ, origin, share, note)
 
 
-def _at_stage(executor: TorchExecutor, beam: Beam, stage: str) -> NDArray[np.complex128]:
+def beam_at_stage(executor: TorchExecutor, beam: Beam, stage: str) -> NDArray[np.complex128]:
     """The field (y, x) of a beam at a stage, behind relay 2 on the way to the last plane."""
     wavelength = beam.wavelength
     if stage == "light":
