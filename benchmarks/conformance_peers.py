@@ -42,7 +42,7 @@ def shaders() -> Adapter:
         plan = make_plan(bench_of_field(field), [case.distance_m])
         executor = WgpuExecutor(plan, FrameInputs(plan, values), device)
         behind = executor.modulate(executor.illuminate(0, 0), 0, 0, 0)
-        spectrum = executor.transmit(executor.spectrum(behind, 0), 1, 0, case.distance_m)
+        spectrum = executor.transmit(executor.spectrum(behind, 0), 1, 0)
         return executor.download_field(executor.field(spectrum, 1))
 
     return propagate

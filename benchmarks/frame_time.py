@@ -96,11 +96,11 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
 def _frame(executor: Executor[Any], finish: Finish) -> None:
     """Compute one wavelength of one frame from one source at one plane, and composite it."""
     plan = executor.plan
-    wavelength, frame, distance_m, weight = _selection(plan)
+    wavelength, frame, weight = _selection(plan)
     executor.clear(0)
     executor.clear_xyz()
     spectrum = spectrum_behind_modulators(executor, wavelength, frame, 0)
-    executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, distance_m), 1), 0, weight)
+    executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength), 1), 0, weight)
     executor.composite(wavelength)
     finish()
 
@@ -108,18 +108,17 @@ def _frame(executor: Executor[Any], finish: Finish) -> None:
 def _calls(executor: Executor[Any]) -> Iterator[tuple[str, Callable[[Any], Any]]]:
     """The stages of `_frame` in order, each as a function of the preceding field."""
     plan, e = executor.plan, executor
-    wavelength, frame, distance_m, weight = _selection(plan)
-    gap_m = plan.system.gap_m
+    wavelength, frame, weight = _selection(plan)
     yield "illuminate", lambda _: e.illuminate(wavelength, 0)
     yield "modulate", lambda field: e.modulate(field, frame, 0, wavelength)
-    if gap_m is not None:
+    if plan.system.gap_m is not None:
         yield "spectrum", lambda field: e.spectrum(field, 0)
-        yield "transmit", lambda field: e.transmit(field, 0, wavelength, gap_m)
+        yield "transmit", lambda field: e.transmit(field, 0, wavelength)
         yield "field", lambda field: e.field(field, 0)
         yield "modulate", lambda field: e.modulate(field, frame, 1, wavelength)
     last = len(plan.system.modulators) - 1
     yield "spectrum", lambda field: e.spectrum(field, last)
-    yield "transmit", lambda field: e.transmit(field, 1, wavelength, distance_m)
+    yield "transmit", lambda field: e.transmit(field, 1, wavelength)
     yield "field", lambda field: e.field(field, 1)
     yield "accumulate", lambda field: e.accumulate(field, 0, weight)
     yield "composite", lambda _: e.composite(wavelength)
@@ -140,11 +139,11 @@ def _stages(executor: Executor[Any], finish: Finish) -> dict[str, float]:
     return taken
 
 
-def _selection(plan: Plan) -> tuple[int, int, float, float]:
-    """The middle wavelength, the first frame in which it has light, the distance of the plane, the weight."""
+def _selection(plan: Plan) -> tuple[int, int, float]:
+    """The middle wavelength, the first frame in which it has light, its weight."""
     wavelength = len(plan.system.wavelengths_m) // 2
     frame = plan.lit(wavelength)[0]
-    return wavelength, frame, float(plan.planes_m[0]), float(plan.weights[frame, wavelength])
+    return wavelength, frame, float(plan.weights[frame, wavelength])
 
 
 def _errors(reference: TorchExecutor, executors: dict[str, Executor[Any]]) -> dict[str, float]:

@@ -174,10 +174,12 @@ def field_at(
     system, drive: as of `simulate`.
     stage: "light", "slm1" (of a field "field"), "gap", "slm2", "stop", "plane", and with an eye "pupil" and "retina".
     plane: the focal plane, metres or text; the middle one of the system when None.
-    laser, frame, source: their indices.
+    laser, frame, source: indices of those of the system. Effects may split them into spectral lines, samples of an
+    exposure and points, which add in intensity: the field is that of the central ones, and `note` says so.
 
-    Returns a `StageField` with `values` (y, x), without the carrier exp(2πi·z/λ) and the power of the laser. Raises
-    UserError for a stage that the system doesn't have, and as `simulate` does.
+    Returns a `StageField` with `values` (y, x), without the carrier exp(2πi·z/λ) and the power of the laser; at "stop"
+    and "pupil" phases count from the axis. `share` is its share of the light that was asked for. Raises UserError
+    for a stage that the system doesn't have, and as `simulate` does.
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
@@ -223,8 +225,7 @@ def sections(
         raise UserError("planes", f"{len(planes_m)} that don't rise", expected="distances, the smallest first")
     from holoview.engine.point_light import section_steps  # slow start: importing torch takes a second
 
-    on = range(len(system.wavelengths_m)) if lasers is None else lasers
-    for found in section_steps(system, drive, planes_m, _sample(system, at), on):
+    for found in section_steps(system, drive, planes_m, _sample(system, at), _lit(system, lasers)):
         if progress is not None:
             progress(round(found.share * len(planes_m)), len(planes_m))
     return found
@@ -263,9 +264,8 @@ def point_light(
     planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
     from holoview.engine.point_light import point_steps  # slow start: importing torch takes a second
 
-    on = range(len(system.wavelengths_m)) if lasers is None else lasers
     plane_m = float(planes_m[len(planes_m) // 2])
-    for found in point_steps(system, drive, plane_m, _sample(system, at), on, window):
+    for found in point_steps(system, drive, plane_m, _sample(system, at), _lit(system, lasers), window):
         if progress is not None:
             progress(round(found.share * 1000), 1000)
     return found
@@ -280,6 +280,15 @@ def _sample(system: System, at: tuple[int, int] | None) -> tuple[int, int]:
             "at", f"row {row}, column {column}", expected=f"a sample of the {rows} × {columns} of the image"
         )
     return int(row), int(column)
+
+
+def _lit(system: System, lasers: Sequence[int] | None) -> Sequence[int]:
+    """Indices of the lasers that are on, all if None. Raises UserError for one that doesn't exist."""
+    count = len(system.wavelengths_m)
+    for laser in lasers or ():
+        if not 0 <= laser < count:
+            raise UserError("lasers", f"{laser}", expected=f"indices from 0 to {count - 1}")
+    return range(count) if lasers is None else lasers
 
 
 def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
@@ -383,7 +392,7 @@ def simulate(
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
-    focus_m, eye = focused_planes(system) if planes is None else parse_planes(system, planes), system.eye
+    focus_m, eye = np.array([plane.nominal_m for plane in plan.planes]), system.eye
     return View(
         intensity=intensity,
         xyz=xyz,
@@ -392,7 +401,7 @@ def simulate(
         pitch_m=plan.grid.pitch_m,
         backend=label,
         focus_m=focus_m,
-        accommodation_dpt=None if eye is None else eye.dioptres(focus_m, system.planes_m),
+        accommodation_dpt=None if eye is None else np.array([plane.accommodation_dpt for plane in plan.planes]),
         degrees_per_sample=None if eye is None else sample_degrees(plan.grid.pitch_m, eye.eyepiece_m),
         notes=exceeded_limits(plan),
     )

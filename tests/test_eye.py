@@ -123,7 +123,7 @@ def _point(eye: dict[str, Any], defocus: float = 0.0, wavelength: int = 1) -> tu
     sine2 = (λ * step) ** 2 * (y[:, None] ** 2 + x[None, :] ** 2)
     turns = -middle / (side * UPSAMPLE) * (y[:, None] + x[None, :]) - AT * F**2 / λ * torch.sqrt(1 - sine2)
     flat = TorchField(torch.polar(torch.ones_like(turns), 2 * math.pi * turns))
-    seen = executor.field(executor.transmit(flat, 1, wavelength, float(plan.planes_m[0])), 1)
+    seen = executor.field(executor.transmit(flat, 1, wavelength), 1)
     return executor.download_field(seen).__abs__() ** 2, plan.grid.pitch_m
 
 

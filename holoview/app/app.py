@@ -209,7 +209,7 @@ class App:
         key = (id(xyz), document.measured_region, document.view_settings.profile, id(target))
         if key != self._measured:
             self._measured = key
-            self.context.live_measurement.request(document, xyz, target, renderers.now.intensities())
+            self.context.live_measurement.request(document, xyz, target, renderers.now.luminances())
 
     def _update_requests(self) -> None:
         """Asks the renderers for what the session shows now, if it has changed; at first that of the files to open."""

@@ -119,8 +119,8 @@ class StoredLoop(Autograd):
     def __init__(self, work: Work, rate_rad: float = 1.0, betas: tuple[float, float] = (0.9, 0.99)) -> None:
         super().__init__(work, rate_rad, betas)
         self._plan, gap_m, count = make_plan(self.system), self.system.gap_m, len(self.wavelengths_m)
-        self._gaps = [] if gap_m is None else [self._transfer(0, i, gap_m) for i in range(count)]
-        self._relays = [[self._transfer(1, i, z) for z in self.planes_m] for i in range(count)]
+        self._gaps = [] if gap_m is None else [self._transfer(0, i, 0, gap_m) for i in range(count)]
+        self._relays = [[self._transfer(1, i, k, z) for k, z in enumerate(self.planes_m)] for i in range(count)]
         self.is_batched = self.device.type != "cpu"
 
     def intensities(self, drive: Tensor) -> Tensor:
@@ -149,12 +149,12 @@ class StoredLoop(Autograd):
         fields = [torch.fft.ifft2(spectrum * h) for h in self._relays[wavelength]]
         return [field.real.square() + field.imag.square() for field in fields]
 
-    def _transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
+    def _transfer(self, relay: int, wavelength: int, plane: int, distance_m: float) -> Tensor:
         """H (y, x), zero outside the relay's stops."""
         λ = self.wavelengths_m[wavelength]
         fy, fx = (torch.fft.fftfreq(n, self.pitch_m, dtype=torch.float64) for n in self.shape)
         a = (λ * fy[:, None]).square() + (λ * fx[None, :]).square()
         phase = (2 * math.pi * distance_m / λ) * torch.sqrt((1 - a).clamp_min(0))
         kx = torch.fft.fftfreq(self.shape[1], 1 / self.shape[1]).round().long()
-        passes = (a < 1) & support_mask(self._plan.transfer(relay, wavelength, distance_m), kx)
+        passes = (a < 1) & support_mask(self._plan.transfer(relay, wavelength, plane), kx)
         return torch.where(passes, torch.polar(torch.ones_like(phase), phase), 0).to(torch.complex64).to(self.device)

@@ -76,8 +76,8 @@ class TorchBaseline:
         paths_m = [upsample_nearest(opd, plan.grid.upsample) for opd in inputs.opd_m[0]]
         self._paths_nm = [path_m.float().to(self._device) * 1e9 for path_m in paths_m]
         self._radians_per_nm = [2 * math.pi / (float(λ) * 1e9) for λ in system.wavelengths_m]
-        gap = [] if system.gap_m is None else [_transfer_functions(plan, inputs, 0, system.gap_m)]
-        transfers = [*gap, _transfer_functions(plan, inputs, 1, float(plan.planes_m[0]))]
+        gap = [] if system.gap_m is None else [_transfer_functions(plan, inputs, 0)]
+        transfers = [*gap, _transfer_functions(plan, inputs, 1)]
         self._transfers = [transfer.to(self._device) for transfer in transfers]
         weights = plan.weights[0][:, None] * plan.colour_weights
         self._weights = weights.tolist()
@@ -123,12 +123,12 @@ def check_simple_bench(plan: Plan) -> None:
         raise ValueError("expected a periodic grid, one frame and one source on the axis")
 
 
-def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:
-    """Transfer function × pupil of a relay, (wavelength, y, x) complex64."""
+def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int) -> torch.Tensor:
+    """Transfer function × pupil over the gap (0) or to the first plane (1), (wavelength, y, x) complex64."""
     ky, kx = (torch.from_numpy(frequency_indices(n)) for n in plan.grid.padded)
     return torch.stack(
         [
-            relay_response(plan.transfer(relay, w, distance_m), ky, kx, inputs.pupils[relay][w], torch.complex64)
+            relay_response(plan.transfer(relay, w), ky, kx, inputs.pupils[relay][w], torch.complex64)
             for w in range(len(plan.system.wavelengths_m))
         ]
     )
@@ -189,12 +189,10 @@ class PrunedTorchBaseline:
         self._ones = torch.ones(self._pixels)
         ky, kx = (torch.from_numpy(frequency_indices(n)) for n in self._pixels)
         parts = self._part_phasors(ky, kx)
-        gap_m, plane_m = plan.system.gap_m, float(plan.planes_m[0])
-        assert gap_m is not None
         self._first, self._last = [], []
         for wavelength in range(len(plan.system.wavelengths_m)):
-            self._first.append(self._transfer(inputs, 0, wavelength, gap_m, ky, kx) * self._one_pixel(ky, kx))
-            self._last.append(self._transfer(inputs, 1, wavelength, plane_m, ky, kx))
+            self._first.append(self._transfer(inputs, 0, wavelength, ky, kx) * self._one_pixel(ky, kx))
+            self._last.append(self._transfer(inputs, 1, wavelength, ky, kx))
         if way == "pixel parts":
             scale = 1 / u**2  # of an inverse FFT of P points
             self._first = [(h * parts * scale).to(torch.complex64) for h in self._first]
@@ -256,10 +254,10 @@ class PrunedTorchBaseline:
         return torch.fft.ifft(self._rows, dim=1)
 
     def _transfer(
-        self, inputs: FrameInputs, relay: int, wavelength: int, distance_m: float, ky: torch.Tensor, kx: torch.Tensor
+        self, inputs: FrameInputs, relay: int, wavelength: int, ky: torch.Tensor, kx: torch.Tensor
     ) -> torch.Tensor:
         """Transfer function × pupil, (P_y/u, P_x/u) complex128."""
-        transfer = self._plan.transfer(relay, wavelength, distance_m)
+        transfer = self._plan.transfer(relay, wavelength)
         return relay_response(transfer, ky, kx, inputs.pupils[relay][wavelength], torch.complex128)
 
     def _one_pixel(self, ky: torch.Tensor, kx: torch.Tensor) -> torch.Tensor:

@@ -85,7 +85,7 @@ class ExecutorPair:
 
     def clear(self) -> None:
         """Set the intensities of all planes to zero in both."""
-        for plane in range(len(self.plan.planes_m)):
+        for plane in range(len(self.plan.planes)):
             self.reference.clear(plane)
             self.shaders.clear(plane)
 
@@ -120,13 +120,13 @@ def steps_to_planes(plan: Plan, wavelength: int, frame: int, source: int) -> Ite
     last = "modulate 1"
     if plan.system.gap_m is not None:
         yield Step("spectrum of the gap", "spectrum", last, (0,))
-        yield Step("transmit the gap", "transmit", "spectrum of the gap", (0, wavelength, plan.system.gap_m))
+        yield Step("transmit the gap", "transmit", "spectrum of the gap", (0, wavelength))
         yield Step("field behind the gap", "field", "transmit the gap", (0,))
         yield Step("modulate 2", "modulate", "field behind the gap", (frame, 1, wavelength))
         last = "modulate 2"
     yield Step("last spectrum", "spectrum", last, (len(plan.system.modulators) - 1,))
-    for plane, distance_m in enumerate(plan.planes_m.tolist()):
-        yield Step(f"transmit to plane {plane}", "transmit", "last spectrum", (1, wavelength, distance_m))
+    for plane in range(len(plan.planes)):
+        yield Step(f"transmit to plane {plane}", "transmit", "last spectrum", (1, wavelength, plane))
         yield Step(f"field at plane {plane}", "field", f"transmit to plane {plane}", (1,))
         weight = float(plan.weights[frame, wavelength])
         yield Step(f"accumulate plane {plane}", "accumulate", f"field at plane {plane}", (plane, weight))
@@ -174,7 +174,7 @@ def worst_by_stage(pair: ExecutorPair) -> dict[str, float]:
 def composite_error(pair: ExecutorPair) -> float:
     """Relative L2 error of XYZ from the same intensities: one pattern of intensities, with a weight for each plane."""
     pair.clear()
-    for plane in range(len(pair.plan.planes_m)):
+    for plane in range(len(pair.plan.planes)):
         field = pair.shaders.modulate(pair.shaders.illuminate(0, 0), 0, 0, 0)
         pair.shaders.accumulate(field, plane, 0.25 + 2.75 * plane)
         shown = np.sqrt(pair.shaders.intensity(plane).astype(np.complex128))

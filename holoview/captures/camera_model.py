@@ -392,13 +392,13 @@ class NearFieldModel(CameraModel):
 
         drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
         """
-        stages, distance_m = _Stages(self, drive, component, capture), float(self.plan.planes_m[0])
+        stages = _Stages(self, drive, component, capture)
         last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
-        seen = stages.transmit(last, 1, component.wavelength, distance_m)
+        seen = stages.transmit(last, 1, component.wavelength)
         pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
 
         def compute() -> Tensor:
-            pose = self.effects.camera_pose(distance_m).about(component.centre_m)
+            pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
             return sample_intensity(seen.values(), self.band(1, component), self.plan.grid, self.pixel_grid, pose)
 
         return self.cache.get((*seen.key, "intensity", pose_key), compute)
@@ -412,7 +412,13 @@ class NearFieldModel(CameraModel):
     def relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
         """Names all values that the factor of a relay depends on."""
         hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
-        return relay, self.wavelength_m(component), self._distance_m(relay), self.plan.relays[relay], hooks
+        return (
+            relay,
+            self.wavelength_m(component),
+            self._transfer(relay, component).distance_m,
+            self.plan.relays[relay],
+            hooks,
+        )
 
     def relay_factor(self, relay: int, component: IncoherentComponent) -> Tensor:
         """Transfer function × pupil in the band of a relay, (rows, columns)."""
@@ -440,11 +446,8 @@ class NearFieldModel(CameraModel):
 
         return self.cache.get(("relay", self.relay_key(relay, component), band), compute)
 
-    def _distance_m(self, relay: int) -> float:
-        return float(self.plan.planes_m[0]) if relay else float(self.plan.system.gap_m or 0.0)
-
     def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
-        return self.plan.transfer(relay, component.wavelength, self._distance_m(relay))
+        return self.plan.transfer(relay, component.wavelength)
 
 
 @dataclass(frozen=True)
@@ -489,7 +492,7 @@ class _Stages:
 
         return _Light(key, lambda: self._model.cache.get(key, compute))
 
-    def transmit(self, spectrum: _Light, relay: int, wavelength: int, distance_m: float) -> _Light:
+    def transmit(self, spectrum: _Light, relay: int, wavelength: int, plane: int = 0) -> _Light:
         """spectrum × transfer function × pupil."""
         key = (*spectrum.key, self._model.relay_key(relay, self._component))
         return _Light(key, lambda: spectrum.values() * self._model.relay_factor(relay, self._component))

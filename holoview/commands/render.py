@@ -243,11 +243,13 @@ def _show_field(
         step = f"a direction sine of {field.step[1]:.4g}" if field.is_by_direction else f"{field.step[1] * 1e6:.4g} um"
         entry = {"plane": plane, "file": str(written), "stage": stage, "quantity": args.show, "scale": picture.scale}
         most = float(np.abs(field.values).max())
-        files.append(entry | {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m})
+        entry |= {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m}
+        files.append(entry | {"share": field.share, "note": field.note})
     if args.json:
         report({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
     for entry in [] if args.json else files:
-        print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}")
+        note = f"; {entry['note']}" if entry["note"] else ""
+        print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}{note}")
     return saver.exit_code
 
 

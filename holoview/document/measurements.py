@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
+from holoview.colour import SRGB_TO_XYZ, gamut_map, xyz_to_linear_srgb
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
 from holoview.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
@@ -114,19 +114,18 @@ class ContrastCurve:
 
 
 def contrast_by_wavelength(
-    intensity: Callable[[int], NDArray[np.floating]], system: System, region: Region
+    luminance: Callable[[int], NDArray[np.floating]], system: System, region: Region
 ) -> ContrastCurve:
     """Speckle contrast of a region as lasers are added one by one, brightest first.
 
-    intensity: returns the intensity (y, x) of a wavelength's index, with its amplitude applied.
+    luminance: returns the luminance (y, x) of a laser's index, with its amplitude applied.
     Raises UserError when no visible laser is on.
     """
     means = laser_luminances(system)
-    visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
     total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
-    for count, wavelength in enumerate(order, start=1):
-        total = total + visible[wavelength] * np.asarray(crop(intensity(wavelength), region), dtype=np.float64)
+    for count, laser in enumerate(order, start=1):
+        total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
         measured.append(speckle_contrast(total).contrast)
         added = means[:, order[:count]]
         independent.append(float(np.sqrt(np.square(added).sum() / sources) / added.sum()))
@@ -168,7 +167,7 @@ def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> Lin
 
 @dataclass(frozen=True, eq=False)
 class PixelValues:
-    """XYZ (3,) and linear sRGB (3,) of a sample, and the intensity of each laser (wavelength,) if it was given."""
+    """XYZ (3,) and linear sRGB (3,) of a sample, and the intensity of each laser (laser,) if it was given."""
 
     x: int
     y: int
@@ -180,7 +179,7 @@ class PixelValues:
 def sample_pixel(
     x: int, y: int, xyz: NDArray[np.floating], intensity: NDArray[np.floating] | None = None
 ) -> PixelValues | None:
-    """The values at a sample of XYZ (y, x, 3) and intensity (wavelength, y, x); None outside the image."""
+    """The values at a sample of XYZ (y, x, 3) and intensity (laser, y, x); None outside the image."""
     if not (0 <= y < xyz.shape[0] and 0 <= x < xyz.shape[1]):
         return None
     values = np.asarray(xyz[y, x], dtype=np.float64)
@@ -199,7 +198,7 @@ class ImageMeasurements:
     """Measurements of an image; each is None where it wasn't requested or isn't possible.
 
     document: of the image. region, histogram: of the measured region. profile: luminance along the line of the view
-    settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why measurements
+    settings. curve: contrast by the number of wavelengths, if their luminances were given. problem: why measurements
     of the region are missing, e.g. because the region is dark. retinal: the region as cones see it, with an eye.
     """
 
@@ -231,10 +230,10 @@ class LiveMeasurement:
         return self._task.is_busy
 
     def request(
-        self, document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+        self, document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
     ) -> None:
         """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
-        self._task.submit(lambda: measure_image(document, xyz, target, intensity), self._on_result)
+        self._task.submit(lambda: measure_image(document, xyz, target, luminance), self._on_result)
 
     def close(self) -> None:
         """Ends the thread."""
@@ -246,11 +245,11 @@ class LiveMeasurement:
 
 
 def measure_image(
-    document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+    document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
 ) -> ImageMeasurements:
     """Measures the image XYZ (y, x, 3) of a document.
 
-    target (y, x, 3), linear sRGB: enables PSNR and colour error. intensity (wavelength, y, x): enables the curve. An
+    target (y, x, 3), linear sRGB: enables PSNR and colour error. luminance (laser, y, x): enables the curve. An
     error that the user can correct, such as a dark region, is stored as `problem`.
     """
     region, histogram, curve, problem, retinal = None, None, None, "", None
@@ -260,8 +259,8 @@ def measure_image(
         if document.system.eye is not None:
             known = None if target is None else luminance_of(target, document.measured_region)
             retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
-        if intensity is not None:
-            curve = contrast_by_wavelength(intensity.__getitem__, document.system, document.measured_region)
+        if luminance is not None:
+            curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region)
     except UserError as error:
         problem = str(error)
     return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)

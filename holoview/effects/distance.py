@@ -38,7 +38,8 @@ class Distance(Effect):
         return ("slm_flatness",) if properties.is_fourier else self.degenerate_with
 
     def actual_system(self, system: System, v: Values) -> System:
-        return system.with_(planes=np.maximum(system.planes_m + v["distance_error"], 0.0))
+        planes_m = system.planes_m + v["distance_error"]
+        return system.with_(planes=planes_m if system.is_field else np.maximum(planes_m, 0.0))
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         error = v["distance_error"]

@@ -69,7 +69,7 @@ def simulation_bytes(plan: Plan, *, double: bool = False) -> int:
     frames, measured on the CPU with one thread, each took 47 to 90 % of it.
     """
     numbers = 2 if double else 1
-    samples, planes = math.prod(plan.grid.shape), len(plan.planes_m)
+    samples, planes = math.prod(plan.grid.shape), len(plan.planes)
     band = max(min(math.prod(plan.band(relay).shape), math.prod(plan.grid.padded)) for relay in (0, 1))
     fields = numbers * _COMPLEX64 * ((planes + _FIELDS_AT_A_TIME) * band + _FIELDS_AT_A_TIME * samples)
     spectra = planes * samples * numbers * 12 * len(plan.system.wavelengths_m)

@@ -9,7 +9,8 @@ Frames and sources add incoherently, as intensities. All planes share everything
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from collections.abc import Iterator
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from holoview.util.progress import StepCallback
 
 Field = TypeVar("Field")
 """A complex field or spectrum in the representation of an executor."""
+
+Landmark = Literal["slm1", "gap", "slm2", "spectrum"]
+"""Where the light of a beam passes: behind modulator 1, before and behind modulator 2, the spectrum behind the last."""
 
 
 class Propagation(Protocol[Field]):
@@ -44,8 +48,8 @@ class Propagation(Protocol[Field]):
     def spectrum(self, field: Field, modulator: int) -> Field:
         """Forward FFT of the zero-padded field behind a modulator, at the frequencies of the next relay's band."""
 
-    def transmit(self, spectrum: Field, relay: int, wavelength: int, distance_m: float) -> Field:
-        """spectrum × transfer function of free space over `distance_m` × pupil of the relay."""
+    def transmit(self, spectrum: Field, relay: int, wavelength: int, plane: int = 0) -> Field:
+        """spectrum × transfer function of free space × pupil of the relay, over the gap (0) or to a plane (1)."""
 
     def field(self, spectrum: Field, relay: int) -> Field:
         """Inverse FFT of the spectrum behind a relay, valid on the modulator's area."""
@@ -84,27 +88,40 @@ def relay_behind(plan: Plan, modulator: int) -> int:
     return 1 if modulator == len(plan.system.modulators) - 1 else 0
 
 
+def light_along(
+    stages: Propagation[Field], wavelength: int, frame: int, source: int
+) -> Iterator[tuple[Landmark, Field]]:
+    """The light at each landmark on its way to the spectrum behind the last modulator, which is the last.
+
+    A field is valid until the next is asked for, where stages reuse memory.
+    """
+    field = stages.illuminate(wavelength, source)
+    for modulator in range(len(stages.plan.system.modulators)):
+        if modulator:
+            field = stages.field(stages.transmit(stages.spectrum(field, 0), 0, wavelength), 0)
+            yield "gap", field
+        field = stages.modulate(field, frame, modulator, wavelength)
+        yield ("slm2" if modulator else "slm1"), field
+    yield "spectrum", stages.spectrum(field, len(stages.plan.system.modulators) - 1)
+
+
 def spectrum_behind_modulators(stages: Propagation[Field], wavelength: int, frame: int, source: int) -> Field:
     """The spectrum behind the last modulator, from which every focal plane is computed."""
-    system = stages.plan.system
-    field = stages.modulate(stages.illuminate(wavelength, source), frame, 0, wavelength)
-    if system.gap_m is not None:
-        spectrum = stages.transmit(stages.spectrum(field, 0), 0, wavelength, system.gap_m)
-        field = stages.modulate(stages.field(spectrum, 0), frame, 1, wavelength)
-    return stages.spectrum(field, len(system.modulators) - 1)
+    *_, (_, spectrum) = light_along(stages, wavelength, frame, source)
+    return spectrum
 
 
 def run_stages(executor: Executor[Field], wavelength: int) -> None:
     """Compute the intensities of all planes at one wavelength stage by stage, as `Executor.run` specifies."""
     plan = executor.plan
-    planes = range(len(plan.planes_m))
+    planes = range(len(plan.planes))
     for plane in planes:
         executor.clear(plane)
     for frame in plan.lit(wavelength):
         for source in range(len(plan.slopes)):
             spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
             for plane in planes:
-                field = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])), 1)
+                field = executor.field(executor.transmit(spectrum, 1, wavelength, plane), 1)
                 executor.accumulate(field, plane, float(plan.weights[frame, wavelength]))
 
 
@@ -121,7 +138,7 @@ def compute_focal_stack(
     for wavelength in range(count):
         executor.run(wavelength)
         executor.composite(wavelength)
-        stacks.append(np.stack([executor.intensity(plane) for plane in range(len(executor.plan.planes_m))]))
+        stacks.append(np.stack([executor.intensity(plane) for plane in range(len(executor.plan.planes))]))
         if progress is not None:
             progress(wavelength + 1, count)
     intensity, xyz = np.stack(stacks, axis=1), executor.xyz()

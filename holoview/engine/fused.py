@@ -101,7 +101,7 @@ class DeviceTables:
     def set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
         """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
 
-        The distance of relay 1 stays that of the last `set_distance`.
+        The way to a plane stays that of the last `set_plane`.
         """
         has_changed = inputs is not self.inputs
         self.plan, self.inputs = plan, inputs
@@ -116,19 +116,22 @@ class DeviceTables:
         if has_changed:
             self._fill_inputs()
         if plan.system.gap_m is not None:
-            self.set_distance(0, plan.system.gap_m)
+            self._set_propagation(0, 0)
 
-    def set_distance(self, relay: int, distance_m: float, wavelengths: Iterable[int] | None = None) -> None:
-        """Set the propagation distance of relay 0 (the gap) or 1 (to a plane), at all wavelengths or some.
+    def set_plane(self, plane: int, wavelengths: Iterable[int] | None = None) -> None:
+        """Set the focal plane to which relay 1 leads, by its index in the plan, at all wavelengths or some.
 
         It holds for all work that hasn't been submitted yet, including recorded work.
         """
+        self._set_propagation(1, plane, wavelengths)
+
+    def _set_propagation(self, relay: int, plane: int, wavelengths: Iterable[int] | None = None) -> None:
         grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
         propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
         columns = grid.padded[1]
         supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
         for wavelength in range(count) if wavelengths is None else wavelengths:
-            step, last = self.plan.transfer(relay, wavelength, distance_m), self._transfers.get((relay, wavelength))
+            step, last = self.plan.transfer(relay, wavelength, plane), self._transfers.get((relay, wavelength))
             has_same_stops = last is not None and step.has_stops_of(last)
             if last is not None and has_same_stops and replace(step, support=last.support) == last:  # arrays aside
                 continue

@@ -273,8 +273,18 @@ class IncrementalRenderer:
         """The 8-bit sRGB image (y, x, 3) of the last update."""
         return self.compositor.download_srgb8(self.srgb_buffer)
 
-    def intensity(self, wavelength: int) -> NDArray[np.float32]:
-        """Up-to-date intensity (y, x) at a wavelength: mean over frames and sources, laser amplitudes included."""
+    def intensity(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date intensity (y, x) of a laser of the system: mean over frames and sources, with its amplitude."""
+        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
+
+    def luminance(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date luminance (y, x) of a laser of the system: its part of the Y of `xyz`."""
+        weights = self._plan.colour_weights[:, 1].astype(np.float32)
+        lines = self._plan.lasers[laser].indices
+        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
+
+    def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
+        """Up-to-date intensity (y, x) of a wavelength of the plan."""
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
             key = (frame, wavelength)
@@ -564,7 +574,7 @@ class IncrementalRenderer:
         self._others = None
         self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `field_keys`
         self._stores_first_rows = False
-        frame.tables.set_distance(1, float(plan.planes_m[-1]))
+        frame.tables.set_plane(len(plan.planes) - 1)
 
     def _wavelengths_together(self, plan: Plan, compositor: Compositor) -> int:
         """How many wavelengths a dispatch may compute."""
@@ -579,7 +589,7 @@ class IncrementalRenderer:
         """Replace the plan by one of the same structure."""
         before = self._example_fingerprints()
         self._frame.tables.set_plan(plan, inputs)
-        self._frame.tables.set_distance(1, float(plan.planes_m[-1]))
+        self._frame.tables.set_plane(len(plan.planes) - 1)
         self._stores_first_rows |= self._is_gap_edit(before)
 
     def _apply_strategy(self, strategy: Strategy) -> bool:

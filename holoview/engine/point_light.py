@@ -17,18 +17,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine.frame import relay_behind
+from holoview.engine.frame import light_along, spectrum_behind_modulators
 from holoview.engine.torch_executor import TorchExecutor, TorchField
-from holoview.model.plan import Plan, make_plan
+from holoview.model.plan import Beam, make_plan
 from holoview.model.system import System
-from holoview.optics.bench import plane_wave
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.memory_limit import require_memory
 
@@ -38,33 +37,6 @@ Place = tuple[int, int]
 """Row and column of a sample of the image."""
 
 
-@dataclass(frozen=True)
-class Beam:
-    """The coherent light of one wavelength, frame and direction of the source. weight: of its intensity."""
-
-    wavelength: int
-    frame: int
-    source: int
-    weight: float
-
-
-def beams_of(plan: Plan, lasers: Sequence[int]) -> list[Beam]:
-    """The beams of some lasers of the nominal system, by wavelength; an effect may split a laser into lines."""
-    lines = _lines(plan)
-    return [
-        Beam(wavelength, frame, source, float(plan.weights[frame, wavelength]))
-        for wavelength in range(len(plan.system.wavelengths_m))
-        if wavelength // lines in lasers
-        for frame in plan.lit(wavelength)
-        for source in range(len(plan.slopes))
-    ]
-
-
-def _lines(plan: Plan) -> int:
-    """The number of lines that an effect splits each laser into."""
-    return len(plan.system.wavelengths_m) // len(plan.nominal.wavelengths_m)
-
-
 # --- sections ---------------------------------------------------------------------------------------------------------
 
 
@@ -72,8 +44,8 @@ def _lines(plan: Plan) -> int:
 class Sections:
     """The light in the planes x–z and y–z through a sample, as far as it is computed.
 
-    planes_m: (plane,) distances, rising. xz: (plane, x, 3) and yz: (plane, y, 3), XYZ of the intensity. A plane that
-    isn't computed yet shows the nearest computed plane. share: of the planes that are computed; 0: nothing to show yet.
+    planes_m: (plane,) nominal distances, rising. xz: (plane, x, 3) and yz: (plane, y, 3), XYZ of the intensity. A plane
+    that isn't computed yet shows the nearest computed plane. share: of the planes that are computed; 0: nothing yet.
     """
 
     planes_m: NDArray[np.float64]
@@ -87,22 +59,23 @@ def section_steps(
 ) -> Iterator[Sections]:
     """The sections through a sample, better after each plane: first every 2ⁿ-th plane, then the planes between.
 
-    planes_m: (plane,) rising. lasers: indices of those that are on. Each plane takes two lines of a transform only.
+    planes_m: (plane,) nominal, rising. lasers: indices of those that are on. Each plane takes two lines of a transform.
     Raises UserError as `make_plan` and `FrameInputs` do, and when memory doesn't suffice for the spectra.
     """
     plan = make_plan(system, planes_m)
-    executor, beams = _executor(plan, drive), beams_of(plan, lasers)
+    executor, beams = TorchExecutor(plan, FrameInputs(plan, drive)), plan.beams(lasers)
     needed = len(beams) * math.prod(plan.band(1).shape) * 8 + _PADDED_ARRAYS * math.prod(plan.grid.padded) * 8
     require_memory("sections", needed, remedy="show fewer lasers or frames")
     rows, columns = plan.grid.shape
     xz, yz = np.zeros((len(planes_m), columns, 3), np.float32), np.zeros((len(planes_m), rows, 3), np.float32)
     done, spectra = np.zeros(len(planes_m), bool), []
     for beam in beams:
-        spectra.append((beam, _spectrum(executor, beam)))
+        behind = spectrum_behind_modulators(executor, beam.wavelength, beam.frame, beam.source)
+        spectra.append((beam, behind.values))
         yield Sections(planes_m, xz, yz, 0.0)
     for index in _coarse_to_fine(len(planes_m)):
         for wavelength in sorted({beam.wavelength for beam in beams}):
-            transfer = executor.derived_transfer(1, wavelength, float(plan.planes_m[index]))
+            transfer = executor.derived_transfer(1, wavelength, index)
             for beam, spectrum in spectra:
                 if beam.wavelength == wavelength:
                     lines = executor.transforms[1].inverse_lines(spectrum * transfer, *place)
@@ -115,11 +88,6 @@ def section_steps(
         yield Sections(planes_m, xz[shown], yz[shown], float(done.mean()))
 
 
-def _executor(plan: Plan, drive: Any, *, double: bool = False) -> TorchExecutor:
-    """The reference executor of a plan, with memory for the image of one of its planes only."""
-    return TorchExecutor(replace(plan, planes_m=plan.planes_m[:1]), FrameInputs(plan, drive), double=double)
-
-
 def _coarse_to_fine(count: int) -> list[int]:
     """All indices below a count: every 2ⁿ-th index, then the middles between, and so on."""
     stride = 1 << max(count - 1, 1).bit_length()
@@ -128,27 +96,6 @@ def _coarse_to_fine(count: int) -> list[int]:
         order += [index for index in range(0, count, stride) if index not in order]
         stride //= 2
     return order
-
-
-def _spectrum(executor: TorchExecutor, beam: Beam) -> torch.Tensor:
-    """The spectrum behind the last modulator."""
-    return executor.spectrum(TorchField(_fields(executor, beam)[-1]), _last(executor.plan)).values
-
-
-def _last(plan: Plan) -> int:
-    """The index of the last modulator."""
-    return len(plan.system.modulators) - 1
-
-
-def _fields(executor: TorchExecutor, beam: Beam) -> list[torch.Tensor]:
-    """The samples (y, x) of the field behind each modulator."""
-    plan, dtype = executor.plan, executor.dtype
-    field = TorchField(plane_wave(plan, beam.wavelength, beam.source, dtype, torch.device("cpu")))
-    fields = [executor.modulate(field, beam.frame, 0, beam.wavelength)]
-    if plan.system.gap_m is not None:
-        spectrum = executor.transmit(executor.spectrum(fields[0], 0), 0, beam.wavelength, plan.system.gap_m)
-        fields.append(executor.modulate(executor.field(spectrum, 0), beam.frame, 1, beam.wavelength))
-    return [field.values for field in fields]
 
 
 # --- one point --------------------------------------------------------------------------------------------------------
@@ -183,24 +130,24 @@ class PointLight:
 def point_steps(
     system: System, drive: Any, plane_m: float, place: Place, lasers: Sequence[int], window: int = 64
 ) -> Iterator[PointLight]:
-    """The light of a sample of the image in a focal plane, better after each beam.
+    """The light of a sample of the image in a nominal focal plane, better after each beam.
 
     lasers: indices of those that are on. window: samples across the window of the local spectrum.
     Raises UserError as `make_plan` and `FrameInputs` do.
     """
     plan = make_plan(system, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     require_memory("the light of a point", _PADDED_ARRAYS * math.prod(plan.grid.padded) * 16, remedy="lower padding")
-    executor = _executor(plan, drive, double=True)
-    beams, shape = beams_of(plan, lasers), plan.grid.shape
-    lines = _lines(plan)
+    executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
+    beams, shape = plan.beams(lasers), plan.grid.shape
+    laser_of = {line: laser for laser, lines in enumerate(plan.lasers) for line in lines.indices}
     intensities, xyz, total = np.zeros(len(system.wavelengths_m)), np.zeros(3), 0.0
     areas = [np.zeros((*shape, 3), np.float32) for _ in plan.system.modulators]
     directions, orders = np.zeros((window, window, 3), np.float32), dict[tuple[int, int], float]()
     for number, beam in enumerate(beams, start=1):
-        found = beam_at_point(executor, beam, plane_m, place)
+        found = beam_at_point(executor, beam, len(plan.planes) - 1, place)
         colour = plan.colour_weights[beam.wavelength]
         intensity = beam.weight * abs(found.field) ** 2
-        intensities[beam.wavelength // lines] += intensity
+        intensities[laser_of[beam.wavelength]] += intensity
         xyz += intensity * colour
         total += intensity
         for order, part in found.orders.items():
@@ -236,23 +183,21 @@ class BeamAtPoint:
     around: NDArray[np.complex128]
 
 
-def beam_at_point(executor: TorchExecutor, beam: Beam, plane_m: float, place: Place) -> BeamAtPoint:
+def beam_at_point(executor: TorchExecutor, beam: Beam, plane: int, place: Place) -> BeamAtPoint:
     """The light of a beam at a sample (row, column) of a focal plane, with its parts and contributions."""
-    fields, wavelength = _fields(executor, beam), beam.wavelength
-    last = _last(executor.plan)
-    transform = executor.transforms[1]
-    spectrum = executor.spectrum(TorchField(fields[-1]), last).values
-    transfer = executor.derived_transfer(1, wavelength, plane_m)
+    wavelength, transform = beam.wavelength, executor.transforms[1]
+    light = dict(light_along(executor, wavelength, beam.frame, beam.source))
+    spectrum = light["spectrum"].values
+    fields = [torch.from_numpy(executor.download_field(light[name])) for name in ("slm1", "slm2") if name in light]
+    transfer = executor.derived_transfer(1, wavelength, plane)
     around = transform.inverse(spectrum * transfer)
     at_place = transfer * transform.at_sample(*place)
     weights = transform.forward_transposed(at_place)
     contributions = [weights * fields[-1]]
-    if last == 1:
+    if "slm2" in light:
         ones = TorchField(torch.ones_like(weights))
         weights = weights * executor.modulate(ones, beam.frame, 1, wavelength).values
-        gap, through = executor.transforms[0], executor.plan.system.gap_m
-        assert through is not None and relay_behind(executor.plan, 0) == 0
-        response = executor.derived_transfer(0, wavelength, through)
+        gap, response = executor.transforms[0], executor.derived_transfer(0, wavelength)
         before = gap.forward_transposed(response * gap.inverse_transposed(weights))
         contributions.insert(0, before * fields[0])
     parts = _by_order(executor, beam, (spectrum * at_place).numpy())

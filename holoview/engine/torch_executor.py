@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine.frame import relay_behind, run_stages
-from holoview.model.plan import Plan, make_plan
+from holoview.engine.frame import light_along, relay_behind, run_stages
+from holoview.model.passband import Transfer
+from holoview.model.plan import Beam, Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.numerics.resample import upsample_nearest
@@ -107,16 +109,16 @@ class TorchPropagation(ABC):
         ]
         return TorchField(spectrum_of_pixels(field.values, axes))
 
-    def transmit(self, spectrum: TorchField, relay: int, wavelength: int, distance_m: float) -> TorchField:
-        """spectrum × transfer function × pupil."""
-        return TorchField(spectrum.values * self.transfer(relay, wavelength, distance_m))
+    def transmit(self, spectrum: TorchField, relay: int, wavelength: int, plane: int = 0) -> TorchField:
+        """spectrum × transfer function × pupil, over the gap (0) or to a plane (1)."""
+        return TorchField(spectrum.values * self.transfer(relay, wavelength, plane))
 
     def field(self, spectrum: TorchField, relay: int) -> TorchField:
         """Inverse FFT of the spectrum behind a relay, cropped to the modulator's area."""
         return TorchField(self.transforms[relay].inverse(spectrum.values))
 
     @abstractmethod
-    def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> torch.Tensor:
         """Transfer function × pupil at the frequencies of a relay, (rows, columns)."""
 
     def frequencies(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -139,10 +141,9 @@ class TorchExecutor(TorchPropagation):
         super().__init__(plan, inputs, double=double, device=device)
         self.inputs = inputs
         self._real = torch.float64 if double else torch.float32
-        self._transfers: dict[tuple[int, float], torch.Tensor] = {}
+        self._transfers: dict[tuple[int, int], torch.Tensor] = {}
         self._cached_wavelength = -1
-        self._intensity = [self._zero_intensity() for _ in plan.planes_m]
-        self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
+        self._intensity: dict[int, torch.Tensor] = {}  # of each plane
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
@@ -150,7 +151,7 @@ class TorchExecutor(TorchPropagation):
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
-        self._intensity[plane] = self._zero_intensity()
+        self._intensity[plane] = torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
 
     def accumulate(self, field: TorchField, plane: int, weight: float) -> None:
         """Add weight·|field|² to the intensity of a plane."""
@@ -167,7 +168,7 @@ class TorchExecutor(TorchPropagation):
 
     def composite(self, wavelength: int) -> None:
         """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
-        for plane, intensity in enumerate(self._intensity):
+        for plane, intensity in self._intensity.items():
             for channel, weight in enumerate(self.plan.colour_weights[wavelength].tolist()):
                 self._xyz[plane, ..., channel].add_(intensity.detach(), alpha=weight)
 
@@ -180,22 +181,34 @@ class TorchExecutor(TorchPropagation):
         stacks = []
         for wavelength in range(len(self.plan.system.wavelengths_m)):
             self.run(wavelength)
-            stacks.append(torch.stack(self._intensity))
+            stacks.append(torch.stack([self._intensity[plane] for plane in range(len(self.plan.planes))]))
         return torch.stack(stacks, dim=1)
 
-    def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+    @cached_property
+    def _xyz(self) -> torch.Tensor:
+        shape = len(self.plan.planes), *self.plan.grid.shape, 3
+        return torch.zeros(shape, dtype=self._real, device=self._device)
+
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> torch.Tensor:
         """Transfer function × pupil at the frequencies of a relay; cached for one wavelength."""
         if wavelength != self._cached_wavelength:
             self._transfers.clear()
             self._cached_wavelength = wavelength
-        key = (relay, distance_m)
+        key = (relay, plane)
         if key not in self._transfers:
-            self._transfers[key] = self.derived_transfer(relay, wavelength, distance_m)
+            self._transfers[key] = self.derived_transfer(relay, wavelength, plane)
         return self._transfers[key]
 
-    def derived_transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+    def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> torch.Tensor:
         """`transfer` without its cache, which would hold every plane of a long series."""
-        pupil, transfer = self.inputs.pupils[relay][wavelength], self.plan.transfer(relay, wavelength, distance_m)
+        return self._response(self.plan.transfer(relay, wavelength, plane), relay, wavelength)
+
+    def stops(self, wavelength: int) -> torch.Tensor:
+        """Stops × pupil of the last relay at its frequencies, (rows, columns); of an eye its pupil's function alone."""
+        return self._response(self.plan.stops(1, wavelength), 1, wavelength)
+
+    def _response(self, transfer: Transfer, relay: int, wavelength: int) -> torch.Tensor:
+        pupil = self.inputs.pupils[relay][wavelength]
         return relay_response(transfer, *self._frequency_tensors(relay), pupil, self.dtype)
 
     def upload_field(self, values: NDArray[np.complexfloating]) -> TorchField:
@@ -209,9 +222,6 @@ class TorchExecutor(TorchPropagation):
         wave = [of(self.plan, *field.pixels_of, self.dtype, self._device) for of in (plane_wave, pixel_wave)]
         samples = upsample_nearest(field.values / wave[1], self.plan.grid.upsample) * wave[0]
         return samples.cpu().numpy()
-
-    def _zero_intensity(self) -> torch.Tensor:
-        return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
 
 
 def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
@@ -231,10 +241,14 @@ def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
 
 @dataclass(frozen=True, eq=False)
 class StageField:
-    """The light of one laser in one frame at a stage.
+    """The coherent light of one laser in one frame at a stage.
 
-    values: (y, x) complex128. step: from one sample to the next, (y, x): m, or a direction sine where the light is
-    known by direction. is_by_direction: whether it is. wavelength_m: of the light.
+    values: (y, x) complex128; at "stop" and "pupil", phases count from the axis: the middle of the field.
+    step: from one sample to the next, (y, x): m, or a direction sine where the light is known by direction.
+    is_by_direction: whether it is. wavelength_m: of the light. origin: of the first sample, (y, x) from the axis, as
+    `step`.
+    share: of the light of the laser, frame and direction that was asked for, which effects may split into samples that
+    add in intensity; `values` are then those of the central one. note: the same in words; empty without such effects.
     """
 
     stage: str
@@ -242,6 +256,9 @@ class StageField:
     step: tuple[float, float]
     is_by_direction: bool
     wavelength_m: float
+    origin: tuple[float, float]
+    share: float = 1.0
+    note: str = ""
 
 
 def stage_field(
@@ -249,7 +266,8 @@ def stage_field(
 ) -> StageField:
     """The field at a stage, in complex128.
 
-    plane_m: the focal plane, on which the stages behind relay 2 depend. laser, frame, source: their indices.
+    plane_m: the nominal focal plane, on which the stages behind relay 2 depend. laser, frame, source: indices of those
+    of the system.
 
     Raises UserError for a stage that the system doesn't have, and as `make_plan` and `FrameInputs` do.
     """
@@ -266,41 +284,66 @@ def stage_field(
     seen = system if stage in ("pupil", "retina") else system.with_(eye=None)
     plan = make_plan(seen, [*system.planes_m, plane_m])  # all planes: padding that follows from them stays the same
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
-    frame *= len(plan.moments)
-    λ = float(plan.system.wavelengths_m[laser])
+    beam, share = plan.central_beam(laser, frame, source)
+    values = beam_at_stage(executor, beam, stage)
+    is_by_direction = stage in ("stop", "pupil")
+    λ, grid = float(plan.system.wavelengths_m[beam.wavelength]), plan.grid
+    step_y, step_x = (λ * df for df in grid.frequency_step) if is_by_direction else (grid.pitch_m,) * 2
+    first = [k.min() for k in executor.frequencies(1)] if is_by_direction else [(1 - n) / 2 for n in grid.shape]
+    origin = (float(first[0]) * step_y, float(first[1]) * step_x)
+    note = _sample_note(plan, laser, frame, source, share)
+    return StageField(stage, values, (step_y, step_x), is_by_direction, λ, origin, share, note)
+
+
+def beam_at_stage(executor: TorchExecutor, beam: Beam, stage: str) -> NDArray[np.complex128]:
+    """The field (y, x) of a beam at a stage, behind relay 2 on the way to the last plane."""
+    wavelength = beam.wavelength
     if stage == "light":
-        return _by_place(stage, executor, TorchField(_light(executor, laser, source)), λ)
-    field = _behind_modulators(executor, executor.illuminate(laser, source), stage, frame, laser)
-    if stage in stages[: stages.index("stop")]:
-        return _by_place(stage, executor, field, λ)
-    spectrum = executor.spectrum(field, len(plan.system.modulators) - 1)
-    passed = executor.transmit(spectrum, 1, laser, 0.0 if stage == "stop" else plane_m)
-    if stage in ("plane", "retina"):
-        return _by_place(stage, executor, executor.field(passed, 1), λ)
-    rows, columns = (np.argsort(k) for k in executor.frequencies(1))
-    by_direction = passed.values.numpy()[np.ix_(rows, columns)]
-    sine_y, sine_x = (λ * step for step in plan.grid.frequency_step)
-    return StageField(stage, by_direction, (sine_y, sine_x), True, λ)
+        return executor.download_field(TorchField(_light(executor, beam))).astype(np.complex128)
+    for landmark, field in light_along(executor, wavelength, beam.frame, beam.source):
+        if landmark == stage or (stage, landmark) == ("field", "slm1"):
+            return executor.download_field(field).astype(np.complex128)
+    if stage == "stop":
+        return _by_direction(executor, field.values * executor.stops(wavelength))
+    seen = executor.transmit(field, 1, wavelength, len(executor.plan.planes) - 1)
+    if stage == "pupil":
+        return _by_direction(executor, seen.values)
+    return executor.download_field(executor.field(seen, 1)).astype(np.complex128)
 
 
-def _by_place(stage: str, executor: TorchExecutor, field: TorchField, wavelength_m: float) -> StageField:
-    pitch_m = executor.plan.grid.pitch_m
-    values = executor.download_field(field).astype(np.complex128)
-    return StageField(stage, values, (pitch_m, pitch_m), False, wavelength_m)
+def _by_direction(executor: TorchExecutor, spectrum: torch.Tensor) -> NDArray[np.complex128]:
+    """A spectrum behind relay 2 in rising order of frequency, its phase counted from the middle of the field.
+
+    The transform counts from the padded grid's first sample, so that the middle m of the field adds −k·m/P turns.
+    """
+    grid, values = executor.plan.grid, spectrum.numpy()
+    for axis, k in enumerate(executor.frequencies(1)):
+        middle = grid.offset[axis] + (grid.shape[axis] - 1) / 2
+        phase = np.exp(2j * np.pi * np.remainder(k * middle / grid.padded[axis], 1.0))
+        values = np.take(values * np.expand_dims(phase, 1 - axis), np.argsort(k), axis=axis)
+    return values.astype(np.complex128)
 
 
-def _light(executor: TorchExecutor, laser: int, source: int) -> torch.Tensor:
+def _light(executor: TorchExecutor, beam: Beam) -> torch.Tensor:
     """The light before the first modulator, (y, x): a plane wave with the effects on the source."""
-    wave = plane_wave(executor.plan, laser, source, torch.complex128, torch.device("cpu"))
+    wave = plane_wave(executor.plan, beam.wavelength, beam.source, torch.complex128, torch.device("cpu"))
     transmissions = executor.inputs.sampled_transmissions
-    return transmissions.source_light(wave, laser) if isinstance(transmissions, SampledTransmissions) else wave
+    if isinstance(transmissions, SampledTransmissions):
+        return transmissions.source_light(wave, beam.wavelength)
+    return wave
 
 
-def _behind_modulators(executor: TorchExecutor, light: TorchField, stage: str, frame: int, laser: int) -> TorchField:
-    """The field behind the last modulator, or at an earlier stage."""
-    system = executor.plan.system
-    field = executor.modulate(light, frame, 0, laser)
-    if stage == "slm1" or system.gap_m is None:
-        return field
-    field = executor.field(executor.transmit(executor.spectrum(field, 0), 0, laser, system.gap_m), 0)
-    return field if stage == "gap" else executor.modulate(field, frame, 1, laser)
+def _sample_note(plan: Plan, laser: int, frame: int, source: int, share: float) -> str:
+    """What a field is a sample of, in words; empty where it is all light of the laser, frame and direction."""
+    parts = [
+        f"{len(split.indices)} {what}"
+        for split, what in (
+            (plan.lasers[laser], "spectral lines"),
+            (plan.directions[source], "points of the source"),
+            (plan.frames[frame], "samples of the exposure"),
+        )
+        if len(split.indices) > 1
+    ]
+    if not parts:
+        return ""
+    return f"one sample of {' × '.join(parts)}, which add in intensity; it has {100 * share:.2g} % of the light"

@@ -61,7 +61,7 @@ class WgpuExecutor:
         self.plan, self.inputs, self.device = plan, inputs, device
         self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
         self._compositor = Compositor(device, plan.grid.shape)
-        planes = range(len(plan.planes_m))
+        planes = range(len(plan.planes))
         self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
         self._xyz = [self._compositor.xyz_buffer(f"XYZ of plane {i}") for i in planes]
         self._buffers: dict[Hashable, Buffer] = {}
@@ -79,10 +79,10 @@ class WgpuExecutor:
             first = self._fused.record_first_modulator(recorder, span)
             second = self._fused.record_second_modulator(recorder, span, first)
             weight = float(self.plan.weights[span.frame, wavelength])
-            for plane, distance_m in enumerate(self.plan.planes_m.tolist()):
-                self.submit()  # since set_distance affects all recorded work that isn't submitted
-                self._fused.tables.set_distance(1, distance_m, [wavelength])
-                target = BufferRegion(self._intensity[plane])
+            for plane, intensity in enumerate(self._intensity):
+                self.submit()  # since set_plane affects all recorded work that isn't submitted
+                self._fused.tables.set_plane(plane, [wavelength])
+                target = BufferRegion(intensity)
                 self._fused.record_intensity(
                     self._recording(), span, second, target, weight=weight, accumulates=number > 0
                 )
@@ -117,10 +117,10 @@ class WgpuExecutor:
         self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
         return GpuField(field.index, relay_behind(self.plan, modulator))
 
-    def transmit(self, spectrum: GpuField, relay: int, wavelength: int, distance_m: float) -> GpuField:
+    def transmit(self, spectrum: GpuField, relay: int, wavelength: int, plane: int = 0) -> GpuField:
         """spectrum × transfer function × pupil, written to the other field."""
-        step = self.plan.transfer(relay, wavelength, distance_m)
-        key = ("transmit", relay, wavelength, distance_m, spectrum.index)
+        step = self.plan.transfer(relay, wavelength, plane)
+        key = ("transmit", relay, wavelength, plane, spectrum.index)
         propagation = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
         support = self._stored(("support", *key[1:4]), lambda: support_table(step, self.plan.grid))
         pupil = self.inputs.pupils[relay][wavelength]

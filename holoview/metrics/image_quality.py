@@ -183,7 +183,7 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
     power = np.zeros(plan.grid.padded)
     band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
     for wavelength in range(len(plan.system.wavelengths_m)):
-        stop = executor.transfer(1, wavelength, 0.0).abs().square().numpy()  # |H|² at distance 0: the stops alone
+        stop = executor.stops(wavelength).abs().square().numpy()
         for frame in plan.lit(wavelength):
             weight = plan.weights[frame, wavelength] * plan.colour_weights[wavelength, 1]
             for source in range(len(plan.slopes)):

@@ -77,14 +77,15 @@ def _eye(plan: Plan) -> list[InfoRow]:
     eyebox = [f * λ_m / modulator.pitch_m * 1e3 for λ_m in (λ.min(), λ.max())]
     degrees = sample_degrees(plan.grid.pitch_m, f)
     field = [field_degrees(side, f) for side in system.field_m]
-    dioptres = eye.dioptres(plan.planes_m, system.planes_m) + 0.0
     spread_m = float(np.ptp(plan.focus_shift_m))
     place = f"y {eye.pupil_y_m * 1e3:g}, x {eye.pupil_x_m * 1e3:g} mm"
     pupil = f"{eye.pupil_diameter_m(system.field_m) * 1e3:.3g} mm at {place}"
     return [
         InfoRow("eye", "eyepiece", f"{units.format_rounded(f, 'mm')}, {f * f * 1e3:.3g} mm of distance a dioptre"),
         InfoRow("eye", "plane at infinity", units.format_rounded(eye.far_plane_m(system.planes_m), "mm")),
-        InfoRow("eye", "focused at", f"{', '.join(f'{d:.3g}' for d in dioptres)} D"),
+        InfoRow(
+            "eye", "focused at", f"{', '.join(f'{(plane.accommodation_dpt or 0.0):.3g}' for plane in plan.planes)} D"
+        ),
         InfoRow("eye", "pupil", pupil),
         InfoRow(
             "eye", "eyebox of the first order", f"{eyebox[0]:.3g} mm at {λ.min() * 1e9:.4g} nm to {eyebox[1]:.3g} mm"
@@ -217,7 +218,7 @@ def _limits(plan: Plan) -> list[InfoRow]:
 
 def _memory(plan: Plan, optimiser_bytes: int | None) -> list[InfoRow]:
     field = math.prod(plan.grid.padded) * _COMPLEX64
-    stack = len(plan.system.wavelengths_m) * len(plan.planes_m) * math.prod(plan.grid.shape) * _FLOAT32
+    stack = len(plan.system.wavelengths_m) * len(plan.planes) * math.prod(plan.grid.shape) * _FLOAT32
     rows = [
         InfoRow("memory", "one padded field", _bytes(field)),
         InfoRow("memory", "focal stack of intensities", _bytes(stack)),

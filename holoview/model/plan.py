@@ -9,6 +9,7 @@ turns of 2π.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,7 @@ from holoview.model.passband import (
 )
 from holoview.model.system import System
 from holoview.numerics.sampling import is_fast_length, next_fast_length
+from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
 
@@ -70,19 +72,64 @@ class Grid:
 
 
 @dataclass(frozen=True)
+class SeenPlane:
+    """A focal plane: where it was asked for, and where it is.
+
+    nominal_m: the distance from the last modulator that was asked for, m; with an eye, that of the plane on which it is
+    focused at its reference wavelength.
+    accommodation_dpt: the vergence of the nominal plane, dioptres; None without an eye.
+    true_m: the distance with the effects that move planes.
+    distances_m: (wavelength,) the distances of its pictures. They are `true_m`; an eye is focused elsewhere at each
+    wavelength.
+    eye: the eye that sees the plane, with its pupil at its place; None without an eye.
+    """
+
+    nominal_m: float
+    accommodation_dpt: float | None
+    true_m: float
+    distances_m: tuple[float, ...]
+    eye: Eye | None = None
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of a laser, a direction or a frame of the nominal system, whose light adds in intensity.
+
+    indices: in the plan; one without the effects that split light.
+    central: the index of the nominal sample, or of that nearest to it.
+    """
+
+    indices: tuple[int, ...]
+    central: int
+
+
+@dataclass(frozen=True)
+class Beam:
+    """The coherent light of one wavelength, frame and source of a plan. weight: of its |field|² in the intensity."""
+
+    wavelength: int
+    frame: int
+    source: int
+    weight: float
+
+
+@dataclass(frozen=True)
 class Plan:
     """The numbers that both executors use, derived from a system for a choice of focal planes. Made by `make_plan`.
 
+    What is seen and what shines are known by their indices: those of `planes`, and the wavelengths, frames and sources
+    of `system`. Effects may split a laser of the nominal system into several wavelengths (spectral lines), a direction
+    into several sources (points) and a frame into several frames (samples of its exposure).
+
     system: the system with the effects that change distances, angles, wavelengths, apertures and powers applied.
-    planes_m: (plane,) distances of the focal planes, with effects. With an eye, those on which it is focused at its
-    reference wavelength.
+    planes: the focal planes, seen from each place of the pupil in turn.
     grid: `Grid` of the field and of its padded transform.
     weights: (frame, wavelength) factors of |field|²: amplitude / (frames · sources).
     slopes: (source, wavelength, 2) phase slope (y, x) of the illumination, turns a sample.
     colour_weights: (wavelength, 3) XYZ of unit intensity.
     nominal: the system as it was given.
     focus_shift_m: (wavelength,) how much larger z is on which an eye is focused at each wavelength; 0 without an eye.
-    eyes: (plane,) the eye that sees each plane, with its pupil at its place; empty without an eye.
+    lasers, directions, frames: of the nominal system, with their `Samples`: indices of wavelengths, sources and frames.
     moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
     f·M + m of `system` shows frame f of the drive with factor m.
     has_weighted_stops: whether frequencies on the edge of a relay's stop pass in part, as pupils say then.
@@ -94,19 +141,33 @@ class Plan:
     """
 
     system: System
-    planes_m: NDArray[np.float64]
+    planes: tuple[SeenPlane, ...]
     grid: Grid
     weights: NDArray[np.float64]
     slopes: NDArray[np.float64]
     colour_weights: NDArray[np.float64]
     nominal: System
     focus_shift_m: NDArray[np.float64]
-    eyes: tuple[Eye, ...] = ()
+    lasers: tuple[Samples, ...]
+    directions: tuple[Samples, ...]
+    frames: tuple[Samples, ...]
     moments: tuple[float, ...] = (1.0,)
     has_weighted_stops: bool = False
     _transfers: dict[tuple[float, int, int, Eye | None], Transfer] = field(
         default_factory=dict, repr=False, compare=False
     )
+
+    @property
+    def planes_m(self) -> NDArray[np.float64]:
+        """The true distances (plane,) of the focal planes, m; of an eye at its reference wavelength.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").edit({"effects": {"distance": {"distance_error": "1 mm"}}})
+        >>> plan = hv.make_plan(system, ["5 mm"])
+        >>> plan.planes[0].nominal_m, plan.planes_m.tolist()
+        (0.005, [0.006])
+        """
+        return np.array([plane.true_m for plane in self.planes])
 
     @property
     def distances_m(self) -> NDArray[np.float64]:
@@ -117,8 +178,7 @@ class Plan:
         >>> plan.distances_m.shape, float(plan.distances_m.max())
         ((1, 8), 0.005)
         """
-        distances: NDArray[np.float64] = self.planes_m[:, None] + self.focus_shift_m[None, :]
-        return distances
+        return np.array([plane.distances_m for plane in self.planes])
 
     @property
     def relays(self) -> tuple[Relay, Relay]:
@@ -131,15 +191,6 @@ class Plan:
         """
         return self.system.relay1, self.system.relay2
 
-    def eye_at(self, plane: int) -> Eye | None:
-        """The eye that sees the plane of an index; None without an eye.
-
-        >>> import holoview as hv
-        >>> hv.make_plan(hv.load("holochrome-8")).eye_at(0) is None
-        True
-        """
-        return self.eyes[plane] if self.eyes else None
-
     def seen_from(self, places_m: Sequence[tuple[float, float]]) -> Plan:
         """The plan with its planes seen from other places of the eye's pupil.
 
@@ -147,37 +198,50 @@ class Plan:
 
         >>> import holoview as hv
         >>> plan = hv.make_plan(hv.load("holochrome-8").with_(eye={}), ["10 mm"])
-        >>> plan.seen_from([(0.0, 1e-3)]).eye_at(0).pupil_x_m
+        >>> plan.seen_from([(0.0, 1e-3)]).planes[0].eye.pupil_x_m
         0.001
         """
-        eyes = eyes_at(self.nominal, len(self.planes_m) // len(places_m), places_m)
-        return replace(self, eyes=eyes, _transfers={})
+        eyes = eyes_at(self.nominal, len(self.planes) // len(places_m), places_m)
+        planes = tuple(replace(plane, eye=eye) for plane, eye in zip(self.planes, eyes, strict=True))
+        return replace(self, planes=planes, _transfers={})
 
-    def transfer(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None = None) -> Transfer:
-        """The propagation over a distance through a relay; derived at the first call and kept.
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Transfer:
+        """The propagation through a relay, over the gap or to a focal plane; derived at the first call and kept.
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
         wavelength: index of the wavelength in `system`.
-        distance_m: distance in metres; negative before the plane of a field. With an eye, that of the plane on which it
-        is focused at its reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
-        eye: of the plane; the eye of `nominal` when None.
+        plane: index in `planes`; of no matter for the gap. An eye is focused elsewhere at each wavelength: the
+        `Transfer` leads there.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
 
         >>> import holoview as hv
-        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]))
-        >>> transfer = plan.transfer(1, 0, 5e-3)
+        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]), ["5 mm"])
+        >>> transfer = plan.transfer(1, 0, 0)
         >>> round(transfer.waves), transfer.support.shape
         (10870, (192, 3))
         """
-        eye = (eye or self.nominal.eye) if relay == 1 else None
+        if relay == 0:
+            return self._propagation(0, wavelength, self.system.gap_m or 0.0, None)
+        seen = self.planes[plane]
+        return self._propagation(1, wavelength, seen.distances_m[wavelength], seen.eye)
+
+    def stops(self, relay: int, wavelength: int) -> Transfer:
+        """The way through the stops of a relay alone, over no distance and without an eye.
+
+        relay, wavelength: as of `transfer`.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64])).stops(1, 0).waves
+        0.0
+        """
+        return self._propagation(relay, wavelength, 0.0, None)
+
+    def _propagation(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None) -> Transfer:
         key = (distance_m, relay, wavelength, eye)
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
             limits, shift_m = None, (0.0, 0.0)
-            if eye is not None:
-                focus_shift_m = float(self.focus_shift_m[wavelength])
-                distance_m, shift_m = distance_m + focus_shift_m, eye.image_shift_m(focus_shift_m)
             if self.system.sampling.propagation != "periodic":
                 highest = [
                     math.floor(band_limit(p, grid.pitch_m, λ, distance_m) / step)
@@ -186,6 +250,7 @@ class Plan:
                 limits = (highest[0], highest[1])
             support = self._passing_rows(relay, wavelength, limits)
             if eye is not None:
+                shift_m = eye.image_shift_m(float(self.focus_shift_m[wavelength]))
                 support = self._seen_rows(eye, support, λ)
             self._transfers[key] = Transfer(distance_m, λ, grid.frequency_step, support, shift_m)
         return self._transfers[key]
@@ -255,6 +320,43 @@ class Plan:
         """
         return [int(frame) for frame in np.flatnonzero(self.weights[:, wavelength])]
 
+    def beams(self, lasers: Sequence[int]) -> list[Beam]:
+        """All beams of some lasers whose |field|² add up to the intensity, by wavelength.
+
+        lasers: indices in `lasers`.
+
+        >>> import holoview as hv
+        >>> len(hv.make_plan(hv.load("holochrome-8").with_(frames=3)).beams([0, 4]))
+        6
+        """
+        return [
+            Beam(wavelength, frame, source, float(self.weights[frame, wavelength]))
+            for laser in sorted(set(lasers))
+            for wavelength in self.lasers[laser].indices
+            for frame in self.lit(wavelength)
+            for source in range(len(self.slopes))
+        ]
+
+    def central_beam(self, laser: int, frame: int, direction: int) -> tuple[Beam, float]:
+        """The nominal beam of a laser, frame and direction, or that nearest to it, and its share of their light.
+
+        laser, frame, direction: indices in `lasers`, `frames` and `directions`. The share is 1 where effects don't
+        split light; that of lasers that are off is their lines', points' and exposure samples' if they were equal.
+
+        >>> import holoview as hv
+        >>> effects = {"second_line": {"share": 0.25, "offset": "6 nm"}}
+        >>> plan = hv.make_plan(hv.load("holochrome-8").edit({"effects": effects}))
+        >>> beam, share = plan.central_beam(1, 0, 0)
+        >>> beam.wavelength, share
+        (2, 0.75)
+        """
+        lines, samples, points = self.lasers[laser], self.frames[frame], self.directions[direction]
+        own = float(self.weights[samples.central, lines.central])
+        weights = self.weights[np.ix_(samples.indices, lines.indices)]
+        total = float(weights.sum())
+        share = own / total if total else 1 / weights.size
+        return Beam(lines.central, samples.central, points.central, own), share / len(points.indices)
+
 
 def make_plan(
     system: System,
@@ -284,27 +386,30 @@ def make_plan(
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
-    planes_m = focused_planes(system) if planes is None else parse_planes(system, planes)
+    nominal_m = focused_planes(system) if planes is None else parse_planes(system, planes)
+    planes_m = nominal_m
     if system.effects:
-        system, moments = _as_built(system.edit({"planes": planes_m}))
+        system, moments = _as_built(system.edit({"planes": nominal_m}))
         planes_m = system.planes_m
     sources = len(system.source.directions_rad)
-    shift_m, eyes = focus_shift(nominal, planes_m, system.wavelengths_m), eyes_at(nominal, len(planes_m), places_m)
+    shift_m = focus_shift(nominal, planes_m, system.wavelengths_m)
     behind_m, before_m = planes_m.max() + max(shift_m.max(), 0.0), planes_m.min() + min(shift_m.min(), 0.0)
     farthest_m = float(max(behind_m, -before_m))
-    grid, planes_m = _grid(system, farthest_m), np.tile(planes_m, max(len(places_m), 1))
-    if eyes and nominal.sampling.propagation != "periodic":
+    grid = _grid(system, farthest_m)
+    if nominal.eye is not None and nominal.sampling.propagation != "periodic":
         check_eye_sampled(grid.padded, grid.pitch_m, float(nominal.wavelengths_m.max()), farthest_m)
     return Plan(
         system=system,
-        planes_m=planes_m,
+        planes=_seen_planes(nominal, nominal_m, planes_m, shift_m, places_m),
         grid=grid,
         weights=system.amplitudes / (system.frames * sources),
         slopes=_slopes(system),
         colour_weights=observer_weights(system.observer, system.wavelengths_m),
         nominal=nominal,
         focus_shift_m=shift_m,
-        eyes=eyes,
+        lasers=_lines(nominal, system),
+        directions=_points(nominal, system),
+        frames=_exposures(nominal, moments),
         moments=moments,
         has_weighted_stops=has_weighted_stops,
     )
@@ -314,6 +419,64 @@ def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
     """The system with its effects, and the factors of the optical paths that an exposure averages over."""
     active = ActiveEffects(system.effect_values)
     return active.as_built(system), tuple(factor for _, factor in active.exposure_samples())
+
+
+def _seen_planes(
+    system: System,
+    nominal_m: NDArray[np.float64],
+    true_m: NDArray[np.float64],
+    shift_m: NDArray[np.float64],
+    places_m: Sequence[tuple[float, float]],
+) -> tuple[SeenPlane, ...]:
+    """The planes of a nominal system (plane,) as they are seen from each place of the pupil, (place · plane,)."""
+    if len(true_m) != len(nominal_m):
+        raise UserError("effects", f"{len(true_m)} planes of {len(nominal_m)}", expected="effects that keep each plane")
+    eyes = eyes_at(system, len(nominal_m), places_m) or (None,) * len(nominal_m)
+    return tuple(
+        SeenPlane(
+            nominal_m=float(asked_m),
+            accommodation_dpt=None if eye is None else float(eye.dioptres(asked_m, system.planes_m)),
+            true_m=float(actual_m),
+            distances_m=tuple((actual_m + shift_m).tolist()),
+            eye=eye,
+        )
+        for eye, asked_m, actual_m in zip(eyes, itertools.cycle(nominal_m), itertools.cycle(true_m), strict=False)
+    )
+
+
+def _split(count: int, before: int, what: str) -> NDArray[np.intp]:
+    """Indices (before, samples): those of each laser, direction or frame are neighbours."""
+    if count % before:
+        raise UserError("effects", f"{count} {what} of {before}", expected="as many for each")
+    return np.arange(count).reshape(before, -1)
+
+
+def _lines(nominal: System, system: System) -> tuple[Samples, ...]:
+    """The spectral lines of each laser. The strongest is the central one; of equal ones, that nearest to the laser."""
+    indices = _split(len(system.wavelengths_m), len(nominal.wavelengths_m), "wavelengths")
+    power = system.amplitudes.sum(axis=0)
+    away_m = np.abs(system.wavelengths_m[indices] - nominal.wavelengths_m[:, None])
+    return tuple(
+        Samples(tuple(lines.tolist()), int(lines[np.lexsort((away, -power[lines]))[0]]))
+        for lines, away in zip(indices, away_m, strict=True)
+    )
+
+
+def _points(nominal: System, system: System) -> tuple[Samples, ...]:
+    """The points of each direction of the source. The central one is the nearest to their middle."""
+    directions_rad = system.source.directions_rad
+    groups = _split(len(directions_rad), len(nominal.source.directions_rad), "directions").tolist()
+    away = [np.hypot(*(directions_rad[points] - directions_rad[points].mean(axis=0)).T) for points in groups]
+    return tuple(
+        Samples(tuple(points), points[int(np.argmin(a.round(12)))]) for points, a in zip(groups, away, strict=True)
+    )
+
+
+def _exposures(nominal: System, moments: tuple[float, ...]) -> tuple[Samples, ...]:
+    """The samples of each frame's exposure. The central one has the optical paths that are nearest to the nominal."""
+    central = int(np.argmin(np.abs(np.array(moments) - 1)))
+    starts = range(0, nominal.frames * len(moments), len(moments))
+    return tuple(Samples(tuple(range(start, start + len(moments))), start + central) for start in starts)
 
 
 def walk_off(system: System, relay: Relay, distance_m: float) -> float:

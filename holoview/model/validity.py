@@ -505,7 +505,8 @@ def _response(plan: Plan) -> Measured | None:
 )
 def _sample_phase(plan: Plan) -> Measured | None:
     active = ActiveEffects(plan.nominal.effect_values)
-    steps = [(effect.sample_phase(plan.nominal, values), effect.id) for effect, values in active.pairs]
+    system = plan.nominal.with_(planes=[plane.nominal_m for plane in plan.planes])
+    steps = [(effect.sample_phase(system, values), effect.id) for effect, values in active.pairs]
     if not steps or max(steps)[0] == 0.0:
         return None
     phase, name = max(steps)
@@ -537,12 +538,13 @@ def pupil_share(eye: Eye, pupil_na: float, half_side: float) -> float:
 
 def _worst_share(plan: Plan, orders: float) -> tuple[float, float] | None:
     """The smallest share of the pupil in a square of so many first orders, and its wavelength; None without an eye."""
-    if not plan.eyes:
+    eyes = dict.fromkeys(plane.eye for plane in plan.planes if plane.eye is not None)
+    if not eyes:
         return None
     pitch_m, field_m = plan.system.modulators[0].pitch_m, plan.nominal.field_m
     return min(
         (pupil_share(eye, eye.pupil_na(field_m), orders * λ / (2 * pitch_m)), λ)
-        for eye in dict.fromkeys(plan.eyes)
+        for eye in eyes
         for λ in lit_wavelengths(plan).tolist()
     )
 

@@ -75,7 +75,7 @@ class _Stages(TorchPropagation):
 
     transfer_functions: TransferFunctions
 
-    def transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
         """Transfer function × pupil of the gap."""
         assert relay == 0
         return self.transfer_functions.across_gap(wavelength)

@@ -86,7 +86,7 @@ class EyeboxPenalty:
         return self._model.spectrum(laser, source).whole[self._rows[:, None], self._columns[None, :]]
 
     def _stop_transmittance(self, wavelength: int) -> Tensor:
-        """Power transmission of the last relay's stops and apodisation over the first order: its |H|² at distance 0."""
-        transfer = self._model.transfer_functions.relay_transfer(1, wavelength, 0.0)
-        power = transfer.abs().square().to(self._model.real_dtype).to(self._model.device)
+        """Power transmission of the last relay's stops and pupil over the first order, wherever an eye is."""
+        power = self._model.transfer_functions.stop_transmittance(wavelength)
+        power = power.to(self._model.real_dtype).to(self._model.device)
         return power[self._rows[:, None], self._columns[None, :]]

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.model.eye import Eye
 from holoview.model.plan import Plan
 from holoview.optics.bench import pupil_with_effects, pupil_without_effects, relay_response, wave_axes
 from holoview.optics.propagate import (
@@ -69,7 +68,7 @@ class TransferFunctions:
         self._stored_rows, self.plane_rows = self._find_rows()
         self._flat_planes: dict[tuple[int, int, int], FlatView] = {}
         self._flat_gaps: dict[tuple[int, int], FlatView] = {}
-        self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), len(self._stored_rows))
+        self.planes = self._empty_blocks(self.columns, count, len(plan.planes), len(self._stored_rows))
         self.gap = self._empty_gap(count)
         for i, λ in enumerate(self.wavelengths):
             self._fill(i, λ)
@@ -121,7 +120,7 @@ class TransferFunctions:
         plan = self.plan
         if plan.nominal.eye is not None or pupil_with_effects(plan, 1, self.wavelengths[0]) is not None:
             return False
-        supports = (plan.transfer(1, λ, float(plan.planes_m[0])).support for λ in self.wavelengths)
+        supports = (plan.transfer(1, λ).support for λ in self.wavelengths)
         return all(np.array_equal(rows[ky % len(rows)], rows[-ky % len(rows)]) for rows in map(np.asarray, supports))
 
     def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
@@ -148,7 +147,7 @@ class TransferFunctions:
         """
         self.plan = plan
         for i, λ in enumerate(self.wavelengths):
-            if pupil_with_effects(plan, 1, λ, plan.eye_at(0)) is None:
+            if pupil_with_effects(plan, 1, λ, plan.planes[0].eye) is None:
                 self._stop_planes(i, λ)
             else:
                 self._fill_planes(i, λ)
@@ -156,8 +155,8 @@ class TransferFunctions:
     def _fill_planes(self, i: int, wavelength: int) -> None:
         """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane."""
         padded = math.prod(self.plan.grid.padded)
-        for k, z in enumerate(self.plan.planes_m):
-            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k), self._stored_rows).div_(padded)
+        for k in range(len(self.plan.planes)):
+            transfer = self.relay_transfer(1, wavelength, k, self._stored_rows).div_(padded)
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
 
@@ -167,12 +166,12 @@ class TransferFunctions:
         if 0 in (len(ky), len(kx)):
             return
         before, stops = None, torch.empty(0)
-        for k, z in enumerate(self.plan.planes_m):
-            transfer = self.plan.transfer(1, wavelength, float(z), self.plan.eye_at(k))
+        for k, plane in enumerate(self.plan.planes):
+            transfer = self.plan.transfer(1, wavelength, k)
             if before is None or not transfer.has_stops_of(before):
                 whole = torch.ones(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
                 stops, before = stopped(whole, transfer, ky, kx).to(self.device), transfer
-            key = (wavelength, float(z))
+            key = (wavelength, plane.true_m)
             if key not in self._free_space:
                 free = free_space_at(transfer, ky, kx, self.dtype) / math.prod(self.plan.grid.padded)
                 self._free_space[key] = free.to(self.device)
@@ -181,46 +180,43 @@ class TransferFunctions:
 
     def _fill(self, i: int, wavelength: int) -> None:
         """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
-        gap_m = self.plan.system.gap_m
         self._fill_planes(i, wavelength)
-        if gap_m is None:
+        if self.plan.system.gap_m is None:
             for block in self.gap:
                 block[i] = 1
             return
-        transfer = self.relay_transfer(0, wavelength, gap_m)
+        transfer = self.relay_transfer(0, wavelength)
         for block, columns in zip(self.gap, self._gap_columns, strict=True):
             block[i] = transfer[:, columns]
 
     def transmittances(self, wavelength: int) -> tuple[float, float]:
         """Fractions of the power of a pixel's light, from modulator 1 and from the last one, that reach the planes."""
-        last = self._transmitted_share(1, wavelength, float(self.plan.planes_m[0]))
-        gap_m = self.plan.system.gap_m
-        return (1.0 if gap_m is None else self._transmitted_share(0, wavelength, gap_m)) * last, last
+        last = self._transmitted_share(1, wavelength)
+        return (1.0 if self.plan.system.gap_m is None else self._transmitted_share(0, wavelength)) * last, last
 
-    def relay_transfer(
-        self,
-        relay: int,
-        wavelength: int,
-        distance_m: float,
-        eye: Eye | None = None,
-        rows: Tensor | slice = slice(None),
-    ) -> Tensor:
-        """H × pupil in a relay's band, seen by an eye or by that of the plan; complex128 with a pupil.
+    def relay_transfer(self, relay: int, wavelength: int, plane: int = 0, rows: Tensor | slice = slice(None)) -> Tensor:
+        """H × pupil in a relay's band, over the gap (0) or to a plane (1); complex128 with a pupil.
 
         rows: of the band's frequencies k_y.
         """
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(relay))
         ky = ky[rows]
-        transfer = self.plan.transfer(relay, wavelength, distance_m, eye)
+        transfer = self.plan.transfer(relay, wavelength, plane)
         if 0 in (len(ky), len(kx)):
             return torch.zeros(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
-        pupil = pupil_with_effects(self.plan, relay, wavelength, eye)
+        pupil = pupil_with_effects(self.plan, relay, wavelength, self.plan.planes[plane].eye)
         return relay_response(transfer, ky, kx, pupil, self.dtype if pupil is None else torch.complex128)
+
+    def stop_transmittance(self, wavelength: int) -> Tensor:
+        """Power transmission of the last relay's stops and pupil without an eye, (frequency_y, frequency_x)."""
+        ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(1))
+        pupil = pupil_with_effects(replace(self.plan, nominal=self.plan.nominal.with_(eye=None)), 1, wavelength)
+        return relay_response(self.plan.stops(1, wavelength), ky, kx, pupil, self.dtype).abs().square()
 
     def across_gap(self, wavelength: int) -> Tensor:
         """H × pupil between the modulators, (frequency_y, frequency_x)."""
         assert self.plan.system.gap_m is not None
-        return self.relay_transfer(0, wavelength, self.plan.system.gap_m).to(self.dtype).to(self.device)
+        return self.relay_transfer(0, wavelength).to(self.dtype).to(self.device)
 
     def phase_derivative(self, relay: int, wavelength: int) -> Tensor:
         """∂(phase of H)/∂λ per metre of distance, real, (frequency_y, frequency_x)."""
@@ -268,12 +264,12 @@ class TransferFunctions:
         y, x = (axis.last_frequencies if relay else axis.gap_frequencies for axis in self.axes)
         return y, x
 
-    def _transmitted_share(self, relay: int, wavelength: int, distance_m: float) -> float:
+    def _transmitted_share(self, relay: int, wavelength: int) -> float:
         """The fraction of the power of a pixel's light that passes a relay, from the first source."""
         upsample = self.plan.grid.upsample
         shapes = [self._pixel_shape(axis, wavelength, 0, upsample).abs().square() for axis in (0, 1)]
         y, x = (shape[k].to(self._float64_device) for shape, k in zip(shapes, self._frequencies(relay), strict=True))
-        passed = self.relay_transfer(relay, wavelength, distance_m).abs().square().double()
+        passed = self.relay_transfer(relay, wavelength).abs().square().double()
         return float(y @ passed @ x) / float(shapes[0].sum() * shapes[1].sum())
 
     def _pixel_shape(self, axis: int, wavelength: int, source: int, samples: int) -> Tensor:

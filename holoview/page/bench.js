@@ -133,6 +133,15 @@ function focusShift(eye, λ) {
     return -(eye.eyepiece_m * eye.eyepiece_m) * error
 }
 
+// The true distance where a nominal one is asked for, along straight lines between known ones; known: null without effects.
+function trueDistance(known, nominal) {
+    if (!known) return nominal
+    const from = known.nominal_m
+    const i = Math.min(Math.max(firstIndex(from.length, j => from[j] > nominal), 1), from.length - 1)
+    const share = Math.min(Math.max((nominal - from[i - 1]) / (from[i] - from[i - 1]), 0), 1)
+    return known.true_m[i - 1] + share * (known.true_m[i] - known.true_m[i - 1])
+}
+
 // The propagation of a wavelength through a relay to a distance (Plan.transfer): values of the struct Propagation, and
 // the support by columns. eye: null for the gap and without an eye. stops: of `stopRows`.
 function transfer(bench, stops, λ, distance, eye) {

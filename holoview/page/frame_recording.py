@@ -51,7 +51,9 @@ little-endian. Phases are in turns, in fixed point: 32 bits and 16 guard bits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -71,11 +73,13 @@ from holoview.gpu.shader import WgslStruct
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.bench_parts import Relay
+from holoview.model.effects.registry import ActiveEffects
 from holoview.model.eye import Eye
 from holoview.model.focus import focused_planes
-from holoview.model.plan import Plan, make_plan, source_sines
+from holoview.model.plan import Plan, make_plan, source_sines, walk_off
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
+from holoview.util.errors import UserError
 
 FORMAT, VERSION = "holoview-frame-recording", "1"
 DEFAULT_LIMITS = {
@@ -94,16 +98,16 @@ DEFAULT_LIMITS = {
 _MORE_WORKGROUP_MEMORY = 32768  # which nearly all graphics cards offer
 _UNIFORM_USAGE = 0x40  # GPUBufferUsage.UNIFORM
 _QUICK_RADIX = 20  # beyond it, SwiftShader takes four times as long to compile a shader
+_KNOTS = 33  # of the line from nominal to true distances, which the effects of the library make straight
 _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are recomputed
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The recording: the frame of a plan by a strategy within limits of the device, first at the plane `plane_m`."""
+    """The recording: the frame of a plan by a strategy within limits of the device, first at the plan's last plane."""
 
     plan: Plan
     inputs: ShaderInputs
-    plane_m: float
     strategy: Strategy = "passes"
     limits: Mapping[str, int] = field(default_factory=lambda: DEFAULT_LIMITS)
     is_quick: bool = False
@@ -279,7 +283,7 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
     """
     plan = recorded.plan
     frame = FusedFrame(plan, recorded.inputs, device, strategy=recorded.strategy)
-    frame.tables.set_distance(1, recorded.plane_m)
+    frame.tables.set_plane(len(plan.planes) - 1)
     compositor = Compositor(device, plan.grid.shape)
     lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
     sources = range(len(plan.slopes))
@@ -349,7 +353,7 @@ def _assembled(
         "version": VERSION,
         "strategy": recorded.strategy,
         "is_quick": recorded.is_quick,
-        "plane_m": None if recorded.plan.nominal.eye else recorded.plane_m,
+        "plane_m": None if recorded.plan.nominal.eye else recorded.plan.planes[-1].nominal_m,
         "limits": dict(device.limits),
         "shape": list(compositor.shape),
         "pitch": compositor.pitch,
@@ -423,26 +427,27 @@ _QUICK_SAMPLES = 1 << 19  # of the padded grid: with fewer, a whole frame is qui
 
 
 def page_document(
-    hologram: Hologram, name: str, plane_m: float, farthest_m: float
+    hologram: Hologram, name: str, plane_m: float, plane_range_m: tuple[float, float]
 ) -> tuple[dict[str, Any], list[dict[str, Any]], bytes]:
     """The JSON of one hologram of a page, its frame recordings, and the binary data of both.
 
-    name: on the page. plane_m: the focal plane that it opens with. farthest_m: the one with the largest
-    distance that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
+    name: on the page. plane_m: the nominal focal plane that it opens with. plane_range_m: the nearest and the farthest
+    that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
-    plan = make_plan(hologram.system, [*focused_planes(hologram.system), farthest_m])
+    planes_m = [*focused_planes(hologram.system), max(plane_range_m, key=abs), plane_m]
+    plan = make_plan(hologram.system, planes_m)
     inputs = FrameInputs(plan, hologram.drive)
-    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, farthest_m)
-    frames = strategies(Frame(plan, inputs, plane_m))
+    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, planes_m)
+    frames = strategies(Frame(plan, inputs))
     if quick is not None:
-        frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), plane_m, is_quick=True))
+        frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), is_quick=True))
     patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(hologram.system))
     pixels = patterns.reshape(-1, *patterns.shape[2:])
     recordings = record_frames(frames, [pattern.tobytes() for pattern in pixels])
     document = {
         "name": name,
         "toml": preset.dumps(hologram.system),
-        "bench": bench_numbers(plan, is_sampled=inputs.sampled_transmissions is not None),
+        "bench": bench_numbers(plan, plane_range_m, is_sampled=inputs.sampled_transmissions is not None),
         "quick": None if quick is None else _grid_numbers(quick),
         "structs": {struct.name: _layout(struct) for struct in _STRUCTS},
         "contents": recordings.contents,
@@ -451,14 +456,14 @@ def page_document(
     return document, recordings.heads, recordings.data
 
 
-def _quick_plan(plan: Plan, farthest_m: float) -> Plan | None:
+def _quick_plan(plan: Plan, planes_m: Sequence[float]) -> Plan | None:
     """The plan of a preview, padded by the light's walk-off only; None where it wouldn't be much faster or as true."""
     system = plan.nominal
     if system.sampling.propagation != "linear" or system.effects or _has_pupils(system):
         return None
     if plan.grid.padded[0] * plan.grid.padded[1] < _QUICK_SAMPLES:
         return None
-    return make_plan(system.with_(propagation="compact"), [*focused_planes(system), farthest_m])
+    return make_plan(system.with_(propagation="compact"), planes_m)
 
 
 def read_document(document: dict[str, Any], data: bytes) -> Hologram:
@@ -478,20 +483,28 @@ def _drive_type(system: System) -> np.dtype[Any]:
     return np.dtype(np.complex64 if system.is_field else np.float32)
 
 
-def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
+def bench_numbers(plan: Plan, plane_range_m: tuple[float, float], *, is_sampled: bool = False) -> dict[str, Any]:
     """The numbers of a plan from which a page derives the tables of its recording (`bench.js`), in SI units.
 
-    is_sampled: whether a modulator's transmission is given sample by sample, so that wavelengths can't be moved.
+    Readers choose nominal planes, gaps and lasers: `true_planes` and `true_gaps` lead to the distances with effects,
+    null without effects, and `laser_of` tells the laser of each of `wavelengths_m`, its spectral lines.
+
+    plane_range_m: the nearest and the farthest nominal plane that the page can show. is_sampled: whether a modulator's
+    transmission is given sample by sample, so that wavelengths can't be moved.
     """
     system, nominal = plan.system, plan.nominal
-    has_pupils = _has_pupils(nominal)
+    has_pupils, lines = _has_pupils(nominal), plan.lasers
+    gaps_m = gap_range(nominal, plane_range_m)
     return _grid_numbers(plan, is_sampled=is_sampled) | {
         "wavelengths_m": system.wavelengths_m.tolist(),
         "nominal_wavelengths_m": nominal.wavelengths_m.tolist(),
+        "laser_of": [laser for laser, each in enumerate(lines) for _ in each.indices],
         "weights": plan.weights.tolist(),
         "strokes_m": [modulator.stroke_m for modulator in system.modulators],
         "gap_m": system.gap_m,
         "nominal_gap_m": nominal.gap_m,
+        "true_planes": _true_distances(nominal, "planes", plane_range_m),
+        "true_gaps": None if gaps_m is None else _true_distances(nominal, "gap", gaps_m),
         "planes_m": nominal.planes_m.tolist(),
         "sines": source_sines(system).tolist(),
         "pixel_pitch_m": system.modulators[0].pitch_m,
@@ -500,6 +513,36 @@ def bench_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
         "observer": observer_table(system.observer),
         "fixed": {"wavelengths": bool(is_sampled or has_pupils or nominal.effects), "pupil": has_pupils},
     }
+
+
+def gap_range(system: System, plane_range_m: tuple[float, float]) -> tuple[float, float] | None:
+    """The nominal gaps that a page can show, m: from 0 to three times the bench's, or as far as padding holds light.
+
+    With effects, gaps that the bench can't have with them are left out. plane_range_m: as of `bench_numbers`.
+    """
+    if system.gap_m is None:
+        return None
+    low, high = 0.0, 3 * system.gap_m
+    if system.sampling.propagation == "compact":
+        plan = make_plan(system, [max(plane_range_m, key=abs)])
+        room = min(p - n for p, n in zip(plan.grid.padded, plan.grid.shape, strict=True))
+        reach = walk_off(plan.system, plan.system.relay1, 1.0)
+        high = max(system.gap_m, min(high, room / reach if reach else math.inf))
+    known = _true_distances(system, "gap", (low, high))
+    return (low, high) if known is None else (known["nominal_m"][0], known["nominal_m"][-1])
+
+
+def _true_distances(system: System, key: str, range_m: tuple[float, float]) -> dict[str, list[float]] | None:
+    """Nominal planes or gaps over a range, and where they are with effects, m; None without effects."""
+    if not system.effects:
+        return None
+    own_m = system.planes_m if key == "planes" else [system.gap_m or 0.0]
+    active, known = ActiveEffects(system.effect_values), {}
+    for nominal_m in np.union1d(np.linspace(*range_m, _KNOTS), own_m).tolist():
+        with suppress(UserError):  # such a bench can't be
+            true = active.as_built(system.edit({key: [nominal_m] if key == "planes" else nominal_m}))
+            known[nominal_m] = float(true.planes_m[0]) if key == "planes" else float(true.gap_m or 0.0)
+    return {"nominal_m": list(known), "true_m": list(known.values())}
 
 
 def _grid_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:

@@ -35,8 +35,8 @@ class LiveHologram {
         this.done = new Map() // step → what its result was computed from
         this.xyz = null
         this.bench.wavelengths_m.forEach((λ, w) => { // as Python wrote them
-            this.written.set(`propagations 0|${w}`, `${λ}|${this.bench.gap_m}|`)
-            this.written.set(`support 0|${w}`, `${λ}|${this.bench.gap_m}|`)
+            this.written.set(`propagations 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
+            this.written.set(`support 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
             if (head.plane_m === null) return
             this.written.set(`propagations 1|${w}`, `${λ}|${head.plane_m}|null`)
             this.written.set(`support 1|${w}`, `${λ}|${head.plane_m}|null`)
@@ -102,9 +102,14 @@ class LiveHologram {
         this.written.set(name, key)
     }
 
+    // The wavelength of a spectral line in a state: lasers are moved only where each is one line at its nominal wavelength.
+    wavelength(state, w) {
+        return this.bench.fixed.wavelengths ? this.bench.wavelengths_m[w] : state.wavelengths_m[w]
+    }
+
     fillWavelength(state, w) {
-        const λ = state.wavelengths_m[w]
-        const count = state.wavelengths_m.length
+        const λ = this.wavelength(state, w)
+        const count = this.bench.wavelengths_m.length
         const same = λ === this.bench.wavelengths_m[w] // then tables that don't move are as Python wrote them
         if (!same || this.written.has(`light|${w}`)) {
             this.written.set(`light|${w}`, true)
@@ -117,14 +122,16 @@ class LiveHologram {
                 `modulators ${m}`, w, λ, () => packStruct(this.structs.Modulator, { stroke_waves: stroke / λ }),
             ))
         }
-        if (this.bench.gap_m !== null) this.fillRelay(0, w, λ, state.gap_m, null, "")
+        if (this.bench.nominal_gap_m !== null) this.fillRelay(0, w, λ, state.gap_m, null, "")
         this.fillRelay(1, w, λ, state.plane_m, state.eye, JSON.stringify(state.eye))
     }
 
+    // distance: the nominal one, of the gap (0) or the plane (1).
     fillRelay(relay, w, λ, distance, eye, eyeKey) {
         const key = `${λ}|${distance}|${eyeKey}`
         let values = null
-        const compute = () => (values ??= transfer(this.bench, this.stopsAt(relay, λ), λ, distance, eye))
+        const known = relay ? this.bench.true_planes : this.bench.true_gaps
+        const compute = () => (values ??= transfer(this.bench, this.stopsAt(relay, λ), λ, trueDistance(known, distance), eye))
         this.fill(`propagations ${relay}`, w, key, () => packStruct(this.structs.Propagation, compute().uniform))
         this.fill(`support ${relay}`, w, key, () => new Uint8Array(compute().support.buffer))
     }
@@ -132,7 +139,7 @@ class LiveHologram {
     // The frames and wavelengths with light in a state whose results are stale, each with the keys of field and intensity.
     stale(state) {
         return this.replay.head.lit.filter(([frame, w]) => this.power(state, frame, w)).map(([frame, w]) => {
-            const field = `${state.wavelengths_m[w]}|${state.gap_m}`
+            const field = `${this.wavelength(state, w)}|${state.gap_m}`
             return { frame, w, field, key: `${field}|${state.plane_m}|${JSON.stringify(state.eye)}` }
         }).filter(({ frame, w, key }) => this.done.get(`${frame}|${w}`) !== key)
     }
@@ -161,14 +168,15 @@ class LiveHologram {
     }
 
     power(state, frame, w) {
-        return state.lasers[w] ? this.bench.weights[frame][w] * state.powers[w] : 0
+        const laser = this.bench.laser_of[w]
+        return state.lasers[laser] ? this.bench.weights[frame][w] * state.powers[laser] : 0
     }
 
     composite(state) {
         this.composites.forEach((step, number) => {
             const terms = this.replay.head.lit.filter(([, , buffer]) => buffer === number).map(([frame, w, , index]) => {
                 const power = this.power(state, frame, w)
-                const xyz = observerWeights(this.bench.observer, state.wavelengths_m[w]).map(value => value * power)
+                const xyz = observerWeights(this.bench.observer, this.wavelength(state, w)).map(value => value * power)
                 return packStruct(this.structs.BlendTerm, { xyz, intensity_index: index })
             })
             const size = this.structs.BlendTerm.size

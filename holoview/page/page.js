@@ -10,7 +10,7 @@ const QUICK = "Quick image; the exact one follows …"
 function firstState(bench) {
     return {
         plane_m: PAGE.plane_m ?? bench.planes_m[Math.floor(bench.planes_m.length / 2)],
-        gap_m: bench.gap_m,
+        gap_m: bench.nominal_gap_m,
         exposure: PAGE.exposure,
         ...firstLasers(bench),
         eye: bench.eye && { ...bench.eye },
@@ -21,13 +21,13 @@ function firstState(bench) {
 }
 
 const firstLasers = bench => ({
-    lasers: bench.wavelengths_m.map(() => true),
-    powers: bench.wavelengths_m.map(() => 1),
-    wavelengths_m: [...bench.wavelengths_m],
+    lasers: bench.nominal_wavelengths_m.map(() => true),
+    powers: bench.nominal_wavelengths_m.map(() => 1),
+    wavelengths_m: [...bench.nominal_wavelengths_m],
 })
 
 // Whether a hologram has lasers of its own: other wavelengths than the first one.
-const isOwn = index => String(PAGE.holograms[index].bench.wavelengths_m) !== String(PAGE.holograms[0].bench.wavelengths_m)
+const isOwn = index => String(PAGE.holograms[index].bench.nominal_wavelengths_m) !== String(PAGE.holograms[0].bench.nominal_wavelengths_m)
 
 // The lasers in a state that light a hologram.
 const lasersOf = (state, index) => state.others[index + 1] ?? state
@@ -35,12 +35,12 @@ const lasersOf = (state, index) => state.others[index + 1] ?? state
 // Rules for lasers: whether a value can be, and what was expected.
 function laserRules(bench) {
     const isNumber = (value, low, high) => Number.isFinite(value) && value >= low && value <= high
-    const isList = (value, check) => Array.isArray(value) && value.length === bench.wavelengths_m.length && value.every(check)
+    const isList = (value, check) => Array.isArray(value) && value.length === bench.nominal_wavelengths_m.length && value.every(check)
     const isFixed = bench.fixed.wavelengths
     return {
         lasers: [value => isList(value, each => typeof each === "boolean"), "true or false for each laser"],
         powers: [value => isList(value, each => isNumber(each, 0, 1e3)), "a factor from 0 to 1000 for each laser"],
-        wavelengths_m: isFixed ? [value => String(value) === String(bench.wavelengths_m), "those of the file: effects or aberrations were computed for them"]
+        wavelengths_m: isFixed ? [value => String(value) === String(bench.nominal_wavelengths_m), "those of the file: effects or aberrations were computed for them"]
             : [value => isList(value, each => isNumber(each, 390e-9, 830e-9)), "metres from 390e-9 to 830e-9 for each laser"],
     }
 }
@@ -55,7 +55,7 @@ function changed(state, bench, changes) {
         Object.entries(lasers).every(([key, value]) => laserRules(PAGE.holograms[name - 1].bench)[key]?.[0](value))
     const rules = {
         plane_m: [value => isNumber(value, ...PAGE.plane_range_m), `metres from ${PAGE.plane_range_m.join(" to ")}`],
-        gap_m: [value => bench.gap_m !== null && isNumber(value, ...PAGE.gap_range_m), "metres of a gap that this bench can have"],
+        gap_m: [value => bench.nominal_gap_m !== null && isNumber(value, ...PAGE.gap_range_m), "metres of a gap that this bench can have"],
         exposure: [value => isNumber(value, -20, 20), "stops from −20 to 20"],
         ...laserRules(bench),
         others: [value => isObject(value) && Object.entries(value).every(isOther),
@@ -88,12 +88,12 @@ const viewName = view => VIEW_NAMES[view] ?? PAGE.holograms[Number(view.split(" 
 
 function toHash(state, bench) {
     const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
-    if (state.gap_m !== bench.gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
+    if (state.gap_m !== bench.nominal_gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
     if (state.exposure !== PAGE.exposure) parts.push(`exposure=${state.exposure}`)
     const add = (prefix, { lasers, powers, wavelengths_m }, bench) => {
         lasers.forEach((on, i) => on || parts.push(`laser${prefix}${i + 1}=off`))
         powers.forEach((power, i) => power !== 1 && parts.push(`power${prefix}${i + 1}=${power}`))
-        wavelengths_m.forEach((λ, i) => λ !== bench.wavelengths_m[i] && parts.push(`wavelength${prefix}${i + 1}=${+(λ * 1e9).toPrecision(8)}nm`))
+        wavelengths_m.forEach((λ, i) => λ !== bench.nominal_wavelengths_m[i] && parts.push(`wavelength${prefix}${i + 1}=${+(λ * 1e9).toPrecision(8)}nm`))
     }
     add("", state, bench)
     for (const [i, lasers] of Object.entries(state.others)) add(`${i}.`, lasers, PAGE.holograms[i - 1].bench)
@@ -216,7 +216,7 @@ class Viewer {
     stateOf(index) {
         const { bench } = PAGE.holograms[index]
         if (index === 0) return this.state
-        const gap_m = bench.gap_m === this.bench.gap_m ? this.state.gap_m : bench.gap_m
+        const gap_m = bench.nominal_gap_m === this.bench.nominal_gap_m ? this.state.gap_m : bench.nominal_gap_m
         const kept = { plane_m: this.state.plane_m, gap_m, eye: bench.eye && (this.state.eye ?? bench.eye) }
         return { ...this.state, ...lasersOf(this.state, index), ...kept }
     }
@@ -367,7 +367,7 @@ class Viewer {
         const each = [["quick", "a quick image"], ["exact", this.times.quick.length ? "the exact one" : "its image"]]
         const said = each.filter(([name]) => this.times[name].length).map(([name, text]) => `${median(this.times[name])} ms to ${text}`)
         const device = [this.info.vendor, this.info.architecture, this.info.description].filter(Boolean).join(" ")
-        $("speed").textContent = `From a change ${said.join(", ")} (medians), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
+        $("speed").textContent = `From a change ${said.join(", ")} (medians), on: ${device || "a WebGPU device"}; ${this.shape[1]} × ${this.shape[0]} samples, ${this.bench.nominal_wavelengths_m.length} wavelengths, shown as ${this.isWide ? "Display P3" : "sRGB"}.`
     }
 }
 
@@ -406,8 +406,8 @@ function connect(viewer) {
     slider("plane", PAGE.plane_range_m, value => ({ plane_m: value }))
     slider("exposure", [PAGE.exposure - 4, PAGE.exposure + 4], value => ({ exposure: value }))
     slider("split", [0, 1], value => ({ split: value }))
-    $("gap-row").hidden = bench.gap_m === null
-    if (bench.gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))
+    $("gap-row").hidden = bench.nominal_gap_m === null
+    if (bench.nominal_gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))
     const names = views()
     $("views").hidden = names.length < 2
     for (const view of names) {
@@ -478,7 +478,7 @@ function laserPanel(viewer, change, index) {
         const changes = { [name]: lasersOf(viewer.state, index)[name].map((each, j) => (j === i ? value : each)) }
         change(index === 0 ? changes : { others: { [index + 1]: changes } })
     }
-    const rows = bench.wavelengths_m.map((λ, i) => {
+    const rows = bench.nominal_wavelengths_m.map((λ, i) => {
         const row = document.createElement("div")
         row.className = "laser"
         const [on, swatch, power, wavelength] = ["input", "span", "label", "label"].map(tag => document.createElement(tag))

@@ -12,7 +12,6 @@ import binascii
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import zlib
@@ -31,10 +30,9 @@ from holoview.io.hologram import Hologram
 from holoview.metrics.fidelity import psnr_linear_srgb
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.focus import focused_planes
-from holoview.model.plan import make_plan, walk_off
 from holoview.model.system import System
 from holoview.numerics.sampling import Region
-from holoview.page.frame_recording import observer_table, page_document, read_document
+from holoview.page.frame_recording import gap_range, observer_table, page_document, read_document
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -97,16 +95,14 @@ def export_html(
     views = [_stored_view(hologram, backend, progress) for hologram in holograms.values()]
     _check([view.xyz.shape[1:3] for view in views], target, region)
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
-    documents = [
-        page_document(hologram, name, plane_m, max(low, high, key=abs)) for name, hologram in holograms.items()
-    ]
+    documents = [page_document(hologram, name, plane_m, (low, high)) for name, hologram in holograms.items()]
     stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0
     page = _colours() | {
         "exposure": stops,
         "shape": list(views[0].xyz.shape[1:3]),
         "plane_m": plane_m,
         "plane_range_m": [low, high],
-        "gap_range_m": gap_range(first.system),
+        "gap_range_m": gap_range(first.system, (low, high)),
         "region": None if region is None else _box(region),
         "target": None if target is None else _target(target),
         "stored": _stored(views[0].exposed(stops)),
@@ -161,18 +157,6 @@ def plane_range(system: System) -> tuple[float, float]:
     margin = (high - low) / 2 or abs(low) / 2 or 1e-3
     nearest, farthest = system.plane_type.item.low, system.plane_type.item.high
     return max(low - margin, nearest), min(high + margin, farthest)
-
-
-def gap_range(system: System) -> list[float] | None:
-    """The gaps that a page can show, m: from 0 to three times the bench's, or as far as its padding holds the light."""
-    if system.gap_m is None:
-        return None
-    if system.sampling.propagation != "compact":
-        return [0.0, 3 * system.gap_m]
-    plan = make_plan(system, [plane_range(system)[1]])
-    room = min(p - n for p, n in zip(plan.grid.padded, plan.grid.shape, strict=True))
-    reach = walk_off(plan.system, plan.system.relay1, 1.0)
-    return [0.0, max(system.gap_m, min(3 * system.gap_m, room / reach if reach else math.inf))]
 
 
 def _stored_view(hologram: Hologram, backend: str, progress: StepCallback | None) -> View:

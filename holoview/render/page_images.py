@@ -110,10 +110,11 @@ def _seen_field(
 ) -> SeenField:
     from holoview.engine.torch_executor import stage_field
 
-    values = stage_field(system, drive, stage, plane_m, laser=laser, frame=frame).values
-    picture = field_picture(values, quantity)
+    field = stage_field(system, drive, stage, plane_m, laser=laser, frame=frame)
+    picture = field_picture(field.values, quantity)
     xyz = (srgb_decode(picture.srgb8 / 255) @ SRGB_TO_XYZ.T).astype(np.float32)
-    return SeenField(xyz, values, f"{stage}, {system.wavelengths_m[laser] * 1e9:.4g} nm: {picture.scale}")
+    note = f"; {field.note}" if field.note else ""
+    return SeenField(xyz, field.values, f"{stage}, {field.wavelength_m * 1e9:.4g} nm: {picture.scale}{note}")
 
 
 def _recording_xyz(wavelength: int, pictures: NDArray[np.float32]) -> Xyz:
@@ -169,7 +170,7 @@ def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
+                passed = executor.transmit(spectrum, 1, wavelength)
                 power[band] = passed.values.abs().square().numpy()
                 seen = power[np.ix_(rows, columns)]
                 if by_place:

@@ -20,7 +20,7 @@ same.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -239,13 +239,22 @@ class ProgressiveRenderer:
                 renderer.close()
 
     def intensities(self) -> NDArray[np.float32] | None:
-        """Intensities (wavelength, y, x) of the full image on the host; None until it is computed."""
+        """Intensities (laser, y, x) of the full image on the host; None until it is computed."""
+        return self._of_lasers("intensities", IncrementalRenderer.intensity)
+
+    def luminances(self) -> NDArray[np.float32] | None:
+        """Luminances (laser, y, x) of the full image on the host; None until it is computed."""
+        return self._of_lasers("luminances", IncrementalRenderer.luminance)
+
+    def _of_lasers(
+        self, name: str, read: Callable[[IncrementalRenderer, int], NDArray[np.float32]]
+    ) -> NDArray[np.float32] | None:
         if not self.is_fresh or self._full is None:
             return None
-        if "intensities" not in self._downloads:
-            count = len(self._full.system.wavelengths_m)
-            self._downloads["intensities"] = np.stack([self._full.intensity(i) for i in range(count)])
-        return self._downloads["intensities"]
+        if name not in self._downloads:
+            lasers = range(len(self._full.system.wavelengths_m))
+            self._downloads[name] = np.stack([read(self._full, laser) for laser in lasers])
+        return self._downloads[name]
 
     # --- stages -----------------------------------------------------------------------------------------------------
 

@@ -120,9 +120,8 @@ def _padded_spectrum(plan: Plan, light: torch.Tensor) -> torch.Tensor:
 def _seen_by_eye(plan: Plan, laser: int, plane: int, spectrum: torch.Tensor) -> torch.Tensor:
     """The field (frame, y, x) on the retina of the eye that is focused on the plane of an index."""
     ky, kx = (torch.fft.fftfreq(n, 1 / n).round().long() for n in plan.grid.padded)
-    pupil = pupil_without_effects(plan, 1, laser, plan.eye_at(plane))
-    transfer = plan.transfer(1, laser, float(plan.planes_m[plane]), plan.eye_at(plane))
-    seen = torch.fft.ifft2(spectrum * relay_response(transfer, ky, kx, pupil, torch.complex128))
+    pupil = pupil_without_effects(plan, 1, laser, plan.planes[plane].eye)
+    seen = torch.fft.ifft2(spectrum * relay_response(plan.transfer(1, laser, plane), ky, kx, pupil, torch.complex128))
     return seen[(..., *plan.grid.inside)]
 
 

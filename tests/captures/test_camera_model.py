@@ -58,8 +58,8 @@ def test_forward_and_inverse_are_adjoint_but_for_the_scale() -> None:
 )
 def test_a_band_holds_all_that_a_relay_lets_through(relay: dict[str, float | str]) -> None:
     system = hv.load("holochrome-8").edit({"shape": [20, 28], "relay2": relay})
-    plan = hv.make_plan(system)
-    step = plan.transfer(1, 0, 0.01)
+    plan = hv.make_plan(system, [0.01])
+    step = plan.transfer(1, 0)
     band = FrequencyBand.from_transfer(step, plan.grid)
     whole = transfer_function(step, plan.grid, torch.complex128, torch.device("cpu"))
     ky, kx = band.frequency_indices
@@ -71,8 +71,8 @@ def test_a_band_holds_all_that_a_relay_lets_through(relay: dict[str, float | str
 @pytest.mark.parametrize("relay", [{"iris_na": 0.02}, {"square": 0.017}, {"square": "first order"}], ids=str)
 def test_a_band_around_a_displaced_stop_holds_its_light(relay: dict[str, float | str]) -> None:
     moved = {**relay, "centre_na": [-0.013, 0.019]}
-    plan = hv.make_plan(hv.load("holochrome-8").edit({"shape": [20, 28], "relay2": moved}))
-    step = plan.transfer(1, 0, 0.01)
+    plan = hv.make_plan(hv.load("holochrome-8").edit({"shape": [20, 28], "relay2": moved}), [0.01])
+    step = plan.transfer(1, 0)
     ky, kx = FrequencyBand.from_transfer(step, plan.grid).frequency_indices
     whole = transfer_function(step, plan.grid, torch.complex128, torch.device("cpu"))
     assert int((whole[ky][:, kx] != 0).sum()) == int((whole != 0).sum()) > 0

@@ -12,7 +12,6 @@ import holoview as hv
 from holoview.engine.point_light import (
     BeamAtPoint,
     beam_at_point,
-    beams_of,
     local_spectrum,
     point_steps,
     section_steps,
@@ -59,7 +58,7 @@ def _lasers(system: System) -> range:
 def _beams(system: System, drive: NDArray[Any]) -> list[BeamAtPoint]:
     plan = make_plan(system, [PLANE_M])
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
-    return [beam_at_point(executor, beam, PLANE_M, PLACE) for beam in beams_of(plan, _lasers(system))]
+    return [beam_at_point(executor, beam, 0, PLACE) for beam in plan.beams(_lasers(system))]
 
 
 def test_contributions_and_orders_add_up_to_the_field(system: System) -> None:

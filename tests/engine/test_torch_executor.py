@@ -217,7 +217,7 @@ def test_transmitting_leaves_the_spectrum_for_the_next_plane() -> None:
     executor = TorchExecutor(plan, FrameInputs(plan, _drive(plan.system)))
     spectrum = executor.spectrum(executor.illuminate(0, 0), 1)
     before = spectrum.values.clone()
-    executor.transmit(spectrum, 1, 0, 3e-3)
+    executor.transmit(spectrum, 1, 0)
     assert torch.equal(spectrum.values, before)
 
 

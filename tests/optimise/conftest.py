@@ -103,7 +103,7 @@ class Plain:
         first, *rest = (m.repeat_interleave(factor, 0).repeat_interleave(factor, 1) for m in masks)
         spectrum = self._padded_fft(self._wave(laser, source) * first)
         for mask in rest:
-            relayed = self._relayed(spectrum, 0, laser, float(self.plan.system.gap_m or 0.0))
+            relayed = self._relayed(spectrum, 0, laser)
             spectrum = self._padded_fft(relayed * mask)
         return spectrum
 
@@ -112,7 +112,7 @@ class Plain:
         total = torch.zeros(len(self.plan.planes_m), *self.plan.grid.shape, dtype=torch.float64)
         for source in range(len(self.plan.slopes)):
             spectrum = self.spectrum(opd_m, frame, laser, source)
-            fields = [self._relayed(spectrum, 1, laser, float(z)) for z in self.plan.planes_m]
+            fields = [self._relayed(spectrum, 1, laser, plane) for plane in range(len(self.plan.planes))]
             total = total + torch.stack([field.abs().square() for field in fields])
         return total / len(self.plan.slopes)
 
@@ -129,8 +129,8 @@ class Plain:
         padded[self.plan.grid.inside] = field
         return torch.fft.fft2(padded)
 
-    def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, z: float) -> torch.Tensor:
-        h = transfer_function(self.plan.transfer(relay, laser, z), self.plan.grid, torch.complex128, CPU)
+    def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, plane: int = 0) -> torch.Tensor:
+        h = transfer_function(self.plan.transfer(relay, laser, plane), self.plan.grid, torch.complex128, CPU)
         glass = pupil_without_effects(self.plan, relay, laser)
         return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
 

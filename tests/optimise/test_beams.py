@@ -81,13 +81,12 @@ Bench = Callable[..., System]
 def test_every_frequency_that_a_transfer_function_passes_is_computed(case: str, plan_of: Callable[[str], Any]) -> None:
     plan = plan_of(case)
     y, x = spectral_axes(plan)
-    gap_m = plan.system.gap_m
-    relays = [(1, float(z), y.last_frequencies, x.last_frequencies) for z in plan.planes_m]
-    if gap_m is not None:
-        relays.append((0, gap_m, y.gap_frequencies, x.gap_frequencies))
-    for relay, distance_m, ky, kx in relays:
+    relays = [(1, plane, y.last_frequencies, x.last_frequencies) for plane in range(len(plan.planes))]
+    if plan.system.gap_m is not None:
+        relays.append((0, 0, y.gap_frequencies, x.gap_frequencies))
+    for relay, plane, ky, kx in relays:
         for λ in range(len(plan.system.wavelengths_m)):
-            support = plan.transfer(relay, λ, distance_m).support
+            support = plan.transfer(relay, λ, plane).support
             lit = support[:, 1] <= support[:, 2]
             assert set(frequency_indices(len(support))[lit]) <= set(ky.tolist())
             assert lit.any()

@@ -67,7 +67,7 @@ def _penalty(plain: Any, plan: Plan, opd_m: torch.Tensor, amplitudes: torch.Tens
     total, lit = torch.zeros(()), 0
     for λ in range(len(plan.system.wavelengths_m)):
         glass = nominal_pupil(plan, 1, λ, torch.complex128, CPU)
-        stop = transfer_function(plan.transfer(1, λ, 0.0), plan.grid, torch.complex128, CPU).abs().square()
+        stop = transfer_function(plan.stops(1, λ), plan.grid, torch.complex128, CPU).abs().square()
         stop = stop if glass is None else stop * glass.abs().square()
         light = torch.zeros(plan.grid.padded)
         for frame in range(plan.system.frames):

@@ -165,7 +165,7 @@ def test_where_propagation_is_unitary_a_step_is_gerchberg_and_saxtons(bench: Ben
     start = projections.start(noise(0, *system.drive_shape).float())
     found = projections.step(start)[0, 0].double()
     plan = make_plan(system)
-    transfer = plan.transfer(1, 0, float(plan.planes_m[0]))
+    transfer = plan.transfer(1, 0)
     ky, kx = (torch.from_numpy(np.fft.fftfreq(n, 1 / n)).long() for n in plan.grid.padded)
     h = free_space_at(transfer, ky, kx, torch.complex128)
     turns = 825e-9 / 532e-9

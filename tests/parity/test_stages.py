@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -109,10 +110,8 @@ FAULTS: dict[str, Callable[[Any], None]] = {
     "source 0: spectrum of the gap": lambda e: _replace(
         e, "spectrum", lambda stage, f, m: e.upload_field(e.download_field(stage(f, m)) * (1 + 2e-6), relay=m)
     ),
-    "source 0: transmit the gap": lambda e: _replace(
-        e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, z + (1 - r) * 1e-8)
-    ),
-    "transmit to plane 1": lambda e: _replace(e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, min(z, 3e-3))),
+    "source 0: transmit the gap": lambda e: _lengthen_gap(e, 1e-8),
+    "transmit to plane 1": lambda e: _replace(e, "transmit", lambda stage, f, r, w, plane=0: stage(f, r, w, 0)),
     "field behind the gap": lambda e: _replace(
         e, "field", lambda stage, f, relay: e.upload_field(e.download_field(stage(f, relay)).conj())
     ),
@@ -127,6 +126,12 @@ def _replace(executor: Any, name: str, stage: Callable[..., Any]) -> None:
     """Puts a faulty stage, which is handed the good one, into one executor."""
     good = getattr(executor, name)
     setattr(executor, name, lambda *arguments: stage(good, *arguments))
+
+
+def _lengthen_gap(executor: Any, by_m: float) -> None:
+    """Gives one executor a plan with a longer gap."""
+    plan = executor.plan
+    executor.plan = replace(plan, system=plan.system.with_(gap=plan.system.gap_m + by_m), _transfers={})
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -42,7 +42,7 @@ def _at(system: hv.System, drive: NDArray[Any], plane_m: float) -> NDArray[Any]:
     plan = make_plan(system, [plane_m])
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     behind = executor.modulate(executor.illuminate(0, 0), 0, 0, 0)
-    spectrum = executor.transmit(executor.spectrum(behind, 0), 1, 0, plane_m)
+    spectrum = executor.transmit(executor.spectrum(behind, 0), 1, 0)
     return executor.download_field(executor.field(spectrum, 1))
 
 

@@ -279,8 +279,8 @@ class ActiveEffects:
         UserError when the system lacks what an effect changes.
         """
         self._check_requirements(system)
-        system = self.actual_system(system)
-        amplitudes = self.laser_power(system.amplitudes)
+        system = self.actual_system(system.edit({"amplitudes": self.laser_power(system.amplitudes)}))
+        amplitudes = system.amplitudes
         weights = np.array([weight for weight, _ in self.exposure_samples()])
         rows = (amplitudes[:, None, :] * (weights * len(weights))[None, :, None]).reshape(-1, amplitudes.shape[1])
         return system.edit({"amplitudes": rows, "effects": {}})
