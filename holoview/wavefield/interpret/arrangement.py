@@ -96,11 +96,21 @@ def _components(
             reason = "as given" if request.variable else "by kind and size"
             more = f"; others: {', '.join(others[:6])}" if others else ""
             findings.add("variable", candidate.name, "given" if request.variable else "guessed", reason + more)
+        equals = [c.name for c in candidates if c is not candidate and _looks_like(c, candidate)]
+        if equals and not request.variable:
+            names = ", ".join(equals[:6]) + " …" * (len(equals) > 6)
+            findings.notes.append(f'"{candidate.name}" is read; --variable takes another one like it: {names}')
         return [[candidate.components]], candidates
     parts = _name_parts(files, request)
     if not request.parts:
         findings.add("parts", ", ".join(map(str, parts)), "guessed", "the names of the files")
     return _grid(parts, path), list_candidates(contents)
+
+
+def _looks_like(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates have parts of the same shapes, types and quantities, so that only names differ."""
+    kinds = [[(c.array.shape, c.array.dtype, c.role) for c in candidate.components] for candidate in (one, other)]
+    return kinds[0] == kinds[1]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +121,8 @@ def _named_pairs(arrays: Sequence[StoredArray]) -> list[Candidate]:
         firsts = [a for a in arrays if (a.role or name_role(a.name)) == first_role]
         seconds = [a for a in arrays if (a.role or name_role(a.name)) == second_role]
         for first in firsts:
-            partner = next((a for a in seconds if a.shape == first.shape), None)
+            alike = [a for a in seconds if a.shape == first.shape]
+            partner = max(alike, key=lambda a: len(commonprefix((a.name, first.name))), default=None)
             if partner is not None:
                 reason = f'the names "{first.name}" and "{partner.name}"'
                 found.append(

@@ -1,13 +1,21 @@
-"""Tables of numbers as text, one row a line, separated by spaces, tabs, commas or semicolons."""
+"""Tables of numbers as text, one row a line, separated by spaces, tabs, commas or semicolons.
+
+Numbers may have decimal points or decimal commas, and may be complex ("0.5+0.3i"). A comma is a decimal sign where
+something else separates the numbers, and where it couldn't as well group thousands or join pairs: such tables are
+refused.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
@@ -15,9 +23,18 @@ from holoview.util.memory_limit import require_memory
 from holoview.wavefield.readers.contents import Contents, StoredArray
 from holoview.wavefield.request import ReadRequest
 
-_NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_ROW = re.compile(rb"\s*" + _NUMBER + rb"(?:[\s,;]+" + _NUMBER + rb"){2,}")
 _BYTES_A_CHARACTER = 40  # of words as Python objects, at the peak
+_MOST_HEADER_LINES = 40
+_JUDGED_LINES = 200  # by which separators are recognised
+_LEAST_COLUMNS = 3
+_LONGEST_WORD = 100
+_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
+_CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
+_BETWEEN = re.compile(r"[\s,;]+")
+_SPACED = re.compile(r"[^,;\s][ \t]+[^,;\s]")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_WITH_POINTS = "write its numbers with decimal points"
 
 
 class TextReader:
@@ -28,21 +45,134 @@ class TextReader:
 
     def recognises(self, head: bytes) -> bool:
         """Whether it is text with a row of numbers in one of its first lines."""
-        if b"\0" in head or not head.isascii():
+        text = _decoded(head)
+        if text is None:
             return False
-        return any(_ROW.match(line) for line in head.splitlines()[:10])
+        return any(_begins_with_numbers(line) for line in text.splitlines()[:_MOST_HEADER_LINES])
 
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
-        """The table as float64."""
+        """The table as float64 or complex128."""
         require_memory(str(path), _BYTES_A_CHARACTER * path.stat().st_size)
-        lines = read_bytes(path, "a table of numbers").splitlines()
-        first = next((number for number, line in enumerate(lines) if _ROW.match(line)), 0)
-        rows = [re.sub(rb"[,;]", b" ", line).split() for line in lines[first:] if line.strip()]
-        widths = {len(row) for row in rows}
-        if len(widths) != 1:
-            found = f"rows of {min(widths)} to {max(widths)} numbers"
-            raise UserError(str(path), found, expected="rows of one length")
-        left_out = "line is" if first == 1 else f"{first} lines are"
-        notes = (f"the first {left_out} left out",) if first else ()
-        yield Contents.of([StoredArray.of("", np.array(rows, dtype=np.float64))], notes=notes)
+        lines = (_decoded(read_bytes(path, "a table of numbers")) or "").splitlines()
+        first = next((number for number, line in enumerate(lines) if _begins_with_numbers(line)), 0)
+        table = [line.strip() for line in lines[first:] if not line.lstrip().startswith(("#", "%"))]
+        _check_blocks(path, table)
+        table = [line for line in table if line]
+        separator, has_decimal_commas = _dialect(path, table[:_JUDGED_LINES])
+        rows = _rows(path, table, separator, has_decimal_commas)
+        notes: tuple[str, ...] = ()
+        if first:
+            notes = (f"the first {'line is' if first == 1 else f'{first} lines are'} left out",)
+        if has_decimal_commas:
+            notes += ("its commas are taken as decimal signs",)
+        yield Contents.of([StoredArray.of("", _values(rows))], notes=notes)
+
+
+def _decoded(data: bytes) -> str | None:
+    """The text that the bytes are, by their byte order mark, else UTF-8 or Latin-1; None for other data."""
+    mark, encoding = next(((m, e) for m, e in _MARKS if data.startswith(m)), (b"", "utf-8"))
+    content = data[len(mark) :]
+    if encoding == "utf-8":
+        try:
+            text = content.decode()
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")  # a unit such as µm in the header, or a character cut at the end
+    else:
+        text = content[: len(content) // 2 * 2].decode(encoding, "replace")
+    return None if _CONTROLS.search(text) else text
+
+
+def _begins_with_numbers(line: str) -> bool:
+    """Whether the first three words, whatever separates them, are numbers."""
+    words = _BETWEEN.split(line.strip(), maxsplit=_LEAST_COLUMNS)[:_LEAST_COLUMNS]
+    return len(words) == _LEAST_COLUMNS and all(_number(word) is not None for word in words)
+
+
+def _number(word: str) -> complex | None:
+    if len(word) > _LONGEST_WORD:
+        return None
+    try:
+        return complex(word.strip("()").replace("i", "j") if word[-1:] in "ij)" else word)
+    except ValueError:
+        return None
+
+
+def _check_blocks(path: Path, lines: Sequence[str]) -> None:
+    """Raises UserError for several tables one below the other; empty lines between all rows separate nothing."""
+    blocks = [len(list(group)) for is_row, group in groupby(lines, key=bool) if is_row]
+    if len(blocks) > 1 and max(blocks) > 1:
+        found = f"holds {len(blocks)} tables of {' and '.join(map(str, sorted(set(blocks))))} rows, with empty lines"
+        remedy = "save each in a file of its own; name them together, with --parts"
+        raise UserError(str(path), found, expected="one table", remedy=remedy)
+
+
+def _dialect(path: Path, lines: Sequence[str]) -> tuple[str, bool]:
+    """What separates the numbers, "" for spaces and tabs, and whether commas are decimal signs.
+
+    Raises UserError where the commas may mean either.
+    """
+    text = "\n".join(lines)
+    separator = ";" if ";" in text else "" if _SPACED.search(text) else ","
+    if "," not in text:
+        return ("" if separator == "," else separator), False
+    if separator == ",":
+        _check_plain_commas(path, lines)
+        return separator, False
+    words = [word.strip() for line in lines for word in line.split(separator or None)]
+    with_commas = [word for word in words if "," in word]
+    odd = next((word for word in with_commas if not _DECIMAL_COMMA.fullmatch(word)), None)
+    if odd is not None or any("." in word for word in words):
+        shown = odd or next(word for word in words if "." in word)
+        found = f'both commas and {"semicolons" if separator else "spaces"} stand between digits, as in "{shown[:24]}"'
+        raise UserError(str(path), found, expected="one separator", remedy=f"{_WITH_POINTS} and one separator")
+    if all(_GROUPED.fullmatch(word) for word in with_commas):
+        found = f'"{with_commas[0]}" may be {with_commas[0].replace(",", ".")} or {with_commas[0].replace(",", "")}'
+        raise UserError(str(path), found, expected="decimal points", remedy=_WITH_POINTS)
+    return separator, True
+
+
+def _check_plain_commas(path: Path, lines: Sequence[str]) -> None:
+    """Raises UserError where commas seem to be both decimal signs and separators: every second word is the digits
+    behind a decimal comma if there are no points, and some of these words begin with 0 as no whole number does."""
+    rows = [[word.strip() for word in line.rstrip(", \t").split(",")] for line in lines]
+    behind = [word for row in rows for word in row[1::2]]
+    is_doubtful = all(word.isdecimal() for word in behind) and any(len(w) > 1 and w[0] == "0" for w in behind)
+    if is_doubtful and all(len(row) % 2 == 0 and row[0].lstrip("-+").isdecimal() for row in rows):
+        shown = ",".join(rows[0][:4])
+        found = f'commas may be decimal signs as well as separators, as in "{shown}"'
+        raise UserError(str(path), found, expected="one meaning", remedy=f"{_WITH_POINTS}, or semicolons between them")
+
+
+def _rows(path: Path, lines: Sequence[str], separator: str, has_decimal_commas: bool) -> list[list[str]]:
+    """The words of each row. Raises UserError for rows of several lengths, and for empty cells."""
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        trimmed = line.rstrip(f"{separator} \t").replace(",", "." if has_decimal_commas else ",")
+        row = [word.strip() for word in trimmed.split(separator or None)]
+        if "" in row:
+            found = f"the cell in row {number}, column {row.index('') + 1} is empty"
+            raise UserError(str(path), found, expected="a number in each cell")
+        rows.append(row)
+    widths = {len(row) for row in rows}
+    if len(widths) != 1:
+        found = f"rows of {min(widths)} to {max(widths)} numbers"
+        raise UserError(str(path), found, expected="rows of one length")
+    return rows
+
+
+def _values(rows: list[list[str]]) -> NDArray[Any]:
+    """The numbers (y, x). Raises ValueError for words that aren't numbers."""
+    if max(len(word) for row in rows for word in row) <= _LONGEST_WORD:
+        try:
+            return np.array(rows, dtype=np.float64)
+        except ValueError:
+            pass  # complex numbers, or words
+    return np.array([[_required_number(word) for word in row] for row in rows], dtype=np.complex128)
+
+
+def _required_number(word: str) -> complex:
+    number = _number(word)
+    if number is None:
+        raise ValueError(f'"{word[:24]}" is no number')
+    return number

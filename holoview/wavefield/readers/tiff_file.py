@@ -1,9 +1,16 @@
-"""TIFF files: grey or coloured pages of integers, floats or complex numbers; pages of one size are frames."""
+"""TIFF files: grey or coloured pages of integers, floats or complex numbers; pages of one size are frames.
+
+Of the hyperstacks of ImageJ and of files with an OME description, channels are colours, and the pitch is that of their
+calibration.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +21,7 @@ from numpy.typing import NDArray
 from holoview.targets.image_reader import naming_missing_codecs, require_page_memory
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
-from holoview.wavefield.readers.contents import Contents, StoredArray, Window
+from holoview.wavefield.readers.contents import Contents, Facts, StoredArray, Window
 from holoview.wavefield.request import ReadRequest
 
 _MOST_PAGES = 10_000
@@ -39,7 +46,125 @@ class TiffReader:
             first = pages[0]
             if first.dtype is None or first.dtype.kind not in "biufc":
                 raise UserError(str(path), f"has samples of {first.bitspersample} bits", expected="usual numbers")
-            yield Contents.of([_stack(path, pages)])
+            stack = _by_axes(_stack(path, pages), _page_axes(path, file, len(pages)))
+            array, notes = _as_light(stack, first)
+            if "c" in stack.axes and "s" not in first.axes.lower():
+                notes += (f"its {stack.shape[stack.axes.index('c')]} channels are taken as colours",)
+            yield Contents.of([array], Facts(pitch_m=_calibrated_pitch_m(file)), notes)
+
+
+def _page_axes(path: Path, file: tifffile.TiffFile, count: int) -> tuple[int, int]:
+    """Numbers of frames and of channels that the pages are, as ImageJ or an OME description says; all frames else.
+
+    Frames are time steps and slices. Raises UserError where the description tells of more pictures than there are.
+    """
+    if file.is_imagej:
+        table = file.imagej_metadata or {}
+        frames, channels = int(table.get("frames", 1)) * int(table.get("slices", 1)), int(table.get("channels", 1))
+        frames = max(frames, int(table.get("images", 1)) // max(channels, 1))
+    elif file.is_ome:
+        text = file.ome_metadata or ""
+        found = {axis: re.search(rf'\bSize{axis}="(\d{{1,9}})"', text) for axis in "CZT"}
+        sizes = {axis: int(number[1]) if number else 1 for axis, number in found.items()}
+        frames, channels = sizes["Z"] * sizes["T"], sizes["C"]
+        is_outermost = frames > 1 and 'DimensionOrder="XYC' not in text
+        if file.pages.first.samplesperpixel > 1 or (is_outermost and channels > 1):
+            return count, 1
+    else:
+        return count, 1
+    if frames * channels > count:
+        pictures = f"{frames * channels} pictures, and has pages for {count}"
+        raise UserError(str(path), f"describes {pictures}", expected="a page for each", remedy="save the stack again")
+    return (frames, channels) if frames * channels == count else (count, 1)
+
+
+def _by_axes(stack: StoredArray, sizes: tuple[int, int]) -> StoredArray:
+    """The pages with an axis for frames and one for channels, which are colours."""
+    frames, channels = sizes
+    if channels == 1 or "c" in stack.axes:
+        return stack
+
+    def load(window: Window) -> NDArray[Any]:
+        if frames == 1:
+            return stack.load(window)
+        chosen = [stack.load((slice(t * channels + window[1].start, t * channels + window[1].stop), *window[2:]))
+                  for t in range(window[0].start, window[0].stop)]  # fmt: skip
+        return np.stack(chosen)
+
+    if frames == 1:
+        return replace(stack, axes="cyx")
+    return replace(stack, shape=(frames, channels, *stack.shape[1:]), axes="fcyx", load=load)
+
+
+def _as_light(stack: StoredArray, page: tifffile.TiffPage) -> tuple[StoredArray, tuple[str, ...]]:
+    """The samples as numbers that grow with light, without transparency; and remarks on what was done."""
+    extras = len(page.extrasamples)
+    notes: tuple[str, ...] = ()
+    if extras and "c" in stack.axes and page.axes != "YX":
+        axis = stack.axes.index("c")
+        colours = stack.shape[axis] - extras
+        kept = stack if colours > 1 else stack.at(axis, 0)
+        stack = replace(kept, shape=(*stack.shape[:axis], colours, *stack.shape[axis + 1 :]))
+        notes += ("transparency and other extra samples are left out",)
+    if page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and stack.dtype.kind in "bu":
+        white = True if stack.dtype.kind == "b" else 2**page.bitspersample - 1
+        plain = stack.load
+        stack = replace(stack, load=lambda window: (white - plain(window).astype("i8")).astype(stack.dtype))
+        notes += ("its smallest number is white (WhiteIsZero): turned round, so that numbers grow with light",)
+    if page.photometric == tifffile.PHOTOMETRIC.PALETTE and page.colormap is not None:
+        return _coloured(stack, page, notes)
+    if page.photometric == tifffile.PHOTOMETRIC.SEPARATED:
+        notes += ("its colours are those of inks (CMYK), which are read as they stand",)
+    return stack, notes
+
+
+def _coloured(
+    stack: StoredArray, page: tifffile.TiffPage, notes: tuple[str, ...]
+) -> tuple[StoredArray, tuple[str, ...]]:
+    """A picture with a palette: its numbers if these are the greys, else the colours that they stand for."""
+    palette = np.asarray(page.colormap)
+    ramp = np.arange(palette.shape[1]) * 65535 / (palette.shape[1] - 1)
+    if np.abs(palette - ramp).max() <= 256:
+        return stack, notes
+    plain = stack.load
+    if (palette == palette[:1]).all():
+        grey = replace(stack, dtype=palette.dtype, load=lambda window: palette[0][plain(window)])
+        return grey, (*notes, "its numbers are places in a palette of greys, which are read")
+
+    def load(window: Window) -> NDArray[Any]:
+        return np.moveaxis(palette[:, plain(window[:-1])], 0, -1)[..., window[-1]]
+
+    shape, axes = (*stack.shape, 3), f"{stack.axes}c"
+    coloured = replace(stack, shape=shape, dtype=palette.dtype, load=load, axes=axes)
+    return coloured, (*notes, "its numbers are places in a palette of colours, which are read")
+
+
+_MICROMETRES = {"micron": 1.0, "microns": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3, "cm": 1e4, "m": 1e6}
+
+
+def _calibrated_pitch_m(file: tifffile.TiffFile) -> tuple[float, float] | None:
+    """The pitch (y, x) that a calibration by ImageJ or an OME description states; None if there is none."""
+    page = file.pages.first
+    if file.is_imagej:
+        unit = _MICROMETRES.get(str((file.imagej_metadata or {}).get("unit", "")).replace("\\u00B5", "µ"))
+        tags = [page.tags.get(name) for name in ("YResolution", "XResolution")]
+        if unit is None or any(tag is None or not min(tag.value) > 0 for tag in tags):
+            return None
+        y, x = (tag.value[1] / tag.value[0] * unit * 1e-6 for tag in tags)
+        return (y, x) if _is_pitch(y) and _is_pitch(x) else None
+    if not file.is_ome:
+        return None
+    found = [re.search(rf'PhysicalSize{axis}="([\d.eE+-]{{1,30}})"', file.ome_metadata or "") for axis in "YX"]
+    units = [re.search(rf'PhysicalSize{axis}Unit="([^"]{{1,10}})"', file.ome_metadata or "") for axis in "YX"]
+    scales = [_MICROMETRES.get(unit[1]) if unit else 1.0 for unit in units]
+    if any(number is None for number in found) or None in scales:
+        return None
+    y, x = (float(number[1]) * (scale or 0) * 1e-6 for number, scale in zip(found, scales, strict=True) if number)
+    return (y, x) if _is_pitch(y) and _is_pitch(x) else None
+
+
+def _is_pitch(length_m: float) -> bool:
+    return 1e-9 <= length_m <= 1e-3
 
 
 def _full_pages(path: Path, file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
