@@ -112,6 +112,8 @@ def run(args: argparse.Namespace) -> int:
         "std": speckle.std,
         "pixels": speckle.n_pixels,
         "clipped": image.clipped_share,
+        "clipped_at": image.clipped_at,
+        "notes": list(image.notes),
         "independent_patterns": patterns if np.isfinite(patterns) else None,
     }
     draw = speckle_figure(image.luminance, region, speckle.contrast)
@@ -145,7 +147,11 @@ def _format_result(result: dict[str, Any]) -> str:
         "structure of a picture counts as speckle here: choose a region that should be even",
     ]
     if result["clipped"] > 0:
-        lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
+        lines.append(
+            f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low (clipped at "
+            f"{result['clipped_at']})"
+        )
+    lines += [f"note: {note}" for note in result["notes"]]
     if "pupils" in result:
         lines += _format_rows(result["pupils"], result["independent_contrast"])
     return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "live") if name in result)])

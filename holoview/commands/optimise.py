@@ -234,7 +234,12 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--brightness", type=number(), default=1.0, help="factor on the target's linear light (1)")
     group.add_argument("--saturation", type=number(), default=1.0, help="factor on its chroma in CIE LCHuv (1)")
-    group.add_argument("--space", choices=COLOUR_SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
+    group.add_argument(
+        "--space",
+        choices=COLOUR_SPACES,
+        default="srgb",
+        help="of a float file, xyz: Y = 1 is white; of a file of 16 bits, srgb8 … srgb16: white is 2^bits - 1",
+    )
 
 
 def _add_objective(group: argparse._ArgumentGroup) -> None:

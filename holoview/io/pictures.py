@@ -108,7 +108,7 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
     file = Path(path)
     if file_format(file) != "PNG":
         raise UserError(str(path), "isn't a PNG", expected="a pattern as greyscale PNG of 8 or 16 bits")
-    raster = read_raster(file)
+    raster = read_raster(file, white=65535)  # its levels are shares of the stroke, of which few may be used
     if np.any(raster.values != raster.values[..., :1]):
         raise UserError(str(path), "is a coloured picture", expected="a greyscale pattern, 0…max for 0…stroke")
     if raster.alpha is not None and np.any(raster.alpha != 1):

@@ -32,12 +32,13 @@ from holoview.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ss
 from holoview.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
 from holoview.model.focus import focused_planes, plane_label, with_pupil_at
 from holoview.model.plan import make_plan
+from holoview.numerics.sample_bits import find_clipping
 from holoview.numerics.sampling import Region, region_slices
 from holoview.numerics.structural_similarity import scale_count
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.slm import EYEBOX_BLOCKS, first_order
 from holoview.optimise.eyes import PupilPlaces
-from holoview.targets.image_reader import read_raster
+from holoview.targets.image_reader import Raster, read_raster
 from holoview.targets.picture import read_picture
 from holoview.targets.target_source import TargetSource
 from holoview.util.errors import UserError
@@ -325,12 +326,15 @@ class LuminanceImage:
 
     luminance: (y, x), linear.
     description: of the image, for people.
-    clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
+    clipped_share: share of its pixels that are as bright as the file can hold, or as its camera could count; they hide
+    the brightest speckle. clipped_at: from which number in the file, in words. notes: remarks on how it was read.
     """
 
     luminance: NDArray[np.floating]
     description: str
     clipped_share: float = 0.0
+    clipped_at: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
@@ -339,12 +343,23 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
     Raises UserError as `read_raster` and `read_picture` do.
     """
     raster = read_raster(path)
-    clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
+    clipped, clipped_at = _clipped(raster)
     if is_linear:
         values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
-        return LuminanceImage(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
-    luminance = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1]
-    return LuminanceImage(luminance, f"luminance of {path.name}", clipped)
+        luminance, name = values @ SRGB_TO_XYZ[1], f"intensity of {path.name}"
+    else:
+        luminance, name = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}"
+    return LuminanceImage(luminance, name, clipped, clipped_at, raster.notes)
+
+
+def _clipped(raster: Raster) -> tuple[float, str]:
+    """The share of pixels that are clipped in a channel, and the number in the file from which they are."""
+    levels = [clip.level if (clip := find_clipping(channel)) else np.inf for channel in np.moveaxis(raster.values, -1, 0)]
+    if raster.encoded:
+        levels = [min(level, 1.0) for level in levels]
+    share = float(np.mean((raster.values >= levels).any(axis=-1)))
+    scale = (raster.white or 255) if raster.encoded else 1
+    return share, f"{min(levels) * scale:.6g}" if share else ""
 
 
 def hologram_luminance(hologram: Hologram, plane_m: float, name: str) -> LuminanceImage:

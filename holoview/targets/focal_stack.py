@@ -214,6 +214,7 @@ def read_resized_pictures(
     for picture in pictures:
         first = first or picture
         _check_size(picture, first)
+        check_white(picture, first)
         resized.append(replace(picture, rgb=resize_to_cover(picture.rgb, shape)))
     return resized
 
@@ -247,6 +248,17 @@ def _check_size(picture: Picture, first: Picture) -> None:
             f"is {width} × {height}",
             expected=f"{columns} × {rows} as {Path(first.source).name}",
             remedy="render all at one size",
+        )
+
+
+def check_white(picture: Picture, first: Picture) -> None:
+    """Raises UserError for a picture whose white isn't that of the first one, beside which it would be too dark."""
+    if picture.white != first.white:
+        raise UserError(
+            picture.source,
+            f"has the white {picture.white or 'of 8 bits'}",
+            expected=f"{first.white or 'that of 8 bits'} as {Path(first.source).name}",
+            remedy="state the bits of all, e.g. --space srgb12 or srgb16",
         )
 
 
@@ -302,8 +314,12 @@ class Film:
     def pictures(self) -> Iterator[Picture]:
         """One after the other, as linear light. Raises UserError for a picture that can't be read."""
         if self.path.is_dir():
+            first: Picture | None = None
             for file in self._files:
-                yield read_picture(file, space=self.space)
+                picture = read_picture(file, space=self.space)
+                first = first or picture
+                check_white(picture, first)
+                yield picture
             return
         with self._stream() as (container, stream):
             for number, frame in enumerate(container.decode(stream)):

@@ -25,6 +25,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from holoview.numerics.sample_bits import find_bits
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
 from holoview.util.memory_limit import require_memory
@@ -32,7 +33,8 @@ from holoview.util.packages import import_optional
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
 
-_EXIF_ORIENTATION = 0x0112
+EXIF_ORIENTATION = 0x0112
+"""Number of the tag by which a camera says how its picture is to be turned."""
 
 _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
@@ -71,12 +73,12 @@ def picture_count(path: Path) -> int:
         return counts[kind](path) if kind in counts else 1
 
 
-def read_raster(path: Path) -> Raster:
+def read_raster(path: Path, white: int | None = None) -> Raster:
     """The first picture of a PNG, JPEG, TIFF or OpenEXR file; a note says so if there are several.
 
-    Raises UserError when the file has another format, is damaged or without pixels, or has an unknown layout.
+    white: the number of white in a file of 16 bits, if it is known; otherwise see `unit_range`. Raises UserError when the file has another format, is damaged or without pixels, or has an unknown layout.
     """
-    with closing(read_rasters(path)) as pictures:
+    with closing(read_rasters(path, white)) as pictures:
         first = next(pictures)
     if not first.page:
         return first
@@ -84,14 +86,14 @@ def read_raster(path: Path) -> Raster:
     return replace(first, notes=(*first.notes, note), page="")
 
 
-def read_rasters(path: Path) -> Generator[Raster]:
+def read_rasters(path: Path, white: int | None = None) -> Generator[Raster]:
     """Every picture of a file, decoded one after the other; `page` says which, if there are several.
 
-    Raises UserError as `read_raster` does.
+    white: as of `read_raster`. Raises UserError as that does.
     """
     kind = _supported_format(path)
     with _naming_file(path, kind):
-        for raster in _READERS[kind](path):
+        for raster in _READERS[kind](path, white):
             if raster.values.size == 0:
                 raise UserError(str(path), f"has no pixels: {raster.values.shape[1]} × {raster.values.shape[0]}")
             yield raster
@@ -122,7 +124,7 @@ def _naming_file(path: Path, kind: str) -> Iterator[None]:
         ) from error
 
 
-def _read_png(path: Path) -> Raster:
+def _read_png(path: Path, white: int | None) -> Raster:
     head = read_bytes(path, READABLE_FORMATS, most=33)
     if len(head) < 33:
         raise UserError(str(path), "the PNG data is truncated", remedy="save or copy the file again")
@@ -131,7 +133,10 @@ def _read_png(path: Path) -> Raster:
     if bits != 16:
         return _read_with_pillow(path)
     data = read_bytes(path, READABLE_FORMATS)
-    return split_alpha(integers_to_unit_range(decode_deep_png(data)), encoded=True)
+    significant = next((content[0] for name, content in png_chunks(data) if name == b"sBIT" and content), 0)
+    scaled = unit_range(decode_deep_png(data), white, (1 << significant) - 1, "sBIT")
+    raster = split_alpha(scaled.values, encoded=True, notes=scaled.notes)
+    return replace(raster, white=scaled.white)
 
 
 def _read_with_pillow(path: Path) -> Raster:
@@ -148,7 +153,7 @@ def _decode_with_pillow(path: Path) -> Raster:
         opened.load()
         upright = ImageOps.exif_transpose(opened)
     notes: tuple[str, ...] = ()
-    if opened.getexif().get(_EXIF_ORIENTATION, 1) != 1:
+    if opened.getexif().get(EXIF_ORIENTATION, 1) != 1:
         notes = ("turned upright as the camera's orientation flag says",)
     if "transparency" in upright.info or upright.mode == "PA":
         upright = upright.convert("RGBA")
@@ -180,6 +185,7 @@ class Raster:
     encoded: whether the samples were integers (a display signal) rather than floats (light).
     premultiplied: whether the colours are already multiplied by alpha. notes: changes that were made, for the user.
     page: which picture of a file with several, in words. primaries: the chromaticities that the file states.
+    white: the number in the file that became 1, None for floats and samples of 8 bits.
     """
 
     values: NDArray[np.float64]
@@ -189,6 +195,7 @@ class Raster:
     notes: tuple[str, ...] = ()
     page: str = ""
     primaries: Chromaticities | None = None
+    white: int | None = None
 
 
 def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
@@ -198,6 +205,43 @@ def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None)
     if samples.dtype.kind != "u":
         raise ValueError(f"samples of type {samples.dtype} have no fixed white")
     return samples / float(full_scale if full_scale is not None else np.iinfo(samples.dtype).max)
+
+
+@dataclass(frozen=True)
+class UnitRange:
+    """Samples from 0 to 1, the number that became 1, and remarks for the user."""
+
+    values: NDArray[np.float64]
+    white: int
+    notes: tuple[str, ...]
+
+
+def unit_range(samples: NDArray[np.uint16], white: int | None, stated: int = 0, statement: str = "") -> UnitRange:
+    """Samples of 16 bits (y, x) or (y, x, 1 to 4) divided by the number of white.
+
+    Cameras of 10, 12 and 14 bits write files of 16 bits whose white isn't 65535. white: this number, if the user says
+    it. stated: the number that the file states, 0 for none, as its `statement`, which counts if no sample exceeds it.
+    Otherwise the samples show it: their largest is 2^10 − 1, 2^12 − 1 or 2^14 − 1, or all have a factor in common. A
+    remark says what was taken. The last of two or four samples is alpha, whose opaque value isn't judged.
+    """
+    full = (1 << 16) - 1
+    has_alpha = samples.ndim == 3 and samples.shape[-1] in (2, 4)
+    bits = find_bits(np.ascontiguousarray(samples[..., :-1] if has_alpha else samples))
+    used, notes = full, ()
+    if white is not None:
+        used = white
+    elif 0 < stated < full and bits.top <= stated:
+        used, notes = stated, (f"white is {stated}, as the file says ({statement})",)
+    elif bits.is_sure and bits.full_scale != full:
+        used, notes = bits.full_scale, (f"white is taken as {bits.full_scale}, as its numbers are {bits.describe()}",)
+    elif bits.layout == "plain" and bits.significant < 16 and bits.top:
+        least = (1 << bits.significant) - 1
+        doubt = f"if it has {bits.significant} bits, white is {least}: state --space srgb{bits.significant}"
+        notes = (f"its largest number is {bits.top} of {full}, which is nearly black; {doubt} of `holoview optimise`",)
+    values = samples / float(used)
+    if has_alpha:
+        values[..., -1] = samples[..., -1] / float(full)
+    return UnitRange(values, used, notes)
 
 
 def split_alpha(
@@ -272,6 +316,18 @@ def decode_deep_png(data: bytes) -> NDArray[np.uint16]:
     return np.concatenate([colours, np.where(opaque, np.uint16(0xFFFF), np.uint16(0))], axis=-1)
 
 
+def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Names and contents of the chunks before the samples of a PNG file; those that are cut off are left out."""
+    place = 8
+    while place + 8 <= len(data):
+        (size,) = struct.unpack(">I", data[place : place + 4])
+        name, content = data[place + 4 : place + 8], data[place + 8 : place + 8 + size]
+        if name == b"IDAT" or len(content) < size:
+            return
+        yield name, content
+        place += 12 + size
+
+
 def _colours(data: bytes, mode: str) -> NDArray[np.uint16]:
     """Samples of "RGB" or "RGBA": Pillow keeps one byte of each, the first or the second by the order it is told."""
     high, low = (_first_bytes(data, f"{mode};16{order}") for order in ("B", "L"))
@@ -294,6 +350,7 @@ _PHOTOMETRICS = (
     tifffile.PHOTOMETRIC.PALETTE,
     tifffile.PHOTOMETRIC.YCBCR,
 )
+_DIRECT = _PHOTOMETRICS[:3]  # whose samples grow or fall with light
 
 
 def tiff_count(path: Path) -> int:
@@ -302,15 +359,15 @@ def tiff_count(path: Path) -> int:
         return len(_pages(file))
 
 
-def tiff_pictures(path: Path) -> Iterator[Raster]:
-    """Every picture in the file's order; pages are decoded one by one.
+def tiff_pictures(path: Path, white: int | None = None) -> Iterator[Raster]:
+    """Every picture in the file's order; pages are decoded one by one. white: as of `read_raster`.
 
     Raises UserError for layouts and colours other than one flat picture, ValueError and others for damaged files.
     """
     with tifffile.TiffFile(path) as file:
         pages = _pages(file)
         for number, page in enumerate(pages, start=1):
-            yield _tiff_raster(path, page, f"page {number}" if len(pages) > 1 else "")
+            yield _tiff_raster(path, page, f"page {number}" if len(pages) > 1 else "", white)
 
 
 _MOST_PAGES = 10_000
@@ -385,7 +442,7 @@ def _next_offset(file: tifffile.TiffFile, page: tifffile.TiffPage) -> int:
     return int(offset)
 
 
-def _tiff_raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
+def _tiff_raster(path: Path, page: tifffile.TiffPage, name: str, white: int | None) -> Raster:
     """One page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
     require_page_memory(path, page)
     photometric, axes = page.photometric, page.axes
@@ -402,11 +459,22 @@ def _tiff_raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
         samples, full, axes = np.asarray(page.colormap)[:, samples], None, "SYX"
     if axes == "SYX":
         samples = np.moveaxis(samples, 0, -1)
-    encoded, values = samples.dtype.kind != "f", integers_to_unit_range(samples, full)
+    encoded = samples.dtype.kind != "f"
+    if samples.dtype == np.uint16 and page.bitspersample == 16 and photometric in _DIRECT:
+        tag = page.tags.get("MaxSampleValue")
+        stated = 0 if tag is None else int(np.max(tag.value))
+        scaled = unit_range(samples, white, stated, "MaxSampleValue")
+        raster = split_alpha(scaled.values, encoded=True, notes=scaled.notes, page=name)
+        raster = replace(raster, white=scaled.white, premultiplied=_is_premultiplied(page))
+        return replace(raster, values=1 - raster.values) if photometric == tifffile.PHOTOMETRIC.MINISWHITE else raster
+    values = integers_to_unit_range(samples, full)
     if photometric == tifffile.PHOTOMETRIC.MINISWHITE and encoded:
         values = 1 - values
-    premultiplied = tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
-    return split_alpha(values, encoded=encoded, premultiplied=premultiplied, page=name)
+    return split_alpha(values, encoded=encoded, premultiplied=_is_premultiplied(page), page=name)
+
+
+def _is_premultiplied(page: tifffile.TiffPage) -> bool:
+    return tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
 
 
 # --- OpenEXR: parts, or numbered layers of one part -------------------------------------------------------------------
@@ -614,9 +682,9 @@ def _no_picture_error(path: Path, channels: Iterable[str]) -> UserError:
     )
 
 
-_READERS: dict[str, Callable[[Path], Iterable[Raster]]] = {
-    "PNG": lambda path: [_read_png(path)],
-    "JPEG": lambda path: [_read_with_pillow(path)],
+_READERS: dict[str, Callable[[Path, int | None], Iterable[Raster]]] = {
+    "PNG": lambda path, white: [_read_png(path, white)],
+    "JPEG": lambda path, white: [_read_with_pillow(path)],
     "TIFF": tiff_pictures,
-    "OpenEXR": exr_pictures,
+    "OpenEXR": lambda path, white: exr_pictures(path),
 }

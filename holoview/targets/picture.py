@@ -32,28 +32,29 @@ _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 @dataclass(frozen=True)
 class Picture:
     """rgb: (y, x, 3) float32 linear sRGB. source: the file. notes: changes that were made when it was read, for the
-    user."""
+    user. white: the number in a file of 16 bits that is white, None for others."""
 
     rgb: NDArray[np.float32]
     source: str
     notes: tuple[str, ...] = ()
+    white: int | None = None
 
 
 def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
     """A PNG, JPEG, TIFF or OpenEXR file as linear light; the first picture of a file with several.
 
-    space: the colour space of a float file, one of `COLOUR_SPACES`. Alpha is composited over black, grey is copied to
+    space: one of `COLOUR_SPACES`. Alpha is composited over black, grey is copied to
     three channels, and values above 1 or below 0 in float files are kept; `notes` mentions each.
 
     Raises UserError when the file is missing, damaged, no picture or without pixels, holds NaN or infinity, or doesn't
     have three float channels although `space` is "xyz".
     """
-    return _to_picture(Path(path), read_raster(Path(path)), space)
+    return _to_picture(Path(path), read_raster(Path(path), white_of(space)), space)
 
 
 def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator[Picture]:
     """Every picture of a file (TIFF pages, OpenEXR parts or layers), one after the other, as `read_picture` does."""
-    for raster in read_rasters(Path(path)):
+    for raster in read_rasters(Path(path), white_of(space)):
         yield _to_picture(Path(path), raster, space)
 
 
@@ -77,7 +78,7 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
         notes.append(f"values up to {rgb.max():.4g} kept: brighter than the display's white (1)")
     if rgb.min() < 0:
         notes.append(f"values down to {rgb.min():.4g} kept: colours outside sRGB")
-    return Picture(rgb, where, tuple(notes))
+    return Picture(rgb, where, tuple(notes), raster.white)
 
 
 def _decoded_in_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -203,14 +204,22 @@ def _check_finite(where: str, values: NDArray[np.floating]) -> None:
 # of the sRGB primaries has a negative channel.
 
 
-COLOUR_SPACES = ("srgb", "xyz")
-"""Interpretations of a float file's three channels: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
+_BITS = {"srgb8": 8, "srgb10": 10, "srgb12": 12, "srgb14": 14, "srgb16": 16}
+COLOUR_SPACES = ("srgb", "xyz", *_BITS)
+"""Interpretations of a float file's three channels: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65).
+
+Of a file of 16 bits, "srgb" recognises white, and "srgb8" to "srgb16" state its bits."""
 
 _XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 """Chromaticities by which OpenEXR files say that they hold XYZ."""
 
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 """XYZ to the sharpened cone responses of the Bradford adaptation (Lam 1985; ICC.1:2010, annex E)."""
+
+
+def white_of(space: str) -> int | None:
+    """The number of white that a colour space states for files of 16 bits, None if it states none."""
+    return (1 << _BITS[space]) - 1 if space in _BITS else None
 
 
 def to_linear_srgb(

@@ -23,6 +23,7 @@ from holoview.util.progress import StepCallback
 from holoview.wavefield.interpret.arrangement import Arrangement, arrange_files
 from holoview.wavefield.interpret.candidates import Candidate, name_wavelength
 from holoview.wavefield.interpret.known_files import find_alike, find_known_file
+from holoview.wavefield.interpret.named_lengths import find_named_lengths
 from holoview.wavefield.interpret.properties import (
     Findings,
     Known,
@@ -153,15 +154,19 @@ def _known(
 ) -> Known:
     """All sources of a field's properties."""
     numbers: dict[str, tuple[float, ...]] = {}
+    texts: dict[str, str] = {}
     for _, content in reversed(contents):
         numbers |= content.numbers
+        texts |= content.texts
+    lengths = find_named_lengths(numbers, texts)
+    findings.notes += lengths.notes
     table = find_known_file(path.name)
     facts, reason = (table.facts, table.reason) if table else (Facts(), "")
     if table:
         findings.notes.append(table.note)
     named = {float(nm) * 1e-9 for file, _ in contents if (nm := name_wavelength(file.stem))}
     named_wavelengths = tuple(sorted(named, reverse=True))
-    return Known(request, given, contents[0][1].facts, numbers, facts, reason, path.name, named_wavelengths)
+    return Known(request, given, contents[0][1].facts, lengths, facts, reason, path.name, named_wavelengths)
 
 
 def _read(known: Known, arrangement: Arrangement, findings: Findings, progress: StepCallback | None) -> Reading:

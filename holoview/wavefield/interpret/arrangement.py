@@ -300,6 +300,12 @@ _ALTERNATING = 0.2
 
 It is below 0.02 in eleven public recordings, off-axis ones with fringes of two pixels among them."""
 
+_FINE, _SPARSE = 0.1, 0.1
+"""Least share of differing neighbours, and least share of either value, of a bilevel hologram.
+
+Fringes of p samples along y differ at 2/p of the neighbours along y: 0.2 and more for ten samples, the mean of both
+axes 0.1; those of random objects fill half. Letters and slits of ten samples and more differ at less."""
+
 MOST_SAMPLE = 1024
 """Rows and columns of the middle of an array by which its values are judged."""
 
@@ -317,7 +323,7 @@ def judge(sample: NDArray[Any]) -> Judgement:
     values = sample.astype(np.float64)
     low, high = float(values.min()), float(values.max())
     if sample.dtype.kind == "b" or (high > low and bool(((values == low) | (values == high)).all())):
-        return Judgement("bilevel", "it has two values only")
+        return _judge_two_values(values > low)
     if low < 0:
         if sample.dtype.kind == "f" and -math.pi - 1e-3 <= low < -3 and 3 < high <= math.pi + 1e-3:
             return Judgement("phase", "its values reach from −π to π")
@@ -330,6 +336,23 @@ def judge(sample: NDArray[Any]) -> Judgement:
     if alternation(values) > _ALTERNATING:
         return Judgement("phase", "its values alternate from sample to sample, as double-phase patterns do")
     return Judgement("recording", "its values have a peak, as a camera's picture")
+
+
+def _judge_two_values(pattern: NDArray[np.bool_]) -> Judgement:
+    """Whether a pattern (…, y, x) of two values is a bilevel hologram or an aperture.
+
+    A hologram's pattern is as fine as its fringes, whose carrier takes at least a tenth of the band, and fills about
+    half; an aperture, a slit or a drawing has areas.
+    """
+    changes = [float(np.mean(pattern[..., 1:, :] != pattern[..., :-1, :])) if pattern.shape[-2] > 1 else 0.0]
+    changes.append(float(np.mean(pattern[..., 1:] != pattern[..., :-1])) if pattern.shape[-1] > 1 else 0.0)
+    share, filled = sum(changes) / 2, float(pattern.mean())
+    if share < _FINE or not _SPARSE < filled < 1 - _SPARSE:
+        what = f"{share:.1%} of its neighbouring samples differ and {filled:.1%} are bright"
+        reason = f"it has two values only, in areas ({what}): an aperture; --quantity bilevel takes it for a hologram"
+        return Judgement("amplitude", reason)
+    reason = f"it has two values only, in a fine pattern ({share:.0%} of its neighbouring samples differ)"
+    return Judgement("bilevel", f"{reason}; --quantity amplitude takes it for an aperture")
 
 
 def unevenness(values: NDArray[np.float64], full: float) -> float:

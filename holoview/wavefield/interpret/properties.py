@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.interpret.known_files import AlikeFiles
+from holoview.wavefield.interpret.named_lengths import LengthKey, NamedLengths
 from holoview.wavefield.readers.contents import Facts
 from holoview.wavefield.request import ReadRequest
 from holoview.wavefield.wavefield import Origin, Provenance
 
-_PITCH_NAMES = ("pp", "pitch", "pixelpitch", "pixelsize", "ps", "dx", "dxy", "deltax", "pitchx", "samplingpitch", "px")
-_WAVELENGTH_NAMES = ("wlen", "lambda", "lambdas", "wavelength", "wavelengths", "wl", "wvl", "lam")
-_DISTANCE_NAMES = ("zrec", "z", "distance", "dist", "d", "propagationdistance", "recdist", "depth", "zobj", "z0")
-
 _AGREE = 0.02  # of two distances; people round them, and count z towards either side
 _NUMBER = r"([-+]?\d+(?:[.p]\d+)?)"
-_IN_NAME = {
+_LIGHT_M = (3.5e-7, 1.2e-6)
+_IN_NAME: dict[LengthKey, re.Pattern[str]] = {
     "distance_m": re.compile(rf"(?:^|[^a-z0-9]){_NUMBER}[ _]?(m|cm|mm)(?![a-z])", re.IGNORECASE),
     "pitch_m": re.compile(r"(?:^|[^a-z0-9])(\d+(?:[.p]\d+)?)[ _]?(um|µm|μm)(?![a-z])", re.IGNORECASE),
 }
@@ -38,11 +36,12 @@ class Question:
 
 @dataclass(frozen=True)
 class Guess:
-    """A value with its reason and its origin."""
+    """A value with its reason and its origin. is_doubtful: whether it may as well be another value, as the reason says."""
 
     value: tuple[float, ...]
     reason: str
     origin: Origin = "guessed"
+    is_doubtful: bool = False
 
 
 @dataclass
@@ -57,6 +56,12 @@ class Findings:
         """States the origin of a property."""
         self.provenance.append(Provenance(key, value, origin, reason))
 
+    def add_guess(self, key: str, value: str, guess: Guess) -> None:
+        """States where a property is from, and that it is doubtful."""
+        self.add(key, value, guess.origin, guess.reason)
+        if guess.is_doubtful:
+            self.notes.append(f"the {key} {value} is a guess: {guess.reason}")
+
     def ask(self, key: str, option: str, guess: str, reason: str) -> None:
         """A question, whose guess is used until it is answered."""
         self.questions.append(Question(key, option, guess, reason))
@@ -67,15 +72,15 @@ class Findings:
 class Known:
     """All sources of a field's properties.
 
-    request: given and remembered properties together. given: the given ones alone. facts, numbers: of the file. table:
-    published properties of a file of this name. name: of the first file. named_wavelengths_m: stated by the files'
+    request: given and remembered properties together. given: the given ones alone. facts: of the file. named: by the
+    names of its variables. table: published properties of a file of this name. name: of the first file. named_wavelengths_m: stated by the files'
     names, by falling length. alike: published holograms with such an array, for better guesses.
     """
 
     request: ReadRequest
     given: ReadRequest
     facts: Facts
-    numbers: Mapping[str, tuple[float, ...]]
+    named: NamedLengths
     table: Facts
     table_reason: str
     name: str
@@ -87,8 +92,8 @@ class Known:
         return "given" if getattr(self.given, key) not in (None, ()) else "remembered"
 
 
-def stated(known: Known, key: str, names: Sequence[str]) -> Iterable[Guess]:
-    """All statements of a length, by decreasing rank. key: of `ReadRequest`. names: of variables with this length."""
+def stated(known: Known, key: LengthKey) -> Iterable[Guess]:
+    """All statements of a length, by decreasing rank. key: of `ReadRequest`."""
     value = getattr(known.request, key)
     if value not in (None, ()):
         origin = known.origin(key)
@@ -97,36 +102,24 @@ def stated(known: Known, key: str, names: Sequence[str]) -> Iterable[Guess]:
     value = getattr(known.facts, key, None)
     if value not in (None, ()):
         yield Guess(value if isinstance(value, tuple) else (value,), "as the file says", "file")
-    for name, numbers in known.numbers.items():
-        if re.sub(r"[_\d]", "", name.rpartition(".")[2].lower()) in names:
-            metres, unit = _in_metres(numbers, key)
-            if metres:
-                yield Guess(metres, f"the file's variable {name}, taken as {unit}", "file")
+    for length in known.named.lengths.get(key, ()):
+        yield Guess(length.metres, length.reason, "file" if length.is_sure else "guessed", not length.is_sure)
     value = getattr(known.table, key, None)
     if value not in (None, ()):
         yield Guess(value if isinstance(value, tuple) else (value,), known.table_reason)
     if key == "wavelengths_m" and known.named_wavelengths_m:
         yield Guess(known.named_wavelengths_m, "the file's name says it")
-    found = _IN_NAME[key].search(known.name) if key in _IN_NAME else None
-    if found:
-        yield Guess((_length(found[1], found[2]),), "the file's name says it")
+    if key in _IN_NAME and (metres := _in_name(known.name, key)) is not None:
+        yield Guess((metres,), "the file's name says it")
 
 
-_RANGES = {"pitch_m": (5e-8, 2e-4), "wavelengths_m": (1.5e-7, 2e-5), "distance_m": (0.0, 50.0)}
-
-
-def _in_metres(numbers: tuple[float, ...], key: str) -> tuple[tuple[float, ...], str]:
-    """Numbers of unknown unit in metres, by the usual range of such lengths; empty if no unit makes them usual."""
-    low, high = _RANGES[key]
-    if not numbers or not all(math.isfinite(n) for n in numbers):
-        return (), ""
-    largest = max(abs(n) for n in numbers)
-    choices = {"pitch_m": ("m", "um", "mm"), "wavelengths_m": ("m", "nm", "um", "mm"), "distance_m": ("m", "mm")}
-    for unit in choices[key]:
-        scale = units.parse(f"1 {unit}", key)
-        if low <= largest * scale <= high and (key == "distance_m" or min(numbers) > 0):
-            return tuple(float(n) * scale for n in numbers), unit
-    return (), ""
+def _in_name(name: str, key: LengthKey) -> float | None:
+    """The length that a file's name states; of several in µm the one that isn't a wavelength of light."""
+    found = [_length(*match) for match in _IN_NAME[key].findall(name)]
+    if key == "pitch_m" and len(found) > 1:
+        found = [length for length in found if not _LIGHT_M[0] < length < _LIGHT_M[1]]
+        return found[0] if len(found) == 1 else None
+    return found[0] if found else None
 
 
 def _length(number: str, unit: str) -> float:
@@ -135,14 +128,14 @@ def _length(number: str, unit: str) -> float:
 
 def known_wavelengths(known: Known) -> tuple[float, ...]:
     """The wavelengths that the user, the file, its table or its name states, m; none if nothing does."""
-    return next((guess.value for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES)), ())
+    return next((guess.value for guess in stated(known, "wavelengths_m")), ())
 
 
 def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
     """A wavelength for each colour, in vacuum, m; the origin or the question goes to `findings`."""
-    for guess in stated(known, "wavelengths_m", _WAVELENGTH_NAMES):
+    for guess in stated(known, "wavelengths_m"):
         if len(guess.value) == colours:
-            findings.add("wavelengths", _nm(guess.value), guess.origin, guess.reason)
+            findings.add_guess("wavelengths", _nm(guess.value), guess)
             return guess.value
         if guess.origin in ("given", "remembered"):
             found = f"{len(guess.value)} of them ({_nm(guess.value)})"
@@ -165,9 +158,9 @@ def _usual_lasers(colours: int, is_recording: bool) -> tuple[tuple[float, ...], 
 
 def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[float, float]:
     """The pitch (y, x) in m; the origin or the question goes to `findings`."""
-    for guess in stated(known, "pitch_m", _PITCH_NAMES):
+    for guess in stated(known, "pitch_m"):
         pitch = guess.value[0], guess.value[1] if len(guess.value) > 1 else guess.value[0]
-        findings.add("pitch", _um(pitch), guess.origin, guess.reason)
+        findings.add_guess("pitch", _um(pitch), guess)
         return pitch
     pair = known.alike.facts.pitch_m
     if pair is not None:
@@ -182,12 +175,12 @@ def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[fl
 
 def find_distance(known: Known, findings: Findings) -> float:
     """The distance in m, 0 if nothing states it; contradictions go to the notes."""
-    sources = list(stated(known, "distance_m", _DISTANCE_NAMES))
+    sources = list(stated(known, "distance_m"))
     if not sources:
         findings.ask("distance", "--distance", "0 mm", "nothing says where the image is: search the best focus")
         return 0.0
     first = sources[0]
-    findings.add("distance", units.format_rounded(first.value[0], "mm"), first.origin, first.reason)
+    findings.add_guess("distance", units.format_rounded(first.value[0], "mm"), first)
     for other in sources[1:]:
         if all(not math.isclose(abs(value), abs(first.value[0]), rel_tol=_AGREE) for value in other.value):
             said = units.format_rounded(other.value[0], "mm")

@@ -17,6 +17,7 @@ from holoview.wavefield.request import ReadRequest
 HEAD_BYTES = 4096
 """Bytes from the start of a file by which a reader recognises its format."""
 
+_MOST_LETTERS = 200  # of a text that is a property of the field
 _MOST_NUMBERS = 16  # of a variable that is a property of the field; three colours' pitches are 6
 
 Window = tuple[slice, ...]
@@ -98,7 +99,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Contents:
-    """arrays: all with at least two axes. numbers: small variables with plain names, in units that nobody states.
+    """arrays: all with at least two axes. numbers: small variables by their names. texts: short ones.
 
     facts: what the format states. notes: remarks for the user on what was found.
     """
@@ -107,12 +108,19 @@ class Contents:
     numbers: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     facts: Facts = field(default_factory=Facts)
     notes: tuple[str, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     @staticmethod
     def of(variables: Iterable[StoredArray], facts: Facts | None = None, notes: tuple[str, ...] = ()) -> Contents:
-        """Variables of any size: those of a few real numbers are read, those with two long axes are the arrays."""
-        arrays, numbers = [], {}
+        """Variables of any size: those of a few real numbers are read, those with two long axes are the arrays.
+
+        Texts are arrays of characters.
+        """
+        arrays, numbers, texts = [], {}, {}
         for variable in variables:
+            if variable.dtype.kind == "U" and variable.nbytes <= _MOST_LETTERS * 4:
+                letters = variable.load(tuple(slice(0, n) for n in variable.shape))
+                texts[variable.name] = "".join(map(str, np.ravel(letters)))
             if variable.dtype.kind not in "biufc":
                 continue
             size = math.prod(variable.shape)
@@ -121,7 +129,7 @@ class Contents:
                 numbers[variable.name] = tuple(float(value) for value in np.ravel(values))
             elif sum(n > 1 for n in variable.shape) > 1:
                 arrays.append(variable)
-        return Contents(tuple(arrays), numbers, facts or Facts(), notes)
+        return Contents(tuple(arrays), numbers, facts or Facts(), notes, texts)
 
 
 class Reader(Protocol):

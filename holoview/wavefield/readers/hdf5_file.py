@@ -27,6 +27,7 @@ _MATLAB_PRIVATE = ("#refs#", "#subsystem#")
 _MOST_DEPTH = 8
 _MOST_OBJECTS = 2000
 _MOST_ATTRIBUTES = 100
+_MOST_LETTERS = 200  # of a text that is looked at
 
 
 class Hdf5Reader:
@@ -94,6 +95,9 @@ class _Found:
             return
         if b"MATLAB_class" in dataset.attrs or "MATLAB_class" in dataset.attrs:
             kind = dataset.attrs["MATLAB_class"]
+            if kind == b"char" and dataset.dtype == np.uint16 and dataset.size <= _MOST_LETTERS:
+                text = "".join(map(chr, np.ravel(dataset[()])))
+                self.arrays.append(StoredArray.of(name, np.array(text)))
             if kind in (b"char", b"cell", b"function_handle"):
                 return
         self._attributes(dataset, name)
@@ -125,6 +129,16 @@ class _Found:
             if item.attrs.get_id(key).dtype.kind in "iuf" and not key.startswith(("MATLAB_", "H5")):
                 values = np.atleast_1d(item.attrs[key])
                 self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, values))
+            elif isinstance(text := _text(item.attrs, key), str):
+                self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, np.array(text)))
+
+
+def _text(attributes: Any, key: str) -> str | None:
+    """The text of an attribute, None for others."""
+    if attributes.get_id(key).dtype.kind not in "OS" or attributes.get_id(key).shape not in ((), (1,)):
+        return None
+    value = np.ravel(attributes[key])[0]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value if isinstance(value, str) else None
 
 
 def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any] | None:

@@ -26,7 +26,8 @@ from holoview.wavefield.request import ReadRequest
 
 _HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _OBJECT = 1, 2, 3
+_CELL, _STRUCT, _OBJECT, _CHAR = 1, 2, 3, 4
+_MOST_LETTERS = 1000  # bytes of a text that is looked at
 _NUMBERS = {
     6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"
 }  # fmt: skip
@@ -71,7 +72,7 @@ class Matlab5Reader:
             for variable in _list_variables(path, file, order):
                 if variable.kind in _NUMBERS:
                     arrays.append(_stored(path, variable, order))
-                elif variable.kind in (_STRUCT, _CELL):
+                elif variable.kind in (_STRUCT, _CELL) or (variable.kind == _CHAR and variable.size <= _MOST_LETTERS):
                     arrays += _flatten(variable.name, _load(path, variable, order), 0)
                 elif variable.kind in _UNREADABLE:
                     notes.append(f'the variable "{variable.name}" is {_UNREADABLE[variable.kind]} of MATLAB: not read')
@@ -209,5 +210,5 @@ def _flatten(name: str, value: Any, depth: int) -> Iterator[StoredArray]:
     elif value.dtype.kind == "O":
         for index, inner in enumerate(value.ravel()[:_MOST_VARIABLES]):
             yield from _flatten(f"{name}{{{index + 1}}}", inner, depth + 1)
-    elif value.dtype.kind in "biufc":
+    elif value.dtype.kind in "biufcU":
         yield StoredArray.of(name, value)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.targets.image_reader import decode_deep_png
+from holoview.targets.image_reader import EXIF_ORIENTATION, decode_deep_png
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
 from holoview.util.memory_limit import require_memory
@@ -44,6 +44,7 @@ class PictureReader:
                 mode, width, height = opened.mode, opened.width, opened.height
                 is_deep = opened.format == "PNG" and _png_bits(path) == 16
                 is_grey = mode == "P" and _has_grey_palette(opened)
+                notes = _notes(opened)
         colours = 1 if is_grey or _SAMPLES.get(mode, 3) < 3 else 3
         dtype = np.dtype("u2" if is_deep or mode.startswith("I") else "?" if mode == "1" else "u1")
         shape = (height, width) if colours == 1 else (height, width, 3)
@@ -58,10 +59,26 @@ class PictureReader:
                 decoded.append(_decode(path, is_deep, colours, dtype))
             return decoded[0][window]
 
-        notes = ("transparency is left out",) if mode in ("LA", "RGBA", "PA") else ()
         yield Contents.of(
             [StoredArray("", shape, dtype, load, axes="yxc"[: len(shape)], whole_bytes=needed)], notes=notes
         )
+
+
+def _notes(image: Image.Image) -> tuple[str, ...]:
+    """Remarks on what of the picture isn't read as it stands."""
+    notes = []
+    if image.mode in ("LA", "RGBA", "PA"):
+        notes.append("transparency is left out")
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1:
+        notes.append(f"it is an animation of {frames} pictures, of which the first is read: save others as files")
+    if image.mode == "CMYK":
+        notes.append("its inks (CMYK) are converted to red, green and blue")
+    elif image.mode in ("P", "PA") and not _has_grey_palette(image):
+        notes.append("its numbers are places in a palette of colours, which are read")
+    if image.getexif().get(EXIF_ORIENTATION, 1) != 1:
+        notes.append("the camera's orientation flag says that it is to be turned: rows and columns are left as they stand")
+    return tuple(notes)
 
 
 def _png_bits(path: Path) -> int:

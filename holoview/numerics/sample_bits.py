@@ -1,0 +1,132 @@
+"""How many bits the whole numbers of a picture use, where these stand in their type, and where they are clipped.
+
+Cameras of 10, 12 or 14 bits fill types of 16 bits in four ways, v being the camera's number and b its bits:
+
+    plain            v                          the full scale is 2^b − 1
+    left-justified   v·2^(16−b)                 all numbers have a common factor
+    replicated       v·2^(16−b) + v >> (2b−16)  the upper bits again in the lower ones: white is 65535
+    scaled           v·65535/(2^b − 1), rounded, or v times any other whole number
+
+Each tells itself by the values that don't occur: of n different values of 16 bits, all lie by chance on the 2^b that a
+layout of b bits has with a probability of 2^(−n(16−b)).
+
+Clipped numbers pile up at the largest value. Below it the histogram goes on smoothly, so that the largest value of a
+picture that isn't clipped is about as rare as its neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Layout = Literal["plain", "left-justified", "replicated", "scaled"]
+
+_USUAL_BITS = (8, 10, 12, 14)
+_EVIDENCE_BITS = 40.0  # of a layout against chance: 1e-12
+_NEIGHBOURS = 16  # share of the range below the largest value with which it is compared
+_LEAST_CLIPPED = 8  # samples
+_MOST_NEAR = 1 << 20  # samples near the largest value that are looked at
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """The value at which samples are clipped, and the share of all samples that have it."""
+
+    level: float
+    share: float
+
+
+@dataclass(frozen=True)
+class SampleBits:
+    """The bits of unsigned whole numbers.
+
+    container: bits of their type. significant: bits that they use. step: the factor that all have in common.
+    full_scale: the number of white or of a saturated pixel. is_sure: whether the numbers show this full scale; otherwise
+    it is that of the type. top: the largest number.
+    """
+
+    container: int
+    significant: int
+    layout: Layout
+    step: int
+    full_scale: int
+    is_sure: bool
+    top: int
+
+    def describe(self) -> str:
+        """In words, such as "12 bits left-justified in 16"."""
+        if self.layout == "scaled" and self.step > 1:
+            return f"multiples of {self.step}"
+        if self.significant == self.container:
+            return f"{self.container} bits"
+        how = {"plain": "", "left-justified": " left-justified", "replicated": " replicated", "scaled": " scaled"}
+        return f"{self.significant} bits{how[self.layout]} in {self.container}"
+
+
+def find_bits(samples: NDArray[Any]) -> SampleBits:
+    """The bits of samples (any shape) of the type uint8 or uint16. Raises ValueError for other types and no samples."""
+    if samples.dtype not in (np.uint8, np.uint16) or not samples.size:
+        raise ValueError(f"{samples.size} samples of type {samples.dtype}")
+    container = 8 * samples.dtype.itemsize
+    levels = np.flatnonzero(np.bincount(samples.ravel(), minlength=1 << container))
+    top, full = int(levels[-1]), (1 << container) - 1
+    step = int(np.gcd.reduce(levels))
+    if step > 1 and _evidence(levels, math.log2(step)):
+        zeros = step.bit_length() - 1
+        if step == 257:
+            return SampleBits(container, 8, "replicated", step, full, True, top)
+        if step == 1 << zeros:
+            return SampleBits(container, container - zeros, "left-justified", step, full // step * step, True, top)
+        return SampleBits(container, (top // step).bit_length(), "scaled", step, full // step * step, False, top)
+    for bits in range(9, 16) if container == 16 else ():
+        if (layout := _filled_up(levels, bits)) is not None:
+            return SampleBits(container, bits, layout, 1, full, True, top)
+    bits = next((b for b in _USUAL_BITS if top < 1 << b), container)
+    is_sure = top in ((1 << bits) - 1, full)
+    return SampleBits(container, bits, "plain", 1, (1 << bits) - 1 if is_sure else full, is_sure, top)
+
+
+def _filled_up(levels: NDArray[np.integer], bits: int) -> Layout | None:
+    """How all values of so many bits were brought to the whole range of 16, None if they weren't."""
+    if not _evidence(levels, 16 - bits):
+        return None
+    upper = levels >> (16 - bits)
+    if ((upper << (16 - bits) | upper >> (2 * bits - 16)) == levels).all():
+        return "replicated"
+    scale = 65535 / ((1 << bits) - 1)
+    number = np.rint(levels / scale)  # of the camera: rounding down moves a value by less than half a step
+    is_scaled = (np.rint(number * scale) == levels).all() or (np.floor(number * scale) == levels).all()
+    return "scaled" if is_scaled else None
+
+
+def _evidence(levels: NDArray[np.integer], bits_each: float) -> bool:
+    """Whether a layout that keeps a value with the probability 2^−bits_each can't be chance: 0 and the largest value
+    tell nothing."""
+    return bits_each * (len(levels) - 2) >= _EVIDENCE_BITS
+
+
+def find_clipping(values: NDArray[Any]) -> Clipping | None:
+    """Where real values (any shape) are clipped, None if they aren't.
+
+    The largest value must be more than four times as frequent as any within a sixteenth of the range below it, where
+    there are some: drawings of a few even tones have none. At the crest of fringes it is 1/(√2 − 1) = 2.4 times as
+    frequent as the next one.
+    """
+    if not values.size:
+        return None
+    top, low = values.max(), values.min()
+    count = int(np.count_nonzero(values == top))
+    if count < _LEAST_CLIPPED or not math.isfinite(float(top) - float(low)):
+        return None
+    least = float(top) - (float(top) - float(low)) / _NEIGHBOURS
+    near = values[(values >= least) & (values < top)]
+    share = min(_MOST_NEAR / max(near.size, 1), 1.0)
+    near = near.ravel()[:_MOST_NEAR]
+    if near.size < _LEAST_CLIPPED:
+        return None
+    most = int(np.unique(near, return_counts=True)[1].max()) / share
+    return Clipping(float(top), count / values.size) if count > 4 * most + _LEAST_CLIPPED else None
