@@ -48,6 +48,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from holoview.captures.count_bits import counts_as_stated
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import (
     STOP_KEYS,
@@ -65,7 +66,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
 from holoview.util.memory_limit import format_size, require_memory
-from holoview.util.progress import StepCallback
+from holoview.util.progress import StepCallback, TextCallback
 from holoview.util.tables import ArraySchema, NumberSchema, parse_toml
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
@@ -355,10 +356,12 @@ _VALUE_COLUMNS: dict[str, Number] = {
 }
 
 
-def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = None) -> Captures:
+def import_folder(
+    path: str | os.PathLike[str], progress: StepCallback | None = None, tell: TextCallback = lambda _: None
+) -> Captures:
     """Reads the captures of a folder with captures.csv, bench.toml and the images that they name.
 
-    progress: called with (captures read, captures in all). Raises UserError for missing or wrong entries, which names
+    progress: called with (captures read, captures in all). tell: called with what was changed of the counts. Raises UserError for missing or wrong entries, which names
     the file, and the line and column or the key, and for impossible captures (`check_captures`).
     """
     folder = Path(path)
@@ -376,7 +379,7 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _VALUE_COLUMNS}
     captures = Captures(
         levels=_stack([_stack(patterns, "patterns of one capture") for patterns in levels], "patterns"),
-        images=_stack(images, "pictures").astype(np.uint16),
+        images=counts_as_stated(_stack(images, "pictures").astype(np.uint16), bench.camera.bit_depth, tell),
         wavelength_m=columns["wavelength"],
         distance_m=columns["distance"],
         power=columns["power"],

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.count_bits import bits_error
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import describe_stops, has_only_stops, stop_attributes
 from holoview.figures import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.model.effects.registry import listed_effects
+from holoview.numerics.sample_bits import find_clipping
 from holoview.util.errors import UserError
 
 _LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {
@@ -179,10 +181,9 @@ def _check_camera(captures: Captures) -> None:
 
 def _check_images(captures: Captures) -> None:
     camera, images = captures.camera, captures.images
-    highest = int(images.max())
-    if highest > camera.saturation:
-        expected = f"0 to {camera.saturation} at {camera.bit_depth} bits"
-        raise UserError("camera/images", f"{highest} counts", expected=expected, remedy="correct bit_depth")
+    error = bits_error(images, camera.bit_depth)
+    if error is not None:
+        raise error
     if float(images.mean(axis=(1, 2)).max()) - camera.black_level < _MIN_LIGHT_SIGMAS * camera.dark_noise:
         raise UserError(
             "camera/images",
@@ -224,13 +225,15 @@ def summarise(captures: Captures) -> dict[str, Any]:
     """The contents of captures as a dictionary for JSON.
 
     stops: the stops of each relay in words, the first relay before the second. saturated: fractions of the pixels, in
-    the worst capture and on average. dark: captures without significant light. mean_electrons: median over the captures
+    the worst capture and on average. clipped: where counts are clipped below the full scale, else absent. dark: captures without significant light. mean_electrons: median over the captures
     of the mean signal per pixel. cant_tell: {effect id: why these data can't show it}.
     """
     camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level
     dark_limit = _DARK_SIGMAS * camera.dark_noise / np.sqrt(captures.images[0].size)
     saturated = (captures.images >= camera.saturation).mean(axis=(1, 2))
+    clip = find_clipping(captures.images)
+    clipped = {"level": clip.level, "share": clip.share} if clip and clip.level < camera.saturation else None
     unmet = {name: effect.needs.unmet_by(properties) for name, effect in listed_effects().items()}
     return {
         "captures": len(captures),
@@ -244,6 +247,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "distances_m": np.unique(captures.distance_m).tolist(),
         "powers": properties.powers,
         "saturated": {"worst": float(saturated.max()), "mean": float(saturated.mean())},
+        **({"clipped": clipped} if clipped else {}),
         "dark": np.flatnonzero(signal < dark_limit).tolist(),
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
         "cant_tell": {name: reason for name, reason in unmet.items() if reason},

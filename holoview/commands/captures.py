@@ -24,7 +24,7 @@ from holoview.commands.arguments import (
     system_from_args,
     whole,
 )
-from holoview.commands.console import print_json, progress_bar
+from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
 from holoview.io.pictures import write_png
 from holoview.util import units
@@ -144,6 +144,9 @@ def _check(args: argparse.Namespace) -> int:
     print(f"  wavelengths  {wavelengths}")
     print(f"  distances    {distances}")
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
+    if "clipped" in summary:
+        clipped = summary["clipped"]
+        print(f"  clipped      {clipped['share']:.2%} of the counts are {clipped['level']:g}, the largest: below full scale")
     if summary["dark"]:
         print(f"  dark         captures {', '.join(map(str, summary['dark']))}")
     for name, why in summary["cant_tell"].items():
@@ -163,7 +166,10 @@ def _show(args: argparse.Namespace) -> int:
 
 def _import(args: argparse.Namespace) -> int:
     with progress_bar("reading") as report:
-        captures = import_folder(args.folder, progress=lambda done, total: report(done, total, "captures"))
+        notes: list[str] = []
+        captures = import_folder(args.folder, lambda done, total: report(done, total, "captures"), notes.append)
+    for note in notes:
+        print_stderr(f"note: {note}")
     saver = ResultSaver()
     output = saver.save(args.output, partial(write_captures, captures=captures))
     print(f"{output}: {len(captures)} captures")

@@ -29,7 +29,7 @@ _USUAL_BITS = (8, 10, 12, 14)
 _EVIDENCE_BITS = 40.0  # of a layout against chance: 1e-12
 _NEIGHBOURS = 16  # share of the range below the largest value with which it is compared
 _LEAST_CLIPPED = 8  # samples
-_MOST_NEAR = 1 << 20  # samples near the largest value that are looked at
+_PART = 1 << 22  # samples
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def find_bits(samples: NDArray[Any]) -> SampleBits:
     if samples.dtype not in (np.uint8, np.uint16) or not samples.size:
         raise ValueError(f"{samples.size} samples of type {samples.dtype}")
     container = 8 * samples.dtype.itemsize
-    levels = np.flatnonzero(np.bincount(samples.ravel(), minlength=1 << container))
+    levels = np.flatnonzero(_histogram(samples))
     top, full = int(levels[-1]), (1 << container) - 1
     step = int(np.gcd.reduce(levels))
     if step > 1 and _evidence(levels, math.log2(step)):
@@ -118,15 +118,29 @@ def find_clipping(values: NDArray[Any]) -> Clipping | None:
     """
     if not values.size:
         return None
-    top, low = values.max(), values.min()
-    count = int(np.count_nonzero(values == top))
-    if count < _LEAST_CLIPPED or not math.isfinite(float(top) - float(low)):
+    if values.dtype in (np.uint8, np.uint16):
+        histogram = _histogram(values)
+        levels = np.flatnonzero(histogram)
+        counts = histogram[levels]
+        top, low, count = int(levels[-1]), int(levels[0]), int(counts[-1])
+        near = counts[:-1][levels[:-1] >= top - (top - low) / _NEIGHBOURS]
+        total = int(near.sum())
+    else:
+        top, low = float(values.max()), float(values.min())
+        count = int(np.count_nonzero(values == top))
+        if count < _LEAST_CLIPPED or not math.isfinite(top - low):
+            return None
+        below = values[(values >= top - (top - low) / _NEIGHBOURS) & (values < top)]
+        near, total = np.unique(below, return_counts=True)[1], below.size
+    if min(count, total) < _LEAST_CLIPPED or count <= 4 * int(near.max()) + _LEAST_CLIPPED:
         return None
-    least = float(top) - (float(top) - float(low)) / _NEIGHBOURS
-    near = values[(values >= least) & (values < top)]
-    share = min(_MOST_NEAR / max(near.size, 1), 1.0)
-    near = near.ravel()[:_MOST_NEAR]
-    if near.size < _LEAST_CLIPPED:
-        return None
-    most = int(np.unique(near, return_counts=True)[1].max()) / share
-    return Clipping(float(top), count / values.size) if count > 4 * most + _LEAST_CLIPPED else None
+    return Clipping(top, count / values.size)
+
+
+def _histogram(samples: NDArray[Any]) -> NDArray[np.int64]:
+    """How often each number of the type occurs, counted in parts, because each part is copied to 64 bits."""
+    flat = samples.reshape(-1)
+    counts = np.zeros(1 << 8 * samples.dtype.itemsize, np.int64)
+    for first in range(0, flat.size, _PART):
+        counts += np.bincount(flat[first : first + _PART], minlength=counts.size)
+    return counts

@@ -1,0 +1,97 @@
+"""Counts of captures in the bits that are stated: left-justified, filled up to 16 bits, or clipped below the full scale.
+
+`counts_as_stated` puts right what is sure when pictures are imported; `bits_error` is the error for captures whose counts
+contradict `bit_depth`, with the advice that mends them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.numerics.sample_bits import SampleBits, find_bits, find_clipping
+from holoview.util.errors import UserError
+from holoview.util.progress import TextCallback
+
+_MOST_JUDGED = 1 << 25  # counts, of captures evenly spread
+_WHERE = "camera/images"
+
+
+def counts_as_stated(images: NDArray[np.uint16], bit_depth: int, tell: TextCallback) -> NDArray[np.uint16]:
+    """The pictures (capture, y, x) in counts of a camera of so many bits; `tell` hears what was changed.
+
+    Counts that are left-justified or filled up to 16 bits are brought back where `bit_depth` says how many bits they
+    are of. Counts at which the camera clips below its full scale become saturated ones. Raises UserError as `bits_error`
+    describes for others.
+    """
+    if not 1 <= bit_depth <= 16:
+        return images  # an error of the description, which `check_captures` names
+    saturation = (1 << bit_depth) - 1
+    bits = find_bits(_some(images))
+    if int(images.max()) > saturation:
+        counts = _in_lower_bits(images, bits, bit_depth)
+        if counts is not None:
+            tell(
+                f"all counts are {_words(bits)}: they were brought back to {bit_depth} bits, as bit_depth says; "
+                "black_level and electrons_per_count are taken as of these counts"
+            )
+            return counts_as_stated(counts, bit_depth, tell)
+    error = bits_error(images, bit_depth)
+    if error is not None:
+        raise error
+    clip = find_clipping(_some(images))
+    if clip is None or clip.level >= saturation:
+        return images
+    said = f"{clip.share:.2%} of the counts are {clip.level:g}, the largest, and few are just below"
+    tell(f"{said}: the camera clipped there, below the {saturation} of its bit_depth; they are taken as saturated")
+    return np.where(images >= clip.level, np.uint16(saturation), images)
+
+
+def bits_error(images: NDArray[np.uint16], bit_depth: int) -> UserError | None:
+    """The error for counts (capture, y, x) that contradict the bits that are stated, None where they don't.
+
+    These are counts above the full scale, counts with a factor in common, and counts that are clipped at the full scale
+    of fewer bits.
+    """
+    saturation, highest = (1 << bit_depth) - 1, int(images.max())
+    bits = find_bits(_some(images))
+    expected = f"0 to {saturation} at {bit_depth} bits"
+    if bits.layout == "plain" or (bits.layout == "scaled" and bits.step > 1 and highest <= saturation):
+        clip = find_clipping(_some(images))
+        if clip is not None and bits.significant < bit_depth and clip.level == (1 << bits.significant) - 1:
+            found = f"{clip.share:.2%} of the counts are {clip.level:g}, the largest, as of {bits.significant} bits"
+            return UserError(_WHERE, found, expected=expected, remedy=f"state bit_depth = {bits.significant}")
+        if highest > saturation:
+            return UserError(_WHERE, f"{highest} counts", expected=expected, remedy="correct bit_depth")
+        return None
+    if bits.container < 16:
+        return None
+    if bits.significant < bit_depth or highest > saturation:
+        found = f"all counts up to {highest} are {_words(bits)}"
+        stated = f"bit_depth = {bits.significant} and black_level, electrons_per_count of such counts"
+        how = f"divide them by {bits.step}" if bits.step > 1 else f"bring them back to {bits.significant} bits"
+        remedy = f"state {stated}; `captures import` then brings them back, in a capture file {how}"
+        return UserError(_WHERE, found, expected="the counts of the camera", remedy=remedy)
+    return None
+
+
+def _in_lower_bits(images: NDArray[np.uint16], bits: SampleBits, bit_depth: int) -> NDArray[np.uint16] | None:
+    """Counts of `bit_depth` bits that were left-justified or filled up to 16, None for others."""
+    step = 1 << (16 - bit_depth)
+    if bits.layout == "left-justified" and bits.step % step == 0 and not (images % np.uint16(step)).any():
+        return images // np.uint16(step)
+    if bits.layout not in ("replicated", "scaled") or bits.significant != bit_depth or (bits.step > 1 and bit_depth != 8):
+        return None
+    counts: NDArray[np.uint16] = np.rint(images * (((1 << bit_depth) - 1) / 65535)).astype(np.uint16)
+    return counts
+
+
+def _some(images: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Captures by which all are judged."""
+    step = max(images.size // _MOST_JUDGED, 1)
+    return images[:: min(step, len(images))]
+
+
+def _words(bits: SampleBits) -> str:
+    factor = f"multiples of {bits.step}" if bits.step > 1 else ""
+    return f"{factor}, as of {bits.describe()}" if factor and bits.layout != "scaled" else bits.describe()
