@@ -30,6 +30,7 @@ from holoview.wavefield.interpret.candidates import (
     name_wavelength,
     partner_of,
 )
+from holoview.wavefield.interpret.number_scale import TURN, full_scale, phase_levels, tell_bits
 from holoview.wavefield.interpret.properties import Findings, Known, known_wavelengths
 from holoview.wavefield.interpret.strips import PlacedArray, check_finite
 from holoview.wavefield.readers.contents import Contents
@@ -77,7 +78,14 @@ def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement
     if first.axes.reason and chosen is None:
         findings.add("axes", _axes_words(first), "guessed", first.axes.reason)
     is_recording, quantity = _recognise(placed, files, request, findings)
-    scaled = [[[_scaled(part, quantity, known, findings) for part in parts] for parts in row] for row in placed]
+    flat = [part for row in placed for parts in row for part in parts]
+    if is_recording:
+        tell_bits([_sample(part) for part in flat], findings)
+    samples: dict[str, list[np.ndarray]] = {}
+    for part in flat:
+        if (role := _role(part, quantity)) == "phase" or (role and part.component.array.dtype.kind in "iu"):
+            samples.setdefault(role, []).append(_sample(part))
+    scaled = [[[_scaled(part, quantity, samples, known, findings) for part in parts] for parts in row] for row in placed]
     return Arrangement(scaled, candidates, is_recording, quantity)
 
 
@@ -256,16 +264,24 @@ def _sample(part: PlacedArray) -> np.ndarray:
     return values
 
 
-def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) -> PlacedArray:
-    """The part with its role and the scale of its numbers."""
+def _role(part: PlacedArray, quantity: str) -> str:
+    """The quantity of the numbers of one part. quantity: of single parts, "" for others."""
     role = part.component.role
-    if role in ("", *_COLOUR_PARTS) or (quantity and role != "complex"):
-        role = quantity
+    return quantity if role in ("", *_COLOUR_PARTS) or (quantity and role != "complex") else role
+
+
+def _scaled(
+    part: PlacedArray, quantity: str, samples: dict[str, list[np.ndarray]], known: Known, findings: Findings
+) -> PlacedArray:
+    """The part with its role and the scale of its numbers, which is one for all parts of a role.
+
+    samples: of all parts by role, of phases and of integers.
+    """
+    role = _role(part, quantity)
     named = replace(part, component=replace(part.component, role=role))
     dtype = part.component.array.dtype
     if role == "phase":
-        sample = _sample(part)
-        levels, reason = phase_levels(dtype, float(sample.min()), float(sample.max()))
+        levels, reason = phase_levels(samples[role])
         origin: Origin = "guessed"
         if known.facts.phase_levels is not None:
             levels, reason, origin = known.facts.phase_levels, "as the file says", "file"
@@ -276,9 +292,9 @@ def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) 
             findings.add("phase levels", f"{levels:.6g}", origin, reason)
         return replace(named, scale=2 * np.pi / levels)
     if role in ("amplitude", "intensity", "bilevel") and dtype.kind in "iu":
-        return replace(named, scale=1 / full_scale(dtype, float(_sample(part).max())))
+        return replace(named, scale=1 / full_scale(samples[role]))
     if role in ("real", "imaginary") and dtype.kind == "u":
-        middle = full_scale(dtype, float(_sample(part).max())) / 2
+        middle = full_scale(samples[role]) / 2
         findings.add(f"zero of the {role} part", f"{middle:g}", "guessed", "numbers without sign: the middle is 0")
         return replace(named, zero=middle, scale=1 / middle)
     return named
@@ -287,7 +303,6 @@ def _scaled(part: PlacedArray, quantity: str, known: Known, findings: Findings) 
 # --- the quantity of real numbers -------------------------------------------------------------------------------------
 
 
-TURN = 2 * math.pi
 _BINS = 16
 _EVEN = 0.15
 """Largest distance from an even distribution (half the sum of absolute differences) of values that are phases.
@@ -330,7 +345,7 @@ def judge(sample: NDArray[Any]) -> Judgement:
         return Judgement("recording", "it is real and has negative values, as pictures without their background")
     if sample.dtype.kind == "f" and 6.2 < high <= TURN + 1e-3:
         return Judgement("phase", "its values reach from 0 to 2π")
-    full = _full_scale(sample.dtype, high)
+    full = full_scale([sample]) if sample.dtype.kind in "iu" else 1.0 if high <= 1 else max(high, 1e-300)
     if unevenness(values, full) < _EVEN:
         return Judgement("phase", "its values are spread evenly over the whole range, as phases are")
     if alternation(values) > _ALTERNATING:
@@ -367,29 +382,3 @@ def alternation(values: NDArray[np.float64]) -> float:
     deviation = float(values.std())
     signs = (-1.0) ** np.add.outer(np.arange(values.shape[-2]), np.arange(values.shape[-1]))
     return float(abs((values * signs).mean(axis=(-2, -1))).max()) / deviation if deviation > 0 else 0.0
-
-
-def _full_scale(dtype: np.dtype[Any], high: float) -> float:
-    """The value that stands for the top of the range: 255 in 16-bit files that use 8 bits."""
-    if dtype.kind in "iu":
-        return full_scale(dtype, high)
-    return 1.0 if high <= 1 else max(high, 1e-300)
-
-
-def full_scale(dtype: np.dtype[Any], high: float) -> float:
-    """The greatest value of an integer type, or 255, 1023, 4095 … where only so many bits of it are used."""
-    bits = 8 * dtype.itemsize - (dtype.kind == "i")
-    used = next((b for b in (8, 10, 12, 14, bits) if high < 2**b and b <= bits), bits)
-    return float(2**used - 1)
-
-
-def phase_levels(dtype: np.dtype[Any], low: float, high: float) -> tuple[float, str]:
-    """The number that stands for 2π, and why."""
-    if dtype.kind in "iu":
-        full = full_scale(dtype, high)
-        return full, f"values up to {high:g}: {full:g} stands for 2π (programs differ: {full:g} or {full + 1:g})"
-    if low >= 0 and high <= 1.0001:
-        return 1.0, "values from 0 to 1: 1 stands for 2π"
-    if low >= 0 and 7 < high <= 255.5:
-        return 255.0, f"values up to {high:g}: 255 stands for 2π"
-    return TURN, "radians"
