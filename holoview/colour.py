@@ -94,8 +94,16 @@ class ColourSpace:
         linear = np.clip(np.asarray(xyz, dtype=np.float64) @ self.from_xyz.T, 0.0, 1.0)
         if self.code_points[1] == _SRGB_CURVE:
             return srgb_encode(linear)
-        alpha, beta = 1.09929682680944, 0.018053968510807
-        return np.where(linear < beta, 4.5 * linear, alpha * linear**0.45 - (alpha - 1.0))
+        return np.where(linear < _BETA, 4.5 * linear, _ALPHA * linear**0.45 - (_ALPHA - 1.0))
+
+
+_ALPHA, _BETA = 1.09929682680944, 0.018053968510807  # of BT.2020
+
+
+def bt2020_decode(signal: ArrayLike) -> FloatArray:
+    """The light, 0 to 1, of a signal with the curve of Rec. ITU-R BT.2020, which is that of BT.709 with more digits."""
+    values = np.asarray(signal, dtype=np.float64)
+    return np.where(values < 4.5 * _BETA, values / 4.5, ((values + _ALPHA - 1.0) / _ALPHA) ** (1 / 0.45))
 
 
 _SRGB_CURVE = 13  # of H.273

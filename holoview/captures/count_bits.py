@@ -80,7 +80,11 @@ def _in_lower_bits(images: NDArray[np.uint16], bits: SampleBits, bit_depth: int)
     step = 1 << (16 - bit_depth)
     if bits.layout == "left-justified" and bits.step % step == 0 and not (images % np.uint16(step)).any():
         return images // np.uint16(step)
-    if bits.layout not in ("replicated", "scaled") or bits.significant != bit_depth or (bits.step > 1 and bit_depth != 8):
+    if (
+        bits.layout not in ("replicated", "scaled")
+        or bits.significant != bit_depth
+        or (bits.step > 1 and bit_depth != 8)
+    ):
         return None
     counts: NDArray[np.uint16] = np.rint(images * (((1 << bit_depth) - 1) / 65535)).astype(np.uint16)
     return counts

@@ -354,7 +354,9 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
 
 def _clipped(raster: Raster) -> tuple[float, str]:
     """The share of pixels that are clipped in a channel, and the number in the file from which they are."""
-    levels = [clip.level if (clip := find_clipping(channel)) else np.inf for channel in np.moveaxis(raster.values, -1, 0)]
+    levels = [
+        clip.level if (clip := find_clipping(channel)) else np.inf for channel in np.moveaxis(raster.values, -1, 0)
+    ]
     if raster.encoded:
         levels = [min(level, 1.0) for level in levels]
     share = float(np.mean((raster.values >= levels).any(axis=-1)))

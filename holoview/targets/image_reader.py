@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from holoview.numerics.sample_bits import find_bits
+from holoview.targets.colour_profile import UNREAD_PROFILE, ColourProfile, icc_profile, png_profile
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
 from holoview.util.memory_limit import require_memory
@@ -130,13 +131,23 @@ def _read_png(path: Path, white: int | None) -> Raster:
         raise UserError(str(path), "the PNG data is truncated", remedy="save or copy the file again")
     width, height, bits, colour_type = struct.unpack(">IIBB", head[16:26])
     require_picture_memory(path, width, height, _PNG_SAMPLES.get(colour_type, 4), 2 * path.stat().st_size)
-    if bits != 16:
-        return _read_with_pillow(path)
     data = read_bytes(path, READABLE_FORMATS)
-    significant = next((content[0] for name, content in png_chunks(data) if name == b"sBIT" and content), 0)
-    scaled = unit_range(decode_deep_png(data), white, (1 << significant) - 1, "sBIT")
-    raster = split_alpha(scaled.values, encoded=True, notes=scaled.notes)
-    return replace(raster, white=scaled.white)
+    chunks = dict(png_chunks(data))
+    profile, note = png_profile(chunks.items())
+    if bits != 16:
+        raster = _read_with_pillow(path)
+    else:
+        significant = next(iter(chunks.get(b"sBIT", b"")), 0)
+        scaled = unit_range(decode_deep_png(data), white, (1 << significant) - 1, "sBIT")
+        raster = replace(split_alpha(scaled.values, encoded=True, notes=scaled.notes), white=scaled.white)
+    return _with_profile(replace(raster, notes=(*raster.notes, note) if note else raster.notes), profile)
+
+
+def _with_profile(raster: Raster, profile: ColourProfile | None) -> Raster:
+    """A display signal with the colour space that its file states, which a remark names."""
+    if profile is None or profile.is_srgb:
+        return raster
+    return replace(raster, profile=profile, notes=(*raster.notes, f"converted from its colour space, {profile.title}"))
 
 
 def _read_with_pillow(path: Path) -> Raster:
@@ -159,9 +170,11 @@ def _decode_with_pillow(path: Path) -> Raster:
         upright = upright.convert("RGBA")
     elif upright.mode not in ("L", "LA", "RGB", "RGBA"):
         upright = upright.convert("L" if upright.mode == "1" else "RGB")
-    if "icc_profile" in opened.info:
-        notes += ("embedded colour profile ignored: taken as sRGB",)
-    return split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes)
+    profile = None
+    if opened.format == "JPEG" and (data := opened.info.get("icc_profile")):
+        profile = icc_profile(data) if opened.mode in ("L", "RGB") else None
+        notes += () if profile else (UNREAD_PROFILE,)
+    return _with_profile(split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes), profile)
 
 
 # --- the decoded image, before its colours are interpreted ------------------------------------------------------------
@@ -185,7 +198,8 @@ class Raster:
     encoded: whether the samples were integers (a display signal) rather than floats (light).
     premultiplied: whether the colours are already multiplied by alpha. notes: changes that were made, for the user.
     page: which picture of a file with several, in words. primaries: the chromaticities that the file states.
-    white: the number in the file that became 1, None for floats and samples of 8 bits.
+    white: the number in the file that became 1, None for floats and samples of 8 bits. profile: the colour space of a
+    display signal that the file states, None for sRGB.
     """
 
     values: NDArray[np.float64]
@@ -196,6 +210,7 @@ class Raster:
     page: str = ""
     primaries: Chromaticities | None = None
     white: int | None = None
+    profile: ColourProfile | None = None
 
 
 def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
@@ -466,11 +481,24 @@ def _tiff_raster(path: Path, page: tifffile.TiffPage, name: str, white: int | No
         scaled = unit_range(samples, white, stated, "MaxSampleValue")
         raster = split_alpha(scaled.values, encoded=True, notes=scaled.notes, page=name)
         raster = replace(raster, white=scaled.white, premultiplied=_is_premultiplied(page))
-        return replace(raster, values=1 - raster.values) if photometric == tifffile.PHOTOMETRIC.MINISWHITE else raster
+        if photometric == tifffile.PHOTOMETRIC.MINISWHITE:
+            raster = replace(raster, values=1 - raster.values)
+        return _with_icc_of(page, raster)
     values = integers_to_unit_range(samples, full)
     if photometric == tifffile.PHOTOMETRIC.MINISWHITE and encoded:
         values = 1 - values
-    return split_alpha(values, encoded=encoded, premultiplied=_is_premultiplied(page), page=name)
+    return _with_icc_of(page, split_alpha(values, encoded=encoded, premultiplied=_is_premultiplied(page), page=name))
+
+
+def _with_icc_of(page: tifffile.TiffPage, raster: Raster) -> Raster:
+    """A display signal in the colour space of the profile that a page embeds."""
+    tag = page.tags.get("InterColorProfile")
+    if tag is None or not raster.encoded:
+        return raster
+    profile = icc_profile(bytes(tag.value))
+    if profile is None:
+        return replace(raster, notes=(*raster.notes, UNREAD_PROFILE))
+    return _with_profile(raster, profile)
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
+from holoview.targets.colour_profile import ColourProfile, matrix_of_primaries
 from holoview.targets.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -62,7 +63,7 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     where = f"{file}, {raster.page}" if raster.page else str(file)
     _check_finite(where, raster.values)
     notes = list(raster.notes)
-    light = _decoded_in_blocks(raster.values) if raster.encoded else raster.values
+    light = _decoded_in_blocks(raster.values, raster.profile) if raster.encoded else raster.values
     if raster.alpha is not None:
         light = _composite_over_black(where, raster, light)
         notes.append("alpha composited over black")
@@ -81,11 +82,12 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     return Picture(rgb, where, tuple(notes), raster.white)
 
 
-def _decoded_in_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _decoded_in_blocks(values: NDArray[np.float64], profile: ColourProfile | None) -> NDArray[np.float64]:
     """The light of a display signal, some rows at a time, so that intermediate results take little memory."""
     light = np.empty_like(values)
     for first in range(0, len(values), _BLOCK_ROWS):
-        light[first : first + _BLOCK_ROWS] = srgb_decode(values[first : first + _BLOCK_ROWS])
+        signal = values[first : first + _BLOCK_ROWS]
+        light[first : first + _BLOCK_ROWS] = srgb_decode(signal) if profile is None else profile.linear_srgb(signal)
     return light
 
 
@@ -159,7 +161,7 @@ def _composite_over_black(where: str, raster: Raster, light: NDArray[np.float64]
     if not raster.encoded:
         return light
     straight = np.divide(raster.values, alpha, out=np.zeros_like(raster.values), where=alpha > 0)
-    return srgb_decode(np.clip(straight, 0, 1)) * alpha
+    return _decoded_in_blocks(np.clip(straight, 0, 1), raster.profile) * alpha
 
 
 def _single_channel(file: Path, raster: Raster) -> NDArray[np.float64]:
@@ -213,9 +215,6 @@ Of a file of 16 bits, "srgb" recognises white, and "srgb8" to "srgb16" state its
 _XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 """Chromaticities by which OpenEXR files say that they hold XYZ."""
 
-_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-"""XYZ to the sharpened cone responses of the Bradford adaptation (Lam 1985; ICC.1:2010, annex E)."""
-
 
 def white_of(space: str) -> int | None:
     """The number of white that a colour space states for files of 16 bits, None if it states none."""
@@ -253,9 +252,8 @@ def srgb_from_primaries(where: str, chromaticities: Chromaticities) -> NDArray[n
     `chromaticities`: (x, y) of red, green, blue and white; SMPTE RP 177 gives the matrix to XYZ. A white other than D65
     is adapted in Bradford's cone space. Raises UserError when the primaries lie on a line, or can't make the white.
     """
-    corners = np.array([(x, y, 1 - x - y) for x, y in chromaticities], dtype=np.float64)
-    primaries, white = corners[:3].T, corners[3]
-    if len(corners) != 4 or not np.isfinite(corners).all() or abs(np.linalg.det(primaries)) < 1e-6 or white[1] <= 0:
+    matrix = matrix_of_primaries(np.array(chromaticities, dtype=np.float64)) if len(chromaticities) == 4 else None
+    if matrix is None:
         pairs = ", ".join(f"({x:g}, {y:g})" for x, y in chromaticities)
         raise UserError(
             where,
@@ -263,10 +261,6 @@ def srgb_from_primaries(where: str, chromaticities: Chromaticities) -> NDArray[n
             expected="red, green, blue and white that span a triangle",
             remedy="export it with other primaries, or without any for sRGB",
         )
-    white = white / white[1]
-    to_xyz = primaries * np.linalg.solve(primaries, white)
-    gains = (_BRADFORD @ D65_WHITE) / (_BRADFORD @ white)
-    matrix: NDArray[np.float64] = XYZ_TO_SRGB @ np.linalg.solve(_BRADFORD, gains[:, None] * _BRADFORD) @ to_xyz
     return matrix
 
 

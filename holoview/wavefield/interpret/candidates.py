@@ -19,7 +19,10 @@ _ROLES = (
     ("real", re.compile(r"(?:^|[^a-z])(?:re|real)(?:[^a-z]|$)|real", re.IGNORECASE)),
     ("imaginary", re.compile(r"(?:^|[^a-z])im(?:[^a-z]|$)|imag(?!es?(?:[^a-z]|$))", re.IGNORECASE)),
     ("amplitude", re.compile(r"ampl|(?:^|[^a-z])(?:amp|abs|mag|modulus)(?:[^a-z]|$)|magnitude", re.IGNORECASE)),
-    ("phase", re.compile(r"phase|(?:^|[^a-z])(?:ph|phs|pha|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE)),
+    (
+        "phase",
+        re.compile(r"phase|(?:^|[^a-z])(?:ph|phs|pha|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE),
+    ),
     ("intensity", re.compile(r"intens", re.IGNORECASE)),
     ("bilevel", re.compile(r"(?:^|[^a-z])hbin(?:[^a-z]|$)|bilevel", re.IGNORECASE)),
 )

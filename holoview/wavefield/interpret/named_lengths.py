@@ -115,7 +115,9 @@ def find_named_lengths(numbers: Mapping[str, Sequence[float]], texts: Mapping[st
         if parsed.key == "index":
             value = numbers.get(name, (0.0,))[0]
             if 1 < value < 5:
-                notes.append(f"the file's {name} = {value:g} isn't applied: --index {value:g} divides wavelengths by it")
+                notes.append(
+                    f"the file's {name} = {value:g} isn't applied: --index {value:g} divides wavelengths by it"
+                )
             continue
         if name in texts:
             length = _of_text(name, parsed, texts[name])
@@ -123,7 +125,9 @@ def find_named_lengths(numbers: Mapping[str, Sequence[float]], texts: Mapping[st
             length = _of_numbers(name, parsed, numbers[name], texts, unit)
         if length is None:
             if name in numbers and parsed.unit:
-                notes.append(f"the file's {name} = {numbers[name][0]:g} can't be a length of its kind and unit: left out")
+                notes.append(
+                    f"the file's {name} = {numbers[name][0]:g} can't be a length of its kind and unit: left out"
+                )
             continue
         if parsed.axis:
             axes[parsed.axis] = length
@@ -182,7 +186,11 @@ def _of_text(name: str, parsed: _Name, text: str) -> NamedLength | None:
     except UserError:
         return None
     assert parsed.key != "index"
-    return NamedLength(metres, f'the file\'s {name} is "{text[:_MOST_LETTERS]}"', True) if _fits(metres, parsed.key) else None
+    return (
+        NamedLength(metres, f'the file\'s {name} is "{text[:_MOST_LETTERS]}"', True)
+        if _fits(metres, parsed.key)
+        else None
+    )
 
 
 def _of_numbers(
@@ -191,7 +199,9 @@ def _of_numbers(
     assert parsed.key != "index"
     if not numbers or not all(math.isfinite(n) for n in numbers):
         return None
-    said = next((texts[key] for key in _names_of_unit(name) if texts.get(key, "").strip() in _UNITS), parsed.unit).strip()
+    said = next(
+        (texts[key] for key in _names_of_unit(name) if texts.get(key, "").strip() in _UNITS), parsed.unit
+    ).strip()
     if said:
         metres = tuple(float(n) * _UNITS[said] for n in numbers)
         return NamedLength(metres, f"the file's {name}, in {said}", True) if _fits(metres, parsed.key) else None

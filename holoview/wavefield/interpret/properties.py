@@ -60,7 +60,7 @@ class Findings:
         """States where a property is from, and that it is doubtful."""
         self.add(key, value, guess.origin, guess.reason)
         if guess.is_doubtful:
-            self.notes.append(f"the {key} {value} is a guess: {guess.reason}")
+            self.notes.append(f"{key} {value} was guessed: {guess.reason}")
 
     def ask(self, key: str, option: str, guess: str, reason: str) -> None:
         """A question, whose guess is used until it is answered."""

@@ -23,7 +23,9 @@ from holoview.wavefield.request import ReadRequest
 
 _RGB = ("R", "G", "B")
 _FLOAT_BYTES = 4
-_SPECTRAL = re.compile(r"(?P<kind>(?:.*\.)?(?:S[0-3]|T))\.(?P<number>\d{1,6}(?:[.,]\d{0,6})?)(?P<unit>[kMGT]?Hz|[pnµucm]?m)")
+_SPECTRAL = re.compile(
+    r"(?P<kind>(?:.*\.)?(?:S[0-3]|T))\.(?P<number>\d{1,6}(?:[.,]\d{0,6})?)(?P<unit>[kMGT]?Hz|[pnµucm]?m)"
+)
 _STOKES_0 = ("S0", "T")  # without polarisation
 _LIGHT_M_S = 299792458.0
 _UNITS = {"": 1.0, "p": 1e-12, "n": 1e-9, "µ": 1e-6, "u": 1e-6, "m": 1e-3, "c": 1e-2}

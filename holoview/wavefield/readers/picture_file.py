@@ -77,7 +77,9 @@ def _notes(image: Image.Image) -> tuple[str, ...]:
     elif image.mode in ("P", "PA") and not _has_grey_palette(image):
         notes.append("its numbers are places in a palette of colours, which are read")
     if image.getexif().get(EXIF_ORIENTATION, 1) != 1:
-        notes.append("the camera's orientation flag says that it is to be turned: rows and columns are left as they stand")
+        notes.append(
+            "the camera's orientation flag says that it is to be turned: rows and columns are left as they stand"
+        )
     return tuple(notes)
 
 

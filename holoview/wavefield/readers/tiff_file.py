@@ -139,7 +139,17 @@ def _coloured(
     return coloured, (*notes, "its numbers are places in a palette of colours, which are read")
 
 
-_MICROMETRES = {"micron": 1.0, "microns": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3, "cm": 1e4, "m": 1e6}
+_MICROMETRES = {
+    "micron": 1.0,
+    "microns": 1.0,
+    "um": 1.0,
+    "µm": 1.0,
+    "μm": 1.0,
+    "nm": 1e-3,
+    "mm": 1e3,
+    "cm": 1e4,
+    "m": 1e6,
+}
 
 
 def _calibrated_pitch_m(file: tifffile.TiffFile) -> tuple[float, float] | None:
