@@ -361,8 +361,9 @@ def import_folder(
 ) -> Captures:
     """Reads the captures of a folder with captures.csv, bench.toml and the images that they name.
 
-    progress: called with (captures read, captures in all). tell: called with what was changed of the counts. Raises UserError for missing or wrong entries, which names
-    the file, and the line and column or the key, and for impossible captures (`check_captures`).
+    progress: called with (captures read, captures in all). tell: called with what was changed of the counts. Raises
+    UserError for missing or wrong entries, which names the file, and the line and column or the key, and for impossible
+    captures (`check_captures`).
     """
     folder = Path(path)
     if not folder.is_dir():

@@ -1,7 +1,7 @@
-"""Counts of captures in the bits that are stated: left-justified, filled up to 16 bits, or clipped below the full scale.
+"""Counts of captures in the bits that are stated: left-justified, filled up to 16 bits, or clipped too low.
 
-`counts_as_stated` puts right what is sure when pictures are imported; `bits_error` is the error for captures whose counts
-contradict `bit_depth`, with the advice that mends them.
+`counts_as_stated` puts right what is sure when pictures are imported; `bits_error` is the error for captures whose
+counts contradict `bit_depth`, with the advice that mends them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def counts_as_stated(images: NDArray[np.uint16], bit_depth: int, tell: TextCallb
     """The pictures (capture, y, x) in counts of a camera of so many bits; `tell` hears what was changed.
 
     Counts that are left-justified or filled up to 16 bits are brought back where `bit_depth` says how many bits they
-    are of. Counts at which the camera clips below its full scale become saturated ones. Raises UserError as `bits_error`
-    describes for others.
+    are of. Counts at which the camera clips below its full scale become saturated ones. Raises UserError as
+    `bits_error` describes for others.
     """
     if not 1 <= bit_depth <= 16:
         return images  # an error of the description, which `check_captures` names
@@ -80,11 +80,8 @@ def _in_lower_bits(images: NDArray[np.uint16], bits: SampleBits, bit_depth: int)
     step = 1 << (16 - bit_depth)
     if bits.layout == "left-justified" and bits.step % step == 0 and not (images % np.uint16(step)).any():
         return images // np.uint16(step)
-    if (
-        bits.layout not in ("replicated", "scaled")
-        or bits.significant != bit_depth
-        or (bits.step > 1 and bit_depth != 8)
-    ):
+    is_filled_up = bits.layout in ("replicated", "scaled") and bits.step in (1, 257)
+    if not is_filled_up or bits.significant != bit_depth:
         return None
     counts: NDArray[np.uint16] = np.rint(images * (((1 << bit_depth) - 1) / 65535)).astype(np.uint16)
     return counts

@@ -225,8 +225,9 @@ def summarise(captures: Captures) -> dict[str, Any]:
     """The contents of captures as a dictionary for JSON.
 
     stops: the stops of each relay in words, the first relay before the second. saturated: fractions of the pixels, in
-    the worst capture and on average. clipped: where counts are clipped below the full scale, else absent. dark: captures without significant light. mean_electrons: median over the captures
-    of the mean signal per pixel. cant_tell: {effect id: why these data can't show it}.
+    the worst capture and on average. clipped: where counts are clipped below the full scale, else absent. dark:
+    captures without significant light. mean_electrons: median over the captures of the mean signal per pixel.
+    cant_tell: {effect id: why these data can't show it}.
     """
     camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level

@@ -146,9 +146,7 @@ def _check(args: argparse.Namespace) -> int:
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
     if "clipped" in summary:
         clipped = summary["clipped"]
-        print(
-            f"  clipped      {clipped['share']:.2%} of the counts are {clipped['level']:g}, the largest: below full scale"
-        )
+        print(f"  clipped      {clipped['share']:.2%} of the counts, at {clipped['level']:g}: below the full scale")
     if summary["dark"]:
         print(f"  dark         captures {', '.join(map(str, summary['dark']))}")
     for name, why in summary["cant_tell"].items():

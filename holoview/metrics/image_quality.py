@@ -354,9 +354,8 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
 
 def _clipped(raster: Raster) -> tuple[float, str]:
     """The share of pixels that are clipped in a channel, and the number in the file from which they are."""
-    levels = [
-        clip.level if (clip := find_clipping(channel)) else np.inf for channel in np.moveaxis(raster.values, -1, 0)
-    ]
+    clips = [find_clipping(channel) for channel in np.moveaxis(raster.values, -1, 0)]
+    levels = [np.inf if clip is None else clip.level for clip in clips]
     if raster.encoded:
         levels = [min(level, 1.0) for level in levels]
     share = float(np.mean((raster.values >= levels).any(axis=-1)))

@@ -45,8 +45,8 @@ class SampleBits:
     """The bits of unsigned whole numbers.
 
     container: bits of their type. significant: bits that they use. step: the factor that all have in common.
-    full_scale: the number of white or of a saturated pixel. is_sure: whether the numbers show this full scale; otherwise
-    it is that of the type. top: the largest number.
+    full_scale: the number of white or of a saturated pixel. is_sure: whether the numbers show this full scale;
+    otherwise it is that of the type. top: the largest number.
     """
 
     container: int
@@ -122,7 +122,7 @@ def find_clipping(values: NDArray[Any]) -> Clipping | None:
         histogram = _histogram(values)
         levels = np.flatnonzero(histogram)
         counts = histogram[levels]
-        top, low, count = int(levels[-1]), int(levels[0]), int(counts[-1])
+        top, low, count = float(levels[-1]), float(levels[0]), int(counts[-1])
         near = counts[:-1][levels[:-1] >= top - (top - low) / _NEIGHBOURS]
         total = int(near.sum())
     else:

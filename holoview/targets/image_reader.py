@@ -77,7 +77,8 @@ def picture_count(path: Path) -> int:
 def read_raster(path: Path, white: int | None = None) -> Raster:
     """The first picture of a PNG, JPEG, TIFF or OpenEXR file; a note says so if there are several.
 
-    white: the number of white in a file of 16 bits, if it is known; otherwise see `unit_range`. Raises UserError when the file has another format, is damaged or without pixels, or has an unknown layout.
+    white: the number of white in a file of 16 bits, if it is known; otherwise see `unit_range`. Raises UserError when
+    the file has another format, is damaged or without pixels, or has an unknown layout.
     """
     with closing(read_rasters(path, white)) as pictures:
         first = next(pictures)
@@ -242,7 +243,8 @@ def unit_range(samples: NDArray[np.uint16], white: int | None, stated: int = 0, 
     full = (1 << 16) - 1
     has_alpha = samples.ndim == 3 and samples.shape[-1] in (2, 4)
     bits = find_bits(np.ascontiguousarray(samples[..., :-1] if has_alpha else samples))
-    used, notes = full, ()
+    used = full
+    notes: tuple[str, ...] = ()
     if white is not None:
         used = white
     elif 0 < stated < full and bits.top <= stated:

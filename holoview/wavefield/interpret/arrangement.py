@@ -85,9 +85,7 @@ def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement
     for part in flat:
         if (role := _role(part, quantity)) == "phase" or (role and part.component.array.dtype.kind in "iu"):
             samples.setdefault(role, []).append(_sample(part))
-    scaled = [
-        [[_scaled(part, quantity, samples, known, findings) for part in parts] for parts in row] for row in placed
-    ]
+    scaled = [[[_scaled(p, quantity, samples, known, findings) for p in parts] for parts in row] for row in placed]
     return Arrangement(scaled, candidates, is_recording, quantity)
 
 

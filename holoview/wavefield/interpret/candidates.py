@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os.path import commonprefix
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,7 @@ _ROLES = (
     ("real", re.compile(r"(?:^|[^a-z])(?:re|real)(?:[^a-z]|$)|real", re.IGNORECASE)),
     ("imaginary", re.compile(r"(?:^|[^a-z])im(?:[^a-z]|$)|imag(?!es?(?:[^a-z]|$))", re.IGNORECASE)),
     ("amplitude", re.compile(r"ampl|(?:^|[^a-z])(?:amp|abs|mag|modulus)(?:[^a-z]|$)|magnitude", re.IGNORECASE)),
-    (
-        "phase",
-        re.compile(r"phase|(?:^|[^a-z])(?:ph|phs|pha|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE),
-    ),
+    ("phase", re.compile(r"phase|(?:^|[^a-z])(?:phs?|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE)),
     ("intensity", re.compile(r"intens", re.IGNORECASE)),
     ("bilevel", re.compile(r"(?:^|[^a-z])hbin(?:[^a-z]|$)|bilevel", re.IGNORECASE)),
 )
@@ -125,13 +122,18 @@ def _named_pairs(arrays: Sequence[StoredArray]) -> list[Candidate]:
         seconds = [a for a in arrays if (a.role or name_role(a.name)) == second_role]
         for first in firsts:
             alike = [a for a in seconds if a.shape == first.shape]
-            partner = max(alike, key=lambda a: len(commonprefix((a.name, first.name))), default=None)
+            partner = max(alike, key=lambda a: _equal_letters(a.name, first.name), default=None)
             if partner is not None:
                 reason = f'the names "{first.name}" and "{partner.name}"'
                 found.append(
                     Candidate.of(Component(first_role, first, reason), Component(second_role, partner, reason))
                 )
     return found
+
+
+def _equal_letters(one: str, other: str) -> int:
+    """How many letters two names have in common from their start."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
 
 
 def _pair_along_an_axis(array: StoredArray) -> list[Candidate]:

@@ -1,4 +1,4 @@
-"""Pitch, wavelengths and distance by the names of a file's variables and attributes, such as `illum_wavelen`, `pitch_um`.
+"""Pitch, wavelengths and distance by the names of variables and attributes, such as `illum_wavelen`, `pitch_um`.
 
 A name is a stem ("wavelen"), words that don't matter ("illum") and perhaps a unit ("um"). A number whose unit nothing
 states is taken in the unit that makes it usual: 532 is a wavelength in nm, 0.532 one in µm, 5.32e-7 one in m. Where
@@ -18,27 +18,36 @@ from holoview.util.errors import UserError
 
 LengthKey = Literal["pitch_m", "wavelengths_m", "distance_m"]
 
+# fmt: off
 _STEMS: dict[LengthKey, frozenset[str]] = {
-    "pitch_m": frozenset(
-        "pp pitch pixelpitch pixelsize pixsize pxsize psize ps dx dy dxy dxdy deltax deltay deltaxy px py "
-        "samplingpitch samplinginterval samplingdistance samplingstep samplesize samplespacing spacing pixelspacing "
-        "pixelwidth pixelheight pixeldimension physicalsize cellsize gridspacing pitchsize".split()
-    ),
-    "wavelengths_m": frozenset(
-        "wlen wl wvl lam lamb lambda lambdas lamda lmbda lmb wave wavelen wavelens wavelength wavelengths wavelenght".split()
-    ),
-    "distance_m": frozenset(
-        "z zrec zobj zpos zdist d dist distance distances depth recdist recdistance propdist propdistance "
-        "propagationdistance reconstructiondistance recordingdistance focusdistance focusingdistance imagedistance".split()
-    ),
+    "pitch_m": frozenset({
+        "pp", "pitch", "pixelpitch", "pixelsize", "pixsize", "pxsize", "psize", "ps", "dx", "dy", "dxy", "dxdy",
+        "deltax", "deltay", "deltaxy", "px", "py", "samplingpitch", "samplinginterval", "samplingdistance",
+        "samplingstep", "samplesize", "samplespacing", "spacing", "pixelspacing", "pixelwidth", "pixelheight",
+        "pixeldimension", "physicalsize", "cellsize", "gridspacing", "pitchsize"
+    }),
+    "wavelengths_m": frozenset({
+        "wlen", "wl", "wvl", "lam", "lamb", "lambda", "lambdas", "lamda", "lmbda", "lmb", "wave", "wavelen",
+        "wavelens", "wavelength", "wavelengths", "wavelenght"
+    }),
+    "distance_m": frozenset({
+        "z", "zrec", "zobj", "zpos", "zdist", "d", "dist", "distance", "distances", "depth", "recdist",
+        "recdistance", "propdist", "propdistance", "propagationdistance", "reconstructiondistance",
+        "recordingdistance", "focusdistance", "focusingdistance", "imagedistance"
+    }),
 }
-_INDEX_STEMS = frozenset("mediumindex refractiveindex indexmedium nmedium mediumn indexofrefraction".split())
-_QUALIFIERS = frozenset(
-    "illum illumination laser source light beam slm sensor camera cam ccd cmos detector holo hologram obj object sample "
-    "recon reconstruction recording vacuum the in of effective eff used value val param params setup".split()
-)
+_INDEX_STEMS = frozenset({
+        "mediumindex", "refractiveindex", "indexmedium", "nmedium", "mediumn", "indexofrefraction"
+    })
+_QUALIFIERS = frozenset({
+        "illum", "illumination", "laser", "source", "light", "beam", "slm", "sensor", "camera", "cam", "ccd",
+        "cmos", "detector", "holo", "hologram", "obj", "object", "sample", "recon", "reconstruction",
+        "recording", "vacuum", "the", "in", "of", "effective", "eff", "used", "value", "val", "param", "params",
+        "setup"
+    })
+# fmt: on
 _AXES = frozenset(("x", "y"))
-_AXIS_STEMS = frozenset("dx dy px py deltax deltay".split())
+_AXIS_STEMS = frozenset({"dx", "dy", "px", "py", "deltax", "deltay"})
 _COLOURS = {"r": 0, "red": 0, "g": 1, "green": 1, "b": 2, "blue": 2}
 _UNITS = {
     "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6,
@@ -115,9 +124,7 @@ def find_named_lengths(numbers: Mapping[str, Sequence[float]], texts: Mapping[st
         if parsed.key == "index":
             value = numbers.get(name, (0.0,))[0]
             if 1 < value < 5:
-                notes.append(
-                    f"the file's {name} = {value:g} isn't applied: --index {value:g} divides wavelengths by it"
-                )
+                notes.append(f"the file's {name} = {value:g} isn't applied: --index {value:g} does")
             continue
         if name in texts:
             length = _of_text(name, parsed, texts[name])

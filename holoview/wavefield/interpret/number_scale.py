@@ -1,4 +1,4 @@
-"""The scale of a file's numbers: which of them is white or a whole turn, their bits, and where a camera clipped them."""
+"""The scale of a file's numbers: white or a whole turn, their bits, and where a camera clipped them."""
 
 from __future__ import annotations
 

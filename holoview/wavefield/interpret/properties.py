@@ -36,7 +36,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Guess:
-    """A value with its reason and its origin. is_doubtful: whether it may as well be another value, as the reason says."""
+    """A value with its reason and its origin. is_doubtful: whether it may be another value, as the reason says."""
 
     value: tuple[float, ...]
     reason: str
@@ -73,8 +73,9 @@ class Known:
     """All sources of a field's properties.
 
     request: given and remembered properties together. given: the given ones alone. facts: of the file. named: by the
-    names of its variables. table: published properties of a file of this name. name: of the first file. named_wavelengths_m: stated by the files'
-    names, by falling length. alike: published holograms with such an array, for better guesses.
+    names of its variables. table: published properties of a file of this name. name: of the first file.
+    named_wavelengths_m: stated by the files' names, by falling length. alike: published holograms with such an array,
+    for better guesses.
     """
 
     request: ReadRequest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -76,11 +76,16 @@ def _notes(image: Image.Image) -> tuple[str, ...]:
         notes.append("its inks (CMYK) are converted to red, green and blue")
     elif image.mode in ("P", "PA") and not _has_grey_palette(image):
         notes.append("its numbers are places in a palette of colours, which are read")
-    if image.getexif().get(EXIF_ORIENTATION, 1) != 1:
-        notes.append(
-            "the camera's orientation flag says that it is to be turned: rows and columns are left as they stand"
-        )
+    if _orientation(image) != 1:
+        notes.append("the camera's orientation flag asks to turn it: rows and columns are left as they stand")
     return tuple(notes)
+
+
+def _orientation(image: Image.Image) -> int:
+    """The camera's flag, 1 for an upright picture and where its metadata are damaged."""
+    with suppress(Exception):  # metadata are of no other use here
+        return int(image.getexif().get(EXIF_ORIENTATION, 1))
+    return 1
 
 
 def _png_bits(path: Path) -> int:
