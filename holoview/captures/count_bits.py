@@ -56,7 +56,7 @@ def bits_error(images: NDArray[np.uint16], bit_depth: int) -> UserError | None:
     saturation, highest = (1 << bit_depth) - 1, int(images.max())
     bits = find_bits(_some(images))
     expected = f"0 to {saturation} at {bit_depth} bits"
-    if bits.layout == "plain" or (bits.layout == "scaled" and bits.step > 1 and highest <= saturation):
+    if bits.layout == "plain":
         clip = find_clipping(_some(images))
         if clip is not None and bits.significant < bit_depth and clip.level == (1 << bits.significant) - 1:
             found = f"{clip.share:.2%} of the counts are {clip.level:g}, the largest, as of {bits.significant} bits"
@@ -64,24 +64,22 @@ def bits_error(images: NDArray[np.uint16], bit_depth: int) -> UserError | None:
         if highest > saturation:
             return UserError(_WHERE, f"{highest} counts", expected=expected, remedy="correct bit_depth")
         return None
-    if bits.container < 16:
-        return None
-    if bits.significant < bit_depth or highest > saturation:
-        found = f"all counts up to {highest} are {_words(bits)}"
-        stated = f"bit_depth = {bits.significant} and black_level, electrons_per_count of such counts"
-        how = f"divide them by {bits.step}" if bits.step > 1 else f"bring them back to {bits.significant} bits"
-        remedy = f"state {stated}; `captures import` then brings them back, in a capture file {how}"
-        return UserError(_WHERE, found, expected="the counts of the camera", remedy=remedy)
-    return None
+    found = f"all counts up to {highest} are {_words(bits)}"
+    of_them = f"counts divided by {bits.step}" if bits.step > 1 else f"counts of {bits.significant} bits"
+    remedy = (
+        f"state bit_depth = {bits.significant}, black_level and electrons_per_count of {of_them}: `captures import` "
+        "then brings them back, in a capture file do it yourself"
+    )
+    return UserError(_WHERE, found, expected="the counts of the camera", remedy=remedy)
 
 
 def _in_lower_bits(images: NDArray[np.uint16], bits: SampleBits, bit_depth: int) -> NDArray[np.uint16] | None:
-    """Counts of `bit_depth` bits that were left-justified or filled up to 16, None for others."""
-    step = 1 << (16 - bit_depth)
-    if bits.layout == "left-justified" and bits.step % step == 0 and not (images % np.uint16(step)).any():
-        return images // np.uint16(step)
-    is_filled_up = bits.layout in ("replicated", "scaled") and bits.step in (1, 257)
-    if not is_filled_up or bits.significant != bit_depth:
+    """Counts of `bit_depth` bits that were left-justified, multiplied or filled up to 16, None for others."""
+    if bits.layout in ("left-justified", "scaled") and bits.step > 1:
+        step = 1 << (16 - bit_depth) if bits.layout == "left-justified" else bits.step
+        is_whole = bits.step % step == 0 and not (images % np.uint16(step)).any()
+        return images // np.uint16(step) if is_whole and images.max() // step < 1 << bit_depth else None
+    if bits.layout == "plain" or bits.significant != bit_depth:
         return None
     counts: NDArray[np.uint16] = np.rint(images * (((1 << bit_depth) - 1) / 65535)).astype(np.uint16)
     return counts

@@ -202,3 +202,17 @@ def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path) -> No
     assert outcome.code == 0 and "running haze.py" in outcome.err
     hazy, clear = (read_captures(n).images for n in ("a.h5", (_make(holoview, "b.h5"), "b.h5")[1]))
     assert hazy.min() > clear.min() + 100
+
+
+def test_left_justified_pictures_are_imported_as_the_camera_counted(holoview: Run, tmp_path: Path) -> None:
+    captures = _make(holoview, "a.h5")
+    shifted = dataclasses.replace(captures, images=captures.images << np.uint16(4))
+    folder = _folder(shifted, tmp_path / "f")
+    outcome = holoview("captures", "import", folder, "-o", "b.h5")
+    assert outcome.code == 0
+    assert "note: all counts are multiples of 16, as of 12 bits left-justified in 16" in outcome.err
+    assert np.array_equal(read_captures("b.h5").images, captures.images)
+    bench = folder / BENCH_FILE
+    bench.write_text(bench.read_text().replace("bit_depth = 12", "bit_depth = 16"))
+    refused = holoview("captures", "import", folder, "-o", "c.h5")
+    assert refused.code == 2 and "state bit_depth = 12" in refused.err

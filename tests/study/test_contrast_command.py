@@ -201,3 +201,27 @@ def test_contrast_by_pupil_is_drawn_and_a_hologram_may_get_an_eye(
 def test_wrong_pupils_are_refused(refused: Refused, arguments: tuple[str, ...], complaint: str) -> None:
     Image.new("L", (16, 16)).save("picture.png")
     assert complaint in refused("contrast", *arguments)
+
+
+@pytest.mark.parametrize("layout", ["plain", "left-justified", "float"])
+def test_a_camera_of_12_bits_in_16_is_told_to_be_saturated(
+    layout: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Speckle of the mean 2000 counts, of which e^(−4095/2000) = 12.9 % exceed 12 bits."""
+    counts = np.clip(_speckle(1) * 2000, 0, 4095).astype(np.uint16)
+    stored = {"plain": counts, "left-justified": counts << np.uint16(4), "float": counts / np.float32(4095)}[layout]
+    tifffile.imwrite(tmp_path / "a.tiff", stored)
+    found = _measured(capsys, str(tmp_path / "a.tiff"), *_whole(), "--linear")
+    assert found["clipped"] == pytest.approx(np.mean(counts == 4095), rel=1e-9)
+    assert cli.main(["contrast", str(tmp_path / "a.tiff"), "--linear"]) == 0
+    said = capsys.readouterr().out
+    assert f"its contrast comes out too low (clipped at {stored.max():g})" in said
+    assert found["mean"] == pytest.approx(counts.mean() / 4095, rel=1e-6)
+
+
+def test_a_clip_at_any_count_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    counts = np.clip(_speckle(1) * 1000, 0, 2777).astype(np.uint16)
+    Image.fromarray(counts).save(tmp_path / "a.png")
+    found = _measured(capsys, str(tmp_path / "a.png"), *_whole(), "--linear")
+    assert found["clipped"] == pytest.approx(np.mean(counts == 2777))
+    assert found["clipped_at"] == "2777"
