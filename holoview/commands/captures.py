@@ -9,9 +9,13 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures, write_captures
 from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
+from holoview.captures.count_bits import counts_as_stated
 from holoview.captures.records import find_record_errors
 from holoview.captures.validation import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
@@ -199,7 +203,7 @@ def _configure_plan(parser: argparse.ArgumentParser) -> None:
 def _plan(args: argparse.Namespace) -> int:
     """Prints power and exposure for each wavelength that keep all but the brightest 0.1 % of the pixels unsaturated."""
     captures = read_captures(args.captures)
-    dark = None if args.dark is None else read_greyscale(args.dark)
+    dark = None if args.dark is None else _dark_counts(args.dark, captures.camera.bit_depth)
     plan = plan_exposures(captures, dark, ExposureLimits(tuple(args.power), tuple(args.exposure)), args.headroom)
     if args.output is not None:
         _write_plan(args.output, plan)
@@ -213,6 +217,13 @@ def _plan(args: argparse.Namespace) -> int:
             f"exposure {setting.exposure_s * 1e3:.4g} ms, reaches {setting.reached:.0f} counts above black{note}"
         )
     return 0
+
+
+def _dark_counts(path: Path, bit_depth: int) -> NDArray[np.uint16]:
+    """The picture (y, x) in counts of so many bits, of which notes say what was changed."""
+    pictures = read_greyscale(path).astype(np.uint16)[None]
+    counts: NDArray[np.uint16] = counts_as_stated(pictures, bit_depth, lambda note: print_stderr(f"note: {note}"))[0]
+    return counts
 
 
 def _write_plan(path: Path, plan: list[ExposureSetting]) -> None:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
 from holoview.captures.dataset import Camera
+from holoview.numerics.sample_bits import find_bits
 from holoview.rig.devices import (
     BenchClock,
     CameraDevice,
@@ -114,7 +115,9 @@ class PictureCheck:
         if picture.dtype.kind != "u":
             return f"counts of type {picture.dtype}, not unsigned whole numbers"
         if int(picture.max()) > facts.saturation:
-            return f"{int(picture.max())} counts, more than {facts.bit_depth} bits"
+            bits = find_bits(picture) if picture.dtype == np.uint16 else None
+            layout = f"; they are {bits.describe()}" if bits and bits.layout != "plain" else ""
+            return f"{int(picture.max())} counts, more than {facts.bit_depth} bits{layout}"
         before, self._before = self._before, picture.copy()
         if self._is_empty(picture[-1]) and not self._is_empty(picture[0]):
             return "a picture whose lower part is empty"

@@ -132,7 +132,7 @@ def _profile(chromaticities: Any, curve: bytes) -> bytes:
     tags = {
         name: b"XYZ \0\0\0\0" + _s15(*column) for name, column in zip((b"rXYZ", b"gXYZ", b"bXYZ"), columns, strict=True)
     }
-    tags |= {name: curve for name in (b"rTRC", b"gTRC", b"bTRC")}
+    tags |= dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), curve)
     tags[b"desc"] = b"desc\0\0\0\0" + struct.pack(">I", 5) + b"Wide\0"
     tags[b"wtpt"] = b"XYZ \0\0\0\0" + _s15(0.9642, 1.0, 0.8249)
     place, table, body = 132 + 12 * len(tags), b"", b""

@@ -101,6 +101,7 @@ def test_complex_numbers_in_text(tmp_path: Path) -> None:
         ("1;2;3\n4;;6\n" * 9, "the cell in row 2, column 2 is empty"),
         (_table(_values(), " ") + "\n" + _table(_values(), " "), "holds 2 tables of 16 rows"),
         ("1 2 3\n4 5\n" * 9, "rows of 2 to 3 numbers"),
+        ("\n".join(f"{y} {x} {x * y}" for y in range(5) for x in range(7)), "a list of the values at 5 × 7 places"),
     ],
 )
 def test_doubtful_tables_are_refused_with_what_would_decide(text: str, words: str, tmp_path: Path) -> None:

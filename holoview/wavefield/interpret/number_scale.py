@@ -49,7 +49,7 @@ def tell_bits(samples: Sequence[NDArray[Any]], findings: Findings) -> None:
     """States the bits of a camera's pictures of 16 bits, and at which number and how often they are clipped."""
     if samples[0].dtype == np.uint16:
         bits = find_bits(samples[0])
-        findings.add("bits", bits.describe(), "guessed", f"values up to {bits.top:g}")
+        findings.add("bits", bits.describe(), "file", f"its numbers, up to {bits.top:g}")
     clips = [clip for sample in samples if (clip := find_clipping(sample)) is not None]
     if clips:
         worst = max(clips, key=lambda clip: clip.share)

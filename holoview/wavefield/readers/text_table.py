@@ -27,6 +27,7 @@ _BYTES_A_CHARACTER = 40  # of words as Python objects, at the peak
 _MOST_HEADER_LINES = 40
 _JUDGED_LINES = 200  # by which separators are recognised
 _LEAST_COLUMNS = 3
+_MOST_IN_LISTS = 5
 _LONGEST_WORD = 100
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
@@ -60,13 +61,14 @@ class TextReader:
         _check_blocks(path, table)
         table = [line for line in table if line]
         separator, has_decimal_commas = _dialect(path, table[:_JUDGED_LINES])
-        rows = _rows(path, table, separator, has_decimal_commas)
+        values = _values(_rows(path, table, separator, has_decimal_commas))
+        _check_is_picture(path, values)
         notes: tuple[str, ...] = ()
         if first:
             notes = (f"the first {'line is' if first == 1 else f'{first} lines are'} left out",)
         if has_decimal_commas:
             notes += ("its commas are taken as decimal signs",)
-        yield Contents.of([StoredArray.of("", _values(rows))], notes=notes)
+        yield Contents.of([StoredArray.of("", values)], notes=notes)
 
 
 def _decoded(data: bytes) -> str | None:
@@ -169,6 +171,17 @@ def _values(rows: list[list[str]]) -> NDArray[Any]:
         except ValueError:
             pass  # complex numbers, or words
     return np.array([[_required_number(word) for word in row] for row in rows], dtype=np.complex128)
+
+
+def _check_is_picture(path: Path, values: NDArray[Any]) -> None:
+    """Raises UserError for a list of places and values: two columns with each place of a grid once."""
+    rows, columns = values.shape
+    if columns > _MOST_IN_LISTS or rows < _LEAST_COLUMNS**2 or values.dtype.kind == "c":
+        return
+    along = [len(np.unique(values[:, axis])) for axis in (0, 1)]
+    if min(along) >= _LEAST_COLUMNS and along[0] * along[1] == rows == len(np.unique(values[:, :2], axis=0)):
+        found = f"is a list of the values at {along[0]} × {along[1]} places, one a line"
+        raise UserError(str(path), found, expected="a table with a row of the picture in each line")
 
 
 def _required_number(word: str) -> complex:
