@@ -83,6 +83,22 @@ def test_tables_in_other_dress_are_read(data: bytes, tmp_path: Path) -> None:
     assert np.array_equal(_numbers(tmp_path / "a.csv")[0][0, 0], np.round(_values(), 4).astype(np.float32))
 
 
+def test_rows_and_columns_that_count_are_left_out_and_said(tmp_path: Path) -> None:
+    """As programs write tables with their index, and with the numbers of their columns as names."""
+    values = np.round(_values(), 4)
+    numbers = ",".join(map(str, range(COLUMNS)))
+    lines = [",".join(f"{x:.4f}" for x in row) for row in values]
+    (tmp_path / "rows.csv").write_text("\n".join([f",{numbers}", *(f"{y},{line}" for y, line in enumerate(lines))]))
+    (tmp_path / "columns.csv").write_text("\n".join([numbers, *lines]))
+    for name, word in (("rows", "column"), ("columns", "row")):
+        found, reading = _numbers(tmp_path / f"{name}.csv")
+        assert np.array_equal(found[0, 0], values.astype(np.float32))
+        assert f"its first {word} counts from 0: it is left out" in reading.notes
+    ramp = np.add.outer(np.zeros(12), np.arange(16))
+    (tmp_path / "ramp.csv").write_text(_table(ramp, ","))
+    assert np.array_equal(_numbers(tmp_path / "ramp.csv")[0][0, 0], ramp)
+
+
 def test_complex_numbers_in_text(tmp_path: Path) -> None:
     u = np.round(_values(), 3) + 1j * np.round(_values(seed=1), 3)
     for form in ("{0.real}{0.imag:+}i", "({0.real}{0.imag:+}j)"):
@@ -329,6 +345,12 @@ def test_of_two_lengths_in_a_name_the_wavelength_is_no_pitch(tmp_path: Path) -> 
         assert reading.wavefield is not None
         assert any(q.key == "pitch" for q in reading.questions) == (pitch_m is None)
         assert pitch_m is None or reading.wavefield.pitch_m == pytest.approx((pitch_m,) * 2)
+
+
+def test_a_hologram_comes_before_its_background(tmp_path: Path) -> None:
+    holo = _values() + 1
+    scipy.io.savemat(tmp_path / "a.mat", {"background": _values(seed=1), "holo": holo})
+    assert np.array_equal(_numbers(tmp_path / "a.mat")[0][0, 0], holo.astype(np.float32))
 
 
 def test_equal_arrays_are_named(tmp_path: Path) -> None:

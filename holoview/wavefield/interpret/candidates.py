@@ -29,8 +29,25 @@ _COLOURS = (
     ("b", re.compile(r"(?:^|[_\-. ])(?:b|blue)(?:$|[_\-. ])", re.IGNORECASE)),
 )
 _NANOMETRES = re.compile(r"(?:^|[^a-zA-Z0-9])(\d{3,4}(?:[.p]\d+)?)[ _]?nm(?![a-z])", re.IGNORECASE)
-_USUAL_NAMES = ("hol", "dh", "h", "data", "u1", "hbin", "cghf", "hologram", "field", "u", "cgh", "complex", "phase")
-_UNLIKELY = re.compile(r"^(?:x+|y+|[xy]m?|fx|fy|kx|ky|grid.*|mask.*|coord.*|r|rho|theta)$", re.IGNORECASE)
+_USUAL_NAMES = (
+    "hol",
+    "dh",
+    "h",
+    "data",
+    "u1",
+    "hbin",
+    "cghf",
+    "hologram",
+    "field",
+    "u",
+    "cgh",
+    "complex",
+    "phase",
+    "holo",
+)
+_UNLIKELY = re.compile(
+    r"^(?:x+|y+|[xy]m?|fx|fy|kx|ky|grid.*|mask.*|coord.*|r|rho|theta|bg|background.*|dark.*|flat.*)$", re.IGNORECASE
+)
 PAIRS = (("real", "imaginary"), ("amplitude", "phase"))
 
 

@@ -29,6 +29,7 @@ _JUDGED_LINES = 200  # by which separators are recognised
 _LEAST_COLUMNS = 3
 _MOST_IN_LISTS = 5
 _LONGEST_WORD = 100
+_LEAST_COUNTED = 8  # numbers in a row that count
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 _BETWEEN = re.compile(r"[\s,;]+")
@@ -63,9 +64,11 @@ class TextReader:
         separator, has_decimal_commas = _dialect(path, table[:_JUDGED_LINES])
         values = _values(_rows(path, table, separator, has_decimal_commas))
         _check_is_picture(path, values)
+        values, counted = _without_counts(values)
         notes: tuple[str, ...] = ()
         if first:
             notes = (f"the first {'line is' if first == 1 else f'{first} lines are'} left out",)
+        notes += counted
         if has_decimal_commas:
             notes += ("its commas are taken as decimal signs",)
         yield Contents.of([StoredArray.of("", values)], notes=notes)
@@ -171,6 +174,19 @@ def _values(rows: list[list[str]]) -> NDArray[Any]:
         except ValueError:
             pass  # complex numbers, or words
     return np.array([[_required_number(word) for word in row] for row in rows], dtype=np.complex128)
+
+
+def _without_counts(values: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
+    """The table without a first row and a first column that count columns and rows, and remarks."""
+    notes: tuple[str, ...] = ()
+    for axis, name in ((0, "row"), (1, "column")):
+        first, second = np.take(values, 0, axis), np.take(values, min(1, values.shape[axis] - 1), axis)
+        counts = np.arange(len(first)) + first[0]
+        is_count = len(first) >= _LEAST_COUNTED and first[0] in (0, 1) and np.array_equal(first, counts)
+        if is_count and not np.array_equal(second, counts):
+            values = np.delete(values, 0, axis)
+            notes += (f"its first {name} counts from {int(first[0].real)}: it is left out",)
+    return values, notes
 
 
 def _check_is_picture(path: Path, values: NDArray[Any]) -> None:
