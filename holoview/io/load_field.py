@@ -210,6 +210,10 @@ def open_hologram(
             + " in the medium" * (request.refractive_index is not None)
             + ": they are shown in grey, as a camera sees them",
         )
+    if not math.isclose(seen.pitch_m[1], field.pitch_m[1], rel_tol=1e-6):
+        width, height = (units.format_rounded(n * seen.pitch_m[1], "mm") for n in reversed(seen.shape))
+        pitch = units.format_rounded(seen.pitch_m[1], "um")
+        notes = (*notes, f"a sample of the picture is {pitch} wide, the whole {width} × {height}")
     other = None
     if reading.recording is None and is_sharper_on_other_side(field):
         other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), propagation)[0])

@@ -15,6 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from holoview.io.load_field import open_hologram
 from holoview.util.errors import UserError
 from holoview.wavefield.readers.text_table import TextReader
 from holoview.wavefield.reading import Reading, read_wavefield
@@ -302,6 +303,22 @@ def test_the_guess_names_the_option_that_changes_it(tmp_path: Path) -> None:
     (told,) = [p for p in read_wavefield(tmp_path / "a.png", ReadRequest(accept_guesses=True)).provenance
                if p.key == "quantity"]  # fmt: skip
     assert told.origin == "guessed" and "--quantity bilevel" in told.reason
+
+
+def test_the_far_picture_of_a_slit_has_its_minima_and_says_its_scale(tmp_path: Path) -> None:
+    """Fraunhofer: minima at n·λz/w on either side of the middle, 5.32 mm for 0.1 mm, 532 nm and 1 m."""
+    slit = np.zeros((256, 1024), np.uint8)
+    slit[:, 507:517] = 255
+    Image.fromarray(slit).save(tmp_path / "slit.png")
+    opened = open_hologram([tmp_path / "slit.png"], ReadRequest((10e-6, 10e-6), (532e-9,), 1.0))
+    field = opened.hologram.field()
+    power = np.square(np.abs(field.values[0, 0])).sum(axis=0)
+    pitch_m = field.pitch_m[1]
+    place_m = (np.arange(len(power)) - len(power) // 2) * pitch_m
+    for order in (1, 2):
+        near = np.abs(place_m - order * 5.32e-3) < 2e-3
+        assert place_m[near][np.argmin(power[near])] == pytest.approx(order * 5.32e-3, abs=pitch_m)
+    assert any(f"a sample of the picture is {pitch_m * 1e6:.4g} um wide" in note for note in opened.notes)
 
 
 # --- variables and attributes -----------------------------------------------------------------------------------------

@@ -138,7 +138,8 @@ def _text(attributes: Any, key: str) -> str | None:
     if attributes.get_id(key).dtype.kind not in "OS" or attributes.get_id(key).shape not in ((), (1,)):
         return None
     value = np.ravel(attributes[key])[0]
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value if isinstance(value, str) else None
+    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    return text if isinstance(text, str) and len(text) <= _MOST_LETTERS else None
 
 
 def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any] | None:
