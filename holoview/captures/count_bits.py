@@ -64,10 +64,12 @@ def bits_error(images: NDArray[np.uint16], bit_depth: int) -> UserError | None:
         if highest > saturation:
             return UserError(_WHERE, f"{highest} counts", expected=expected, remedy="correct bit_depth")
         return None
+    container = bit_depth if highest <= saturation else 16
+    used = container - bits.step.bit_length() + 1 if bits.layout == "left-justified" else bits.significant
     found = f"all counts up to {highest} are {_words(bits)}"
-    of_them = f"counts divided by {bits.step}" if bits.step > 1 else f"counts of {bits.significant} bits"
+    of_them = f"counts divided by {bits.step}" if bits.step > 1 else f"counts of {used} bits"
     remedy = (
-        f"state bit_depth = {bits.significant}, black_level and electrons_per_count of {of_them}: `captures import` "
+        f"state bit_depth = {used}, black_level and electrons_per_count of {of_them}: `captures import` "
         "then brings them back, in a capture file do it yourself"
     )
     return UserError(_WHERE, found, expected="the counts of the camera", remedy=remedy)
@@ -76,8 +78,9 @@ def bits_error(images: NDArray[np.uint16], bit_depth: int) -> UserError | None:
 def _in_lower_bits(images: NDArray[np.uint16], bits: SampleBits, bit_depth: int) -> NDArray[np.uint16] | None:
     """Counts of `bit_depth` bits that were left-justified, multiplied or filled up to 16, None for others."""
     if bits.layout in ("left-justified", "scaled") and bits.step > 1:
-        step = 1 << (16 - bit_depth) if bits.layout == "left-justified" else bits.step
-        is_whole = bits.step % step == 0 and not (images % np.uint16(step)).any()
+        justified = 1 << (16 - bit_depth)
+        step = justified if bits.layout == "left-justified" and bits.step % justified == 0 else bits.step
+        is_whole = not (images % np.uint16(step)).any()
         return images // np.uint16(step) if is_whole and images.max() // step < 1 << bit_depth else None
     if bits.layout == "plain" or bits.significant != bit_depth:
         return None
@@ -92,5 +95,5 @@ def _some(images: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def _words(bits: SampleBits) -> str:
-    factor = f"multiples of {bits.step}" if bits.step > 1 else ""
-    return f"{factor}, as of {bits.describe()}" if factor and bits.layout != "scaled" else bits.describe()
+    """The layout in words, without the bits of counts that are multiples: these follow from those that are stated."""
+    return f"multiples of {bits.step}" if bits.step > 1 else bits.describe()

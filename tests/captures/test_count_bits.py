@@ -38,6 +38,11 @@ def test_counts_are_brought_back_to_the_stated_bits(layout: str) -> None:
     assert len(said) == 1 and "brought back to 12 bits" in said[0]
 
 
+def test_what_the_advice_says_is_then_put_right() -> None:
+    counts = _counts() // np.uint16(2)
+    assert np.array_equal(counts_as_stated(counts * np.uint16(2), 11, lambda _: None), counts)
+
+
 def test_counts_that_are_as_stated_stay(make_captures: Make) -> None:
     said: list[str] = []
     for counts, bits in ((_counts(), 12), (make_captures().images, 12), (make_captures().images, 16)):
@@ -57,10 +62,12 @@ def test_counts_that_are_clipped_too_low_become_saturated() -> None:
 @pytest.mark.parametrize(
     ("change", "bit_depth", "words"),
     [
+        (lambda counts: counts // np.uint16(2) * np.uint16(2), 12, r"multiples of 2; .*bit_depth = 11"),
+        (lambda counts: counts << np.uint16(2), 14, r"multiples of 4; .*bit_depth = 12"),
         (lambda counts: np.uint16(5) * counts, 16, r"multiples of 5; .*bit_depth = 12, .* counts divided by 5"),
         (lambda counts: counts + np.uint16(4000), 12, r"8095 counts; expected 0 to 4095 at 12 bits; correct bit_depth"),
-        (lambda counts: counts << np.uint16(4), 16, r"multiples of 16, as of 12 bits left-justified in 16; .*= 12"),
-        (lambda counts: counts << np.uint16(4), 14, r"multiples of 16, .*bit_depth = 12, .* counts divided by 16"),
+        (lambda counts: counts << np.uint16(4), 16, r"all counts up to 65520 are multiples of 16; .*= 12"),
+        (lambda counts: counts << np.uint16(4), 14, r"multiples of 16; .*bit_depth = 12, .* counts divided by 16"),
         (lambda counts: counts << np.uint16(4) | counts >> np.uint16(8), 16, r"12 bits replicated in 16; .*= 12,"),
         (lambda counts: counts, 16, r"of the counts are 4095, the largest, as of 12 bits; .*state bit_depth = 12"),
         (lambda counts: counts * np.uint16(10), 12, r"are multiples of 10; .*bit_depth = 12, .* counts divided by 10"),

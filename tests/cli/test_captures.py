@@ -210,7 +210,7 @@ def test_left_justified_pictures_are_imported_as_the_camera_counted(holoview: Ru
     folder = _folder(shifted, tmp_path / "f")
     outcome = holoview("captures", "import", folder, "-o", "b.h5")
     assert outcome.code == 0
-    assert "note: all counts are multiples of 16, as of 12 bits left-justified in 16" in outcome.err
+    assert "note: all counts are multiples of 16: they were brought back to 12 bits" in outcome.err
     assert np.array_equal(read_captures("b.h5").images, captures.images)
     bench = folder / BENCH_FILE
     bench.write_text(bench.read_text().replace("bit_depth = 12", "bit_depth = 16"))

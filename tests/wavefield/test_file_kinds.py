@@ -296,6 +296,16 @@ def test_a_slit_is_an_aperture_and_fringes_are_a_bilevel_hologram(tmp_path: Path
         assert _two_values(tmp_path / "a.png", pattern) == "bilevel", name
 
 
+def test_smooth_edges_and_jpeg_leave_a_drawing_an_aperture(tmp_path: Path) -> None:
+    y, x = np.mgrid[:256, :256]
+    disc = np.clip(60.5 - np.hypot(y - 128, x - 128), 0, 1)
+    Image.fromarray(np.rint(255 * disc).astype(np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(np.where(abs(x - 128) < 6, np.uint8(255), np.uint8(0))).save(tmp_path / "b.jpg", quality=90)
+    for name in ("a.png", "b.jpg"):
+        reading = read_wavefield(tmp_path / name, ReadRequest(accept_guesses=True))
+        assert reading.kind == "field" and _said(reading)["quantity"] == "amplitude", name
+
+
 def test_the_guess_names_the_option_that_changes_it(tmp_path: Path) -> None:
     pattern = np.zeros((64, 64), np.uint8)
     pattern[:, 30:34] = 255

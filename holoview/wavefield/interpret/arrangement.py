@@ -315,6 +315,9 @@ _ALTERNATING = 0.2
 
 It is below 0.02 in eleven public recordings, off-axis ones with fringes of two pixels among them."""
 
+_SOFT, _MOST_AT_ENDS, _LEAST_END = 0.02, 0.97, 0.005
+"""Of a drawing with smooth edges, or in a JPEG: range at either end of the values, least shares of both and of each."""
+
 _FINE, _SPARSE = 0.1, 0.1
 """Least share of differing neighbours, and least share of either value, of a bilevel hologram.
 
@@ -338,7 +341,16 @@ def judge(sample: NDArray[Any]) -> Judgement:
     values = sample.astype(np.float64)
     low, high = float(values.min()), float(values.max())
     if sample.dtype.kind == "b" or (high > low and bool(((values == low) | (values == high)).all())):
-        return _judge_two_values(values > low)
+        return _judge_two_values(values > low, "it has two values only")
+    ends = values < low + _SOFT * (high - low), values > high - _SOFT * (high - low)
+    if (
+        high > low
+        and sum(end.mean() for end in ends) >= _MOST_AT_ENDS
+        and min(end.mean() for end in ends) >= _LEAST_END
+    ):
+        soft = _judge_two_values(values > (low + high) / 2, "nearly all of its values are two")
+        if soft.quantity == "amplitude":
+            return soft
     if low < 0:
         if sample.dtype.kind == "f" and -math.pi - 1e-3 <= low < -3 and 3 < high <= math.pi + 1e-3:
             return Judgement("phase", "its values reach from −π to π")
@@ -353,8 +365,8 @@ def judge(sample: NDArray[Any]) -> Judgement:
     return Judgement("recording", "its values have a peak, as a camera's picture")
 
 
-def _judge_two_values(pattern: NDArray[np.bool_]) -> Judgement:
-    """Whether a pattern (…, y, x) of two values is a bilevel hologram or an aperture.
+def _judge_two_values(pattern: NDArray[np.bool_], found: str) -> Judgement:
+    """Whether a pattern (…, y, x) of two values is a bilevel hologram or an aperture. found: its values, in words.
 
     A hologram's pattern is as fine as its fringes, whose carrier takes at least a tenth of the band, and fills about
     half; an aperture, a slit or a drawing has areas.
@@ -364,9 +376,9 @@ def _judge_two_values(pattern: NDArray[np.bool_]) -> Judgement:
     share, filled = sum(changes) / 2, float(pattern.mean())
     if share < _FINE or not _SPARSE < filled < 1 - _SPARSE:
         what = f"{share:.1%} of its neighbouring samples differ and {filled:.1%} are bright"
-        reason = f"it has two values only, in areas ({what}): an aperture; --quantity bilevel takes it for a hologram"
+        reason = f"{found}, in areas ({what}): an aperture; --quantity bilevel takes it for a hologram"
         return Judgement("amplitude", reason)
-    reason = f"it has two values only, in a fine pattern ({share:.0%} of its neighbouring samples differ)"
+    reason = f"{found}, in a fine pattern ({share:.0%} of its neighbouring samples differ)"
     return Judgement("bilevel", f"{reason}; --quantity amplitude takes it for an aperture")
 
 
