@@ -167,6 +167,8 @@ def _decode_with_pillow(path: Path) -> Raster:
     notes: tuple[str, ...] = ()
     if opened.getexif().get(EXIF_ORIENTATION, 1) != 1:
         notes = ("turned upright as the camera's orientation flag says",)
+    if (frames := getattr(opened, "n_frames", 1)) > 1:
+        notes += (f"an animation of {frames} pictures, the first is used",)
     if "transparency" in upright.info or upright.mode == "PA":
         upright = upright.convert("RGBA")
     elif upright.mode not in ("L", "LA", "RGB", "RGBA"):

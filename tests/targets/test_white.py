@@ -192,6 +192,14 @@ def test_a_png_of_linear_light_is_linear(tmp_path: Path) -> None:
     assert np.array_equal(usual.rgb, srgb_decode(codes / 255.0).astype(np.float32)) and not usual.notes
 
 
+def test_of_an_animation_the_first_picture_is_the_target(tmp_path: Path) -> None:
+    pictures = [Image.fromarray((_colours(seed) * 255).astype(np.uint8)) for seed in range(3)]
+    pictures[0].save(tmp_path / "a.png", save_all=True, append_images=pictures[1:])
+    picture = read_picture(tmp_path / "a.png")
+    assert np.array_equal(picture.rgb, srgb_decode(np.asarray(pictures[0]) / 255.0).astype(np.float32))
+    assert "an animation of 3 pictures, the first is used" in picture.notes
+
+
 def test_a_transfer_that_is_not_known_is_told(tmp_path: Path) -> None:
     Image.fromarray((srgb_encode(_colours()) * 255).astype(np.uint8)).save(tmp_path / "a.png")
     picture = read_picture(_with_chunk(tmp_path / "a.png", b"cICP", bytes((9, 16, 0, 1))))
