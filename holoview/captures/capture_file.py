@@ -397,10 +397,15 @@ def _read_bench_toml(path: Path) -> BenchTables:
 
 
 def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
-    """The lines of captures.csv: texts of `file_columns` and SI values of the others, by column."""
+    """The lines of captures.csv: texts of `file_columns` and SI values of the others, by column.
+
+    Columns are separated by commas, or by semicolons, between which commas are decimal signs.
+    """
     expected = "a table with a line a capture"
     try:
-        lines = list(csv.DictReader(io.StringIO(read_text(path, expected), newline=""), skipinitialspace=True))
+        content = read_text(path, expected)
+        separator = ";" if ";" in content.partition("\n")[0] else ","
+        lines = list(csv.DictReader(io.StringIO(content, newline=""), delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
         raise UserError(str(path), f"can't be read: {error}", expected=expected) from error
     if not lines:
@@ -415,7 +420,11 @@ def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
             if not text:
                 raise UserError(f"{path}, line {number}: {name}", "is missing")
             where = f"{path}, line {number}: {name}"
-            row[name] = text if name in file_columns else _cell_value(_VALUE_COLUMNS[name], text, where)
+            if name in file_columns:
+                row[name] = text
+            else:
+                plain = text.replace(",", ".") if separator == ";" else text
+                row[name] = _cell_value(_VALUE_COLUMNS[name], plain, where)
         rows.append(row)
     return rows
 

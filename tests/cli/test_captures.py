@@ -216,3 +216,16 @@ def test_left_justified_pictures_are_imported_as_the_camera_counted(holoview: Ru
     bench.write_text(bench.read_text().replace("bit_depth = 12", "bit_depth = 16"))
     refused = holoview("captures", "import", folder, "-o", "c.h5")
     assert refused.code == 2 and "state bit_depth = 12" in refused.err
+
+
+def test_a_table_with_semicolons_and_decimal_commas_is_imported(holoview: Run, tmp_path: Path) -> None:
+    captures = _make(holoview, "a.h5")
+    folder = _folder(captures, tmp_path / "f")
+    table = folder / TABLE_FILE
+    lines = [line.split(",") for line in table.read_text().splitlines()]
+    rows = [[*line[:3], *(cell.replace(".", ",") for cell in line[3:])] for line in lines]
+    table.write_text("\n".join(";".join(row) for row in rows))
+    assert holoview("captures", "import", folder, "-o", "b.h5").code == 0
+    found = read_captures("b.h5")
+    assert np.array_equal(found.power, captures.power)
+    assert found.wavelength_m == pytest.approx(captures.wavelength_m, rel=1e-8)  # nine digits
