@@ -24,7 +24,7 @@ from holoview.targets.image_reader import Chromaticities, Raster, file_format, r
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 
-__all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
+__all__ = ["COLOUR_SPACES", "Picture", "depth_notes", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
 _BLOCK_ROWS, _FLOAT64_BYTES = 64, 8
 _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
@@ -94,7 +94,7 @@ def _decoded_in_blocks(values: NDArray[np.float64], profile: ColourProfile | Non
 def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """A depth map (y, x), 0 nearest … 1 farthest.
 
-    Integer files are scaled by the full range of their type; float files and arrays must hold 0…1 already. The channels
+    Integer files are scaled by their white, which is that of their type or of their bits; float files and arrays must hold 0…1 already. The channels
     of a colour file must be equal. Numpy arrays are loaded without unpickling.
 
     Raises UserError as `read_picture` does, and for colours, transparency, and float values outside 0…1.
@@ -113,6 +113,12 @@ def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
             remedy="rescale",
         )
     return values.astype(np.float32)
+
+
+def depth_notes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Remarks on how a depth map was read, such as on its bits. Raises UserError as `read_depth` does."""
+    file = Path(path)
+    return () if file_format(file) == "NPY" else tuple(f"depth map: {note}" for note in read_raster(file).notes)
 
 
 def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:

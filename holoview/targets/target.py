@@ -21,6 +21,7 @@ from holoview.targets.light_field import ViewingPupil, render_through_pupil
 from holoview.targets.picture import (
     Picture,
     check_saturation,
+    depth_notes,
     read_depth,
     read_picture,
     resize_to_cover,
@@ -116,7 +117,8 @@ def target_for(
     if pupil is None and system.eye is not None:
         pupil = pupil_of_eye(system, system.eye, planes_m)
     stack = _render(plan, rgb, depth_m, planes_m, pupil)
-    return Target.from_stack(stack, planes_m, source.source, brightness, source.notes)
+    notes = source.notes if placement.depth is None else (*source.notes, *depth_notes(placement.depth))
+    return Target.from_stack(stack, planes_m, source.source, brightness, notes)
 
 
 def _render(

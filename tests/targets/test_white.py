@@ -16,7 +16,7 @@ from PIL import Image, ImageCms
 from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, rgb_to_xyz, srgb_decode, srgb_encode
 from holoview.io.pictures import read_pattern, write_deep_png
 from holoview.targets.focal_stack import Film, read_resized_pictures
-from holoview.targets.picture import read_picture
+from holoview.targets.picture import depth_notes, read_depth, read_picture
 from holoview.util.errors import UserError
 
 SHAPE = (24, 32)
@@ -96,6 +96,13 @@ def test_pictures_of_a_stack_have_one_white(tmp_path: Path) -> None:
         list(Film(tmp_path).pictures())
     stated = read_resized_pictures(files, SHAPE, "srgb12")
     assert stated[1].rgb.max() == pytest.approx(srgb_decode(2047 / 4095))
+
+
+def test_a_depth_map_of_12_bits_is_recognised_or_told(tmp_path: Path) -> None:
+    levels = _levels(12)
+    assert np.array_equal(read_depth(_save(tmp_path / "a.png", levels)), np.float32(levels / 4095))
+    assert any("white is taken as 4095" in note for note in depth_notes(tmp_path / "a.png"))
+    assert any("nearly black" in note for note in depth_notes(_save(tmp_path / "b.png", levels // 2)))
 
 
 def test_patterns_of_modulators_keep_the_scale_of_their_file(tmp_path: Path) -> None:
