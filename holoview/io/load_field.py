@@ -210,10 +210,7 @@ def open_hologram(
             + " in the medium" * (request.refractive_index is not None)
             + ": they are shown in grey, as a camera sees them",
         )
-    if not math.isclose(seen.pitch_m[1], field.pitch_m[1], rel_tol=1e-6):
-        width, height = (units.format_rounded(n * seen.pitch_m[1], "mm") for n in reversed(seen.shape))
-        pitch = units.format_rounded(seen.pitch_m[1], "um")
-        notes = (*notes, f"a sample of the picture is {pitch} wide, the whole {width} × {height}")
+    notes = (*notes, *_scale_notes(field, seen))
     other = None
     if reading.recording is None and is_sharper_on_other_side(field):
         other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), propagation)[0])
@@ -221,6 +218,15 @@ def open_hologram(
     recorded = None if found.recording is None else Recorded(found.recording, bool(moved))
     moved_m = field.distance_m if moved else 0.0
     return OpenedHologram(hologram, found.provenance, notes, moved_m, other, recorded)
+
+
+def _scale_notes(field: Wavefield, seen: Wavefield) -> tuple[str, ...]:
+    """What is said of the size of a picture whose samples aren't those of its field."""
+    pitch_m = seen.pitch_m[1]
+    if math.isclose(pitch_m, field.pitch_m[1], rel_tol=1e-6):
+        return ()
+    width, height = (units.format_rounded(n * pitch_m, "mm") for n in reversed(seen.shape))
+    return (f"a sample of the picture is {units.format_rounded(pitch_m, 'um')} wide, the whole {width} × {height}",)
 
 
 @dataclass(frozen=True, eq=False)

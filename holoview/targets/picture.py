@@ -94,8 +94,8 @@ def _decoded_in_blocks(values: NDArray[np.float64], profile: ColourProfile | Non
 def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """A depth map (y, x), 0 nearest … 1 farthest.
 
-    Integer files are scaled by their white, which is that of their type or of their bits; float files and arrays must hold 0…1 already. The channels
-    of a colour file must be equal. Numpy arrays are loaded without unpickling.
+    Integer files are scaled by their white, which is that of their type or of their bits; float files and arrays must
+    hold 0…1 already. The channels of a colour file must be equal. Numpy arrays are loaded without unpickling.
 
     Raises UserError as `read_picture` does, and for colours, transparency, and float values outside 0…1.
     """
