@@ -66,7 +66,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
 from holoview.util.memory_limit import format_size, require_memory
-from holoview.util.progress import StepCallback, TextCallback
+from holoview.util.progress import StepCallback
 from holoview.util.tables import ArraySchema, NumberSchema, parse_toml
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
@@ -357,7 +357,7 @@ _VALUE_COLUMNS: dict[str, Number] = {
 
 
 def import_folder(
-    path: str | os.PathLike[str], progress: StepCallback | None = None, tell: TextCallback = lambda _: None
+    path: str | os.PathLike[str], progress: StepCallback | None = None, tell: Callable[[str], None] = lambda _: None
 ) -> Captures:
     """Reads the captures of a folder with captures.csv, bench.toml and the images that they name.
 

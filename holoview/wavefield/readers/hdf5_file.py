@@ -24,10 +24,10 @@ from holoview.wavefield.request import ReadRequest
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _PLACES = (0, 512, 1024, 2048)  # of the signature: files may begin with other text
 _MATLAB_PRIVATE = ("#refs#", "#subsystem#")
+_MOST_LETTERS = 200  # of a text that is looked at
 _MOST_DEPTH = 8
 _MOST_OBJECTS = 2000
 _MOST_ATTRIBUTES = 100
-_MOST_LETTERS = 200  # of a text that is looked at
 
 
 class Hdf5Reader:

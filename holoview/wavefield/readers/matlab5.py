@@ -25,9 +25,9 @@ from holoview.wavefield.readers.contents import Contents, StoredArray, Window
 from holoview.wavefield.request import ReadRequest
 
 _HEADER_BYTES = 128
+_CHAR, _MOST_TEXT_BYTES = 4, 1000  # of a text that is looked at
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _OBJECT, _CHAR = 1, 2, 3, 4
-_MOST_LETTERS = 1000  # bytes of a text that is looked at
+_CELL, _STRUCT, _OBJECT = 1, 2, 3
 _NUMBERS = {
     6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"
 }  # fmt: skip
@@ -72,7 +72,9 @@ class Matlab5Reader:
             for variable in _list_variables(path, file, order):
                 if variable.kind in _NUMBERS:
                     arrays.append(_stored(path, variable, order))
-                elif variable.kind in (_STRUCT, _CELL) or (variable.kind == _CHAR and variable.size <= _MOST_LETTERS):
+                elif variable.kind in (_STRUCT, _CELL) or (
+                    variable.kind == _CHAR and variable.size <= _MOST_TEXT_BYTES
+                ):
                     arrays += _flatten(variable.name, _load(path, variable, order), 0)
                 elif variable.kind in _UNREADABLE:
                     notes.append(f'the variable "{variable.name}" is {_UNREADABLE[variable.kind]} of MATLAB: not read')
