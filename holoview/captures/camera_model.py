@@ -9,12 +9,13 @@ key that names all values it depends on, so that light is computed only if its k
 
 On a Fourier bench
 
-    E(x) = Σ_j t_j · exp(−2πi·x·r_j/(λf)) · sinc(p·x/(λf)),  I = |E|²
+    E(x) = Σ_j t_j · exp(−2πi·(x/(λf) − s)·r_j) · sinc(p·(x/(λf) − s)),  I = |E|²
 
-t_j is the field behind the modulator at r_j, p the pitch of these points, f the focal length. The sum over the
-modulator's pixels is evaluated directly at the camera's pixels; a modulator pixel is a uniform square, hence the sinc
-(Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A defocus d adds the optical path −d·|r|²/(2f²), in the
-paraxial approximation.
+t_j is the transmission of the modulator at r_j, p the pitch of these points, f the focal length, s = sin θ/λ the
+illumination's slope. The sum over the modulator's pixels is evaluated directly at the camera's pixels. A modulator
+pixel is a uniform square, across which the illumination's phase goes on: hence the sinc around the illumination's
+direction (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A defocus d adds the optical path
+−d·|r|²/(2f²), in the paraxial approximation.
 
 `sample_intensity` takes a field that is known by its spectrum to the camera's pixels, for any position of the camera.
 
@@ -428,7 +429,8 @@ class NearFieldModel(CameraModel):
         stops = (transfer.wavelength_m, self.plan.relays[relay], band)
 
         def pupil_without_effects() -> Tensor:
-            whole = nominal_pupil(self.plan, relay, component.wavelength, self.dtype, torch.device("cpu"))
+            device, nominal = torch.device("cpu"), self.relays[relay]
+            whole = nominal_pupil(self.plan, relay, component.wavelength, self.dtype, device, nominal)
             return torch.ones((), dtype=self.dtype) if whole is None else whole[ky][:, kx]
 
         def without_effects() -> Tensor:
@@ -559,9 +561,9 @@ class FourierBenchModel(CameraModel):
         λ = self.wavelength_m(component)
         pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
         if pose.rotation_rad == 0:
-            return self._intensity_at_pixels(field, λ, self.pixel_grid, pose)
+            return self._intensity_at_pixels(field, component, self.pixel_grid, pose)
         finer = self._finer_grid(field, λ, pose)
-        unrotated = self._intensity_at_pixels(field, λ, finer, Pose())
+        unrotated = self._intensity_at_pixels(field, component, finer, Pose())
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
         scale = self.pixel_grid.pitch_m / finer.pitch_m
         source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
@@ -583,9 +585,11 @@ class FourierBenchModel(CameraModel):
             field = field * phasor(path_m, context.wavelength_m, self.dtype)
         return field
 
-    def _intensity_at_pixels(self, field: Tensor, λ: float, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
+    def _intensity_at_pixels(
+        self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose
+    ) -> Tensor:
         """|E|² at pixels whose rows and columns are parallel to the modulator's; zero where a stop blocks the light."""
-        modulator = self.plan.system.modulators[0]
+        λ, modulator, slopes = self.wavelength_m(component), self.plan.system.modulators[0], self.slopes(component)
         pitch_m = modulator.pitch_m * modulator.shape[0] / field.shape[0]
         affine, light, sines = pose.inverse_affine(pixel_grid.pitch_m), field, []
         for axis in (0, 1):
@@ -595,7 +599,8 @@ class FourierBenchModel(CameraModel):
             cycles = sine * (pitch_m / λ)  # per point of the field
             step = scale * pixel_grid.pitch_m / self.focal_length_m * pitch_m / λ
             light = chirp_z_transform(light.transpose(-2, -1), float(cycles[0]), step, pixel_grid.shape[axis])
-            envelope = torch.special.sinc(cycles) / field.shape[axis] ** 0.5
+            slope = slopes[axis] * (pitch_m / self.plan.grid.pitch_m)  # turns per point of the field
+            envelope = torch.special.sinc(cycles - slope) / field.shape[axis] ** 0.5
             light = light * envelope.to(self.real_dtype)
             sines.append(sine)
         return squared_magnitude(light) * self._stop_mask(λ, *sines)

@@ -32,7 +32,11 @@ def _slope(noll: int) -> Parameter:
 
 
 class Aberration(Effect):
-    """pupil → pupil·exp(2πi·opd/λ) with opd = Σ_j (c_j + slope_j·(λ − 550 nm)/100 nm)·Z_j over the nominal iris."""
+    """pupil → pupil·exp(2πi·opd/λ) with opd = Σ_j (c_j + slope_j·(λ − 550 nm)/100 nm)·Z_j over the nominal iris.
+
+    Where the iris is wider or off its centre, light passes beyond the nominal one: the polynomials go on there, as the
+    surfaces of lenses do.
+    """
 
     parameters = (*map(_term, _TERMS), *map(_slope, _TERMS))
 

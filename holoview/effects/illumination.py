@@ -82,6 +82,7 @@ class Tilt(Effect):
 
 
 _MIN_SIDE, _MAX_SIDE = 3, 11  # directions along a side of the grid
+_FINEST_SPECKLE_M = 400e-9  # wavelength whose speckle is counted, so that no laser's light depends on another one
 
 
 class SourceExtent(Effect):
@@ -89,8 +90,10 @@ class SourceExtent(Effect):
 
     `outline` changes the disc gradually to a square (1) or a Gaussian spot (−1) of the same variance, radius²/4 along
     each axis. The directions are a square grid, mapped to the disc with equal areas (Shirley & Chiu, J. Graph. Tools 2,
-    45 (1997)). A direction shifts the speckle by distance·angle, so that their spacing follows from the width of the
-    finest speckle, λ/(2·NA).
+    45 (1997)). A direction at an angle θ shifts the speckle by distance·θ, and modulators of width D make speckle at
+    least λ·distance/D wide, so that D·θ/λ grains pass, however far away. With λ = 400 nm the grid follows from the
+    radius and the width alone: the light at a plane and wavelength doesn't depend on what else is computed. Nearer by,
+    and behind narrow stops, speckle is wider and fewer directions would do.
     """
 
     id = "source_extent"
@@ -116,7 +119,7 @@ class SourceExtent(Effect):
     def actual_system(self, system: System, v: Values) -> System:
         if v["radius"] == 0:
             return system
-        spread = v["radius"] * spot_directions(self.directions_per_side(system, v["radius"]), v["outline"])
+        spread = v["radius"] * spot_directions(directions_per_side(system, v["radius"]), v["outline"])
         directions = (system.source.directions_rad[:, None] + spread[None]).reshape(-1, 2)
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
 
@@ -126,17 +129,15 @@ class SourceExtent(Effect):
             return 0.0
         shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
         far_m = float(system.planes_m.max()) + (system.gap_m or 0.0)
-        step = 2 * v["radius"] / self.directions_per_side(system, v["radius"])
+        step = 2 * v["radius"] / directions_per_side(system, v["radius"])
         return 2 * math.pi * system.relay2.first_order_sine(shortest, pitch_m) / shortest * far_m * step
 
-    def directions_per_side(self, system: System, radius_rad: float) -> int:
-        """The number of directions along a side of the grid."""
-        far = float(system.planes_m.max()) + (system.gap_m or 0.0)
-        shortest, slm = float(system.wavelengths_m.min()), system.modulators[0]
-        sines = [relay.steepest_sine(shortest, slm.pitch_m) for relay in (system.relay1, system.relay2)]
-        sines += [shortest / slm.pitch_m, max(slm.shape) * slm.pitch_m / (2 * max(far, 1e-9))]
-        across = 2 * radius_rad * far * 2 * min(sines) / shortest
-        return min(max(math.ceil(across) + 2, _MIN_SIDE), _MAX_SIDE)
+
+def directions_per_side(system: System, radius_rad: float) -> int:
+    """The number of directions along a side of the grid: one for each grain of speckle that passes, and two more."""
+    modulator = system.modulators[0]
+    grains = 2 * radius_rad * max(modulator.shape) * modulator.pitch_m / _FINEST_SPECKLE_M
+    return min(max(math.ceil(grains) + 2, _MIN_SIDE), _MAX_SIDE)
 
 
 def spot_directions(side: int, outline: float) -> NDArray[np.float64]:

@@ -80,8 +80,12 @@ def _measure(square: SquareStop | None) -> str:
     """The quantity of a stop that `na` states, in words."""
     if square is None:
         return "an aperture"
-    is_ideal = square.half_side_na is None and square.wavelength_m is None
-    return "half a side, at 550 nm," if is_ideal else "half a side"
+    return "half a side, at 550 nm," if _is_ideal(square) else "half a side"
+
+
+def _is_ideal(square: SquareStop | None) -> bool:
+    """Whether it is a stop at the first order of every wavelength, which no real aperture is."""
+    return square is not None and square.half_side_na is None and square.wavelength_m is None
 
 
 class Iris1(Iris):
@@ -109,7 +113,8 @@ class Iris2(Iris):
 class DcBlock(Effect):
     """A round stop at the zero order in the Fourier plane of relay 2; `radius` is the direction sine at its edge.
 
-    The stop covers at most 99 % of the way to the farthest point of the relay's iris or square stop.
+    The stop covers at most 99 % of the way to the farthest point of the relay's iris or square stop. A square stop at
+    the first order of every wavelength sets no such limit: a wavelength whose light is all covered is dark.
     """
 
     id = "dc_block"
@@ -132,9 +137,10 @@ class DcBlock(Effect):
     def actual_system(self, system: System, v: Values) -> System:
         relay = system.relay2
         radius = max(v["radius"], relay.dc_block_na or 0.0)
-        if relay.has_aperture:
-            shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
-            radius = min(radius, 0.99 * relay.steepest_sine(shortest, pitch_m))
+        if not _is_ideal(relay.square) or relay.iris_na is not None:
+            real = dataclasses.replace(relay, square=None) if _is_ideal(relay.square) else relay
+            λ, pitch_m = float(system.wavelengths_m[0]), system.modulators[0].pitch_m  # real stops pass the same of all
+            radius = min(radius, 0.99 * real.steepest_sine(λ, pitch_m))
         if radius < 1e-5:  # the least that a System accepts
             return system
         return dataclasses.replace(system, relay2=dataclasses.replace(relay, dc_block_na=radius))

@@ -19,7 +19,7 @@ def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tenso
     radius: distance from the centre in units of the disc's radius; any shape.
     angle: azimuth in radians, of the same shape.
 
-    Returns a tensor of that shape, zero where radius > 1.
+    Returns a tensor of that shape. Beyond the disc the polynomial goes on.
     """
     n, m = noll_to_nm(noll)
     radial = torch.zeros_like(radius)
@@ -29,15 +29,13 @@ def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tenso
         denominator = math.factorial(k) * math.factorial(half_sum) * math.factorial(half_difference)
         radial = radial + numerator / denominator * radius ** (n - 2 * k)
     if m == 0:
-        term = math.sqrt(n + 1) * radial
-    else:
-        wave = torch.cos(m * angle) if m > 0 else torch.sin(-m * angle)
-        term = math.sqrt(2 * (n + 1)) * radial * wave
-    return torch.where(radius <= 1, term, torch.zeros_like(term))
+        return math.sqrt(n + 1) * radial
+    wave = torch.cos(m * angle) if m > 0 else torch.sin(-m * angle)
+    return math.sqrt(2 * (n + 1)) * radial * wave
 
 
 def zernike_sum(terms: Iterable[tuple[int, float]], radius: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
-    """Σ_j c_j·Z_j of pairs (Noll index j, coefficient c_j), in the unit of the coefficients; zero where radius > 1."""
+    """Σ_j c_j·Z_j of pairs (Noll index j, coefficient c_j), in the unit of the coefficients."""
     total = torch.zeros_like(radius)
     for noll, coefficient in terms:
         total = total + coefficient * zernike(noll, radius, angle)

@@ -12,6 +12,7 @@ import math
 
 import torch
 
+from holoview.model.bench_parts import Relay
 from holoview.model.eye import Eye
 from holoview.model.passband import Transfer
 from holoview.model.plan import Grid, Plan
@@ -113,9 +114,11 @@ _STILES_CRAWFORD = 0.05e6  # 1/m²
 
 
 def nominal_pupil(
-    plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device
+    plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device, nominal: Relay | None = None
 ) -> torch.Tensor | None:
     """The pupil (P_y, P_x) of a relay without effects, in `fftfreq` order; None where light is only stopped.
+
+    nominal: the relay before effects changed its stops; that of `plan.nominal` when None.
 
     pupil = w·exp(−(s/na)²)·exp(2πi·opd/λ) with opd = Σ_j c_j·Z_j over the pupil, the direction sine s = |λu|, the
     aperture `na` of the apodisation, and Zernike terms Z_j with unit r.m.s. over the pupil in Noll's order (J. Opt.
@@ -123,7 +126,8 @@ def nominal_pupil(
     frequency's cell that passes.
 
     It is fixed in direction sines: in frequency its radius shrinks with the wavelength. Its optical path, in metres,
-    doesn't depend on the wavelength.
+    doesn't depend on the wavelength. The Zernike terms are over the nominal stops, beyond which they go on: effects
+    that move a stop or make it wider leave the glass as it is.
     """
     description, weights = plan.relays[relay], plan.stop_weights(relay, wavelength)
     has_glass = bool(description.aberration_m) or description.apodisation_na is not None
@@ -135,8 +139,9 @@ def nominal_pupil(
     amplitude = torch.ones_like(sine) if weights is None else torch.from_numpy(weights).to(device)
     if description.apodisation_na is not None:
         amplitude = amplitude * torch.exp(-((sine / description.apodisation_na) ** 2))
-    radius = description.pupil_radius_sine(λ, plan.system.modulators[0].pitch_m)
-    sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), description.centre_na, strict=True))
+    stops = nominal or (plan.nominal.relay1, plan.nominal.relay2)[relay]
+    radius = stops.pupil_radius_sine(λ, plan.nominal.modulators[0].pitch_m)
+    sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), stops.centre_na, strict=True))
     opd = zernike_sum(description.aberration_m, torch.hypot(sine_y, sine_x) / radius, torch.atan2(sine_y, sine_x))
     return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0)).to(dtype)
 

@@ -34,7 +34,9 @@ def test_it_is_the_stop_of_relay_2(make_session: Make) -> None:
     [
         (Relay(iris_na=0.02), 0.02),
         (Relay(square=0.02), 0.02 * 2**0.5),
-        (Relay(square="first order"), 450e-9 / 16e-6 * 2**0.5),
+        (Relay(square="first order at 450 nm"), 450e-9 / 16e-6 * 2**0.5),
+        (Relay(square="first order"), np.inf),  # no aperture of its own: wavelengths that are all covered are dark
+        (Relay(square="first order", iris_na=0.02), 0.02),
         (Relay(iris_na=0.02, centre_na=(0.0, 0.005)), 0.025),
         (Relay(square=0.02, centre_na=(0.01, 0.0)), np.hypot(0.03, 0.02)),
     ],

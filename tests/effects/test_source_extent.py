@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
-from holoview.effects.illumination import spot_directions
+from holoview.effects.illumination import directions_per_side, spot_directions
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.registry import get_effect
 
@@ -40,22 +40,33 @@ def test_outlines_are_what_they_are_called() -> None:
     assert kurtosis == pytest.approx(3.0, abs=0.3)  # its tail ends with the grid's cells; a disc has 2.0, a square 1.8
 
 
-def test_as_many_directions_as_the_speckle_asks_for(make_session: Make, make_fourier: Make) -> None:
-    """Near by, it moves by 4 mm × 2 × 2 mrad over speckle of 520 nm/0.06; behind a lens by the aperture over λ.
+@pytest.mark.parametrize(
+    ("radius", "side"),
+    [(1e-5, 3), (2e-3, 5), (5e-3, 8), (20e-3, 11)],  # 2 × 2 mrad × 28 × 8 µm / 400 nm = 2.2: 3 and two more
+)
+def test_as_many_directions_as_grains_of_speckle_pass(
+    make_session: Make, make_fourier: Make, radius: float, side: int
+) -> None:
+    for captures in (make_session(), make_fourier(), make_session(relay2=Relay(square="first order"))):
+        for λ in (450e-9, 650e-9):
+            for distance_m in (1e-3, 30e-3):
+                system = captures.nominal_system([λ], [distance_m])
+                assert directions_per_side(system, radius) == side
 
-    16 µm / 8.7 µm = 1.85 and 2 × 2 mrad × 28 × 8 µm / 520 nm = 1.72: two directions more than either.
+
+def test_the_mean_is_that_of_a_disc(make_session: Make, predicted: Predicted) -> None:
+    """Against 15 rings of equal area with 15 directions each.
+
+    The finest speckle, u = 2 × 0.03/520 nm, turns by κ = 2π·u·z·radius = 1.45 behind 4 mm. 3 × 3 directions keep 0.3 % of
+    its amplitude too much, and less of all other light.
     """
-    effect = get_effect("source_extent")
-    assert effect.directions_per_side(make_session().nominal_system(), 2e-3) == 4
-    assert effect.directions_per_side(make_fourier().nominal_system(), 2e-3) == 4
-
-
-def test_a_square_stop_counts_by_its_corners(make_session: Make) -> None:
-    """4 mm × 2 × 10 mrad of movement over speckle of 520 nm/(2·s); a wide stop passes no more than the modulator."""
-    effect, modulator = get_effect("source_extent"), 28 * 8e-6 / 2 / 4e-3
-    for square, sine in ((0.005, 0.005 * 2**0.5), (0.012, 0.012 * 2**0.5), ("first order", modulator)):
-        system = make_session(relay1=Relay(), relay2=Relay(square=square)).nominal_system()
-        assert effect.directions_per_side(system, 10e-3) == np.ceil(4e-3 * 20e-3 * 2 * sine / 520e-9) + 2
+    captures, radius = make_session(1), 0.5e-3
+    found = predicted(captures, {"source_extent": {"radius": radius}})[0]
+    rings = [(((k + 0.5) / 15) ** 0.5, 2 * np.pi * (m + k % 2 / 2) / 15) for k in range(15) for m in range(15)]
+    tilts = ({"tilt": {"tilt_y": radius * r * np.sin(a), "tilt_x": radius * r * np.cos(a)}} for r, a in rings)
+    expected = torch.stack([predicted(captures, tilt)[0] for tilt in tilts]).mean(dim=0)
+    error = float((found - expected).norm() / expected.norm())
+    assert error < 0.003
 
 
 def test_speckle_washes_out(make_session: Make, predicted: Predicted) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import holoview as hv
 from holoview.colour import to_srgb8
-from holoview.effects.illumination import SourceExtent
+from holoview.effects.illumination import SourceExtent, directions_per_side
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.model import preset
@@ -349,7 +349,7 @@ def test_the_phase_between_directions_is_that_of_their_shift() -> None:
     """A direction shifts the picture by z·θ, which turns the edge of the first order, 1/(2p), by 2π·z·θ/(2p)."""
     system = _broad_bench(planes=["10 mm"], gap="2 mm")
     values = SourceExtent().parameter_values({"radius": 5e-3})
-    step = 2 * 5e-3 / SourceExtent().directions_per_side(system, 5e-3)
+    step = 2 * 5e-3 / directions_per_side(system, 5e-3)
     assert SourceExtent().sample_phase(system, values) == pytest.approx(2 * math.pi * 12e-3 * step / 16e-6)
 
 

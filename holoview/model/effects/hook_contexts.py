@@ -168,7 +168,7 @@ class RelayContext:
         return torch.atan2(*self.sines_from_centre)
 
     def zernike(self, terms: Mapping[int, float]) -> Tensor:
-        """Σ c_j·Z_j over the nominal pupil, zero outside it; terms: {Noll index j: c_j}."""
+        """Σ c_j·Z_j over the nominal pupil, beyond which the polynomials go on; terms: {Noll index j: c_j}."""
         return zernike_sum(terms.items(), self.radius, self.angle)
 
     def delayed(self, pupil: Tensor, opd_m: Tensor) -> Tensor:
