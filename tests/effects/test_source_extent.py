@@ -57,8 +57,8 @@ def test_as_many_directions_as_grains_of_speckle_pass(
 def test_the_mean_is_that_of_a_disc(make_session: Make, predicted: Predicted) -> None:
     """Against 15 rings of equal area with 15 directions each.
 
-    The finest speckle, u = 2 × 0.03/520 nm, turns by κ = 2π·u·z·radius = 1.45 behind 4 mm. 3 × 3 directions keep 0.3 % of
-    its amplitude too much, and less of all other light.
+    The finest speckle, u = 2 × 0.03/520 nm, turns by κ = 2π·u·z·radius = 1.45 behind 4 mm. 3 × 3 directions keep 0.3 %
+    of its amplitude too much, and less of all other light.
     """
     captures, radius = make_session(1), 0.5e-3
     found = predicted(captures, {"source_extent": {"radius": radius}})[0]
