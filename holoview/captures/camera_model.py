@@ -22,7 +22,7 @@ direction (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A def
 If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
 pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera
 gets it from a grid twice as fine, by windowed sinc interpolation, with an error of 1e-4. A pixel larger than a sample
-averages the intensity at several points.
+averages the intensity at several points. A camera that moves during an exposure averages it over positions.
 
 `FrequencyBand` has the FFTs between a field and the frequencies that a relay passes. With an iris most frequencies of a
 padded grid are zero, and columns outside the band are never transformed. The field occupies the first samples of the
@@ -35,9 +35,10 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import numpy as np
 import torch
 
 from holoview.engine.frame import relay_behind, spectrum_behind_modulators
@@ -57,6 +58,7 @@ from holoview.optics.torch_effects import TorchEffects, modulator_context
 Tensor = torch.Tensor
 _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
 _FOURIER_SUMS = 16  # matrices kept: both axes at some wavelengths, 20 MB each for pictures of 1600 × 1200 pixels
+_POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
 _INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
 
 
@@ -334,6 +336,26 @@ class CameraModel:
         stroke_m = self.plan.system.modulators[number].stroke_m
         return number, component.path_factor, self.wavelength_m(component), stroke_m, hooks, source
 
+    def mean_over_motion(self, pose: Pose, cycles_per_m: float, intensity: Callable[[Pose], Tensor]) -> Tensor:
+        """The mean intensity (y, x) over the positions of the camera in an exposure.
+
+        pose: in the middle of the exposure. cycles_per_m: highest spatial frequency of the intensity along y and x.
+        intensity: of a pose, (y, x).
+
+        A Gauss–Legendre sum of N positions along the line. Of a wave whose phase turns by ±κ from its middle to its
+        ends the mean is sin κ/κ, to 1e-6 where N ≥ κ/2 + 2·κ^(1/3) + 2.
+        """
+        length_m = [px * self.pixel_grid.pitch_m for px in self.effects.camera_motion()]
+        if not any(length_m):
+            return intensity(pose)
+        kappa = math.pi * cycles_per_m / pose.magnification * sum(map(abs, length_m))
+        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(kappa / 2 + 2 * kappa ** (1 / 3) + 2))
+        (y, x), total = pose.shift_m, torch.zeros(self.pixel_grid.shape, dtype=self.real_dtype)
+        for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
+            place = (y + node / 2 * length_m[0], x + node / 2 * length_m[1])
+            total.add_(intensity(replace(pose, shift_m=place)), alpha=weight)
+        return total
+
 
 class TensorCache:
     """Tensors by a key that names everything they were computed from.
@@ -396,11 +418,15 @@ class NearFieldModel(CameraModel):
         stages = _Stages(self, drive, component, capture)
         last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
         seen = stages.transmit(last, 1, component.wavelength)
-        pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
+        pose_key = self.effects.cache_key(*_POSE_HOOKS)
 
         def compute() -> Tensor:
+            band, grid, spectrum = self.band(1, component), self.plan.grid, seen.values()
             pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
-            return sample_intensity(seen.values(), self.band(1, component), self.plan.grid, self.pixel_grid, pose)
+            highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
+            return self.mean_over_motion(
+                pose, 2 * highest / grid.pitch_m, lambda at: sample_intensity(spectrum, band, grid, self.pixel_grid, at)
+            )
 
         return self.cache.get((*seen.key, "intensity", pose_key), compute)
 
@@ -549,20 +575,21 @@ class FourierBenchModel(CameraModel):
             self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
         )
         plane_m, relay = float(self.plan.planes_m[0]), self.plan.system.relay2
-        pose = self.effects.cache_key("camera_pose", "camera_pose_at", laser=component.laser)
+        pose_key = self.effects.cache_key(*_POSE_HOOKS, laser=component.laser)
 
         def compute() -> Tensor:
-            field = self.cache.get(behind, lambda: self._field(drive, component))
-            return self._camera_intensity(self._defocused(field, component), component)
+            modulator = self.plan.system.modulators[0]
+            field = self._defocused(self.cache.get(behind, lambda: self._field(drive, component)), component)
+            pose = self.effects.camera_pose(plane_m - self.focal_length_m)
+            cycles = max(modulator.shape) * modulator.pitch_m / (self.wavelength_m(component) * self.focal_length_m)
+            return self.mean_over_motion(pose, cycles, lambda at: self._camera_intensity(field, component, at))
 
-        return self.cache.get(("fourier", *behind, plane_m, relay, pose), compute)
+        return self.cache.get(("fourier", *behind, plane_m, relay, pose_key), compute)
 
-    def _camera_intensity(self, field: Tensor, component: IncoherentComponent) -> Tensor:
-        λ = self.wavelength_m(component)
-        pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
+    def _camera_intensity(self, field: Tensor, component: IncoherentComponent, pose: Pose) -> Tensor:
         if pose.rotation_rad == 0:
             return self._intensity_at_pixels(field, component, self.pixel_grid, pose)
-        finer = self._finer_grid(field, λ, pose)
+        finer = self._finer_grid(field, self.wavelength_m(component), pose)
         unrotated = self._intensity_at_pixels(field, component, finer, Pose())
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
         scale = self.pixel_grid.pitch_m / finer.pitch_m

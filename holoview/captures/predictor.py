@@ -56,6 +56,7 @@ _LIGHT_HOOKS = (
     "camera_distance",
     "camera_pose",
     "camera_pose_at",
+    "camera_motion",
 )
 _REMEDY = "mend the file that defines it"
 _PROBE_STEP = 0.5  # of the prior of each parameter

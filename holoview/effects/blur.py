@@ -41,11 +41,12 @@ class CameraBlur(Effect):
 
 
 class MotionBlur(Effect):
-    """signal → signal convolved with a line from −length/2 to length/2: uniform motion during the exposure.
+    """The mean picture of a camera whose place goes evenly from −length/2 to length/2 during the exposure.
 
-    Its spectrum is multiplied by sin(πf·length)/(πf·length), f in cycles per pixel (Goodman, Introduction to Fourier
-    Optics, 3rd ed., 8.8.1). Motion there and back is the same, hence length_y ≥ 0. The nominal position is that in the
-    middle of the exposure.
+    The spectrum of the light is multiplied by sin(πf·length)/(πf·length), f in cycles per pixel (Goodman, Introduction
+    to Fourier Optics, 3rd ed., 8.8.1), before the pixels sample it: finer light than they resolve is smeared too, and
+    light from beyond the picture moves in. Motion there and back is the same, hence length_y ≥ 0. The nominal position
+    is that in the middle of the exposure.
     """
 
     id = "motion_blur"
@@ -64,14 +65,13 @@ class MotionBlur(Effect):
     )
     start_kinds = (StartKind.SMEAR,)
     acts_on = ("camera",)
-    order = 2
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Eight directions and two lengths; a diagnosis adds the line that the residuals show."""
         return [start for length in (2.0, 6.0) for start in half_circle("length_y", "length_x", length, 8)]
 
-    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
-        return context.smeared(image, (v["length_y"], v["length_x"]))
+    def camera_motion(self, length_px: tuple[float, float], v: Values) -> tuple[float, float]:
+        return length_px[0] + v["length_y"], length_px[1] + v["length_x"]
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         return {"length": f"{math.hypot(v['length_y'], v['length_x']):.3g} px"}

@@ -499,7 +499,7 @@ def _response(plan: Plan) -> Measured | None:
 
 @_limit(
     "samples of lines and sources",
-    quantity="phase between neighbouring samples of a broad line or an extended source, rad",
+    quantity="phase between neighbouring samples of a broad line, an extended source or a flicker, rad",
     reason="half a fringe: a sum of samples holds a continuum's interference up to π between them (Nyquist)",
     at_most=math.pi,
 )
@@ -512,10 +512,10 @@ def _sample_phase(plan: Plan) -> Measured | None:
     phase, name = max(steps)
     return Measured(
         phase,
-        f"neighbouring samples of {name} differ by {phase:.3g} rad at the edge of the first order: they make separate "
-        "speckle patterns where a continuum blurs them",
+        f"neighbouring samples of {name} differ by {phase:.3g} rad: they make separate speckle patterns where a "
+        "continuum blurs them",
         f"effects.{name}",
-        "narrow the line or the source, or shorten the distances",
+        "narrow the line or the source, shorten the distances, or lower the flicker",
     )
 
 

@@ -67,15 +67,6 @@ def weighted_blur(values: Tensor, neighbour: float | Tensor) -> Tensor:
     return _filtered(values, reach + 2, gain)
 
 
-def line_blur(values: Tensor, length: tuple[float | Tensor, float | Tensor]) -> Tensor:
-    """A real map (y, x) convolved with a uniform line from −length/2 to length/2, (y, x) samples.
-
-    Multiplies the spectrum by sin(πf·length)/(πf·length). Tensors `length` may require gradients.
-    """
-    reach = max(abs(float(torch.as_tensor(part).detach())) for part in length)
-    return _filtered(values, math.ceil(reach / 2) + 2, lambda fy, fx: torch.sinc(fy * length[0] + fx * length[1]))
-
-
 def _filtered(values: Tensor, margin: int, gain: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """A real map, continued by `margin` samples, whose spectrum is multiplied by a real even gain.
 

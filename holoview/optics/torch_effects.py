@@ -74,6 +74,11 @@ class TorchEffects(ActiveEffects):
         pose: Pose = self.applied("camera_pose_at", self.applied("camera_pose", Pose()), distance_m)
         return pose
 
+    def camera_motion(self) -> tuple[float, float]:
+        """The line (y, x) along which the camera moves during an exposure, in camera pixels."""
+        length_y, length_x = self.applied("camera_motion", (0.0, 0.0))
+        return float(length_y), float(length_x)
+
     def ambient_light(self, context: CameraContext, dtype: torch.dtype) -> Tensor | None:
         """Counts per second (y, x) that light beside the lasers' adds; None if there is none."""
         if not self.with_hooks("ambient_light"):

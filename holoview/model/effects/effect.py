@@ -16,6 +16,7 @@ order in which light meets them:
     camera_distance     distance of the camera from the last modulator
     camera_pose         position of the camera
     camera_pose_at      position of the camera at a distance
+    camera_motion       line along which the camera moves during an exposure
     image               what the camera collects (≥ 0, linear in light or not), before its black level
     ambient_light       counts per second that light beside the lasers' adds
     black_level_offset  counts beyond the camera's nominal black level
@@ -337,7 +338,15 @@ ExposureSample = tuple[float, float]
 
 BENCH_HOOKS = ("actual_system", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
-CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
+CAMERA_HOOKS = (
+    "camera_distance",
+    "camera_pose",
+    "camera_pose_at",
+    "camera_motion",
+    "image",
+    "ambient_light",
+    "black_level_offset",
+)
 
 
 class StartKind(StrEnum):
@@ -496,6 +505,10 @@ class Effect:
         """The same, where it depends on the distance of `camera_distance`."""
         return pose
 
+    def camera_motion(self, length_px: tuple[float, float], v: Values) -> tuple[float, float]:
+        """The line (y, x) along which the camera moves evenly during an exposure, in its pixels; centred."""
+        return length_px
+
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         """The image (y, x) that the camera collects, before its black level."""
         return image
@@ -517,7 +530,8 @@ class Effect:
     def sample_phase(self, system: System, v: Values) -> float:
         """Phase (rad) between neighbouring samples of a continuum that the effect replaces by samples; 0 without one.
 
-        At the edge of the first order, over the gap and the farthest plane, relative to light on the axis.
+        Of directions and wavelengths at the edge of the first order, over the gap and the farthest plane, relative to
+        light on the axis.
         """
         return 0.0
 

@@ -13,7 +13,6 @@ from holoview.numerics.resample import (
     affine_warp,
     centred_indices,
     gaussian_blur,
-    line_blur,
     upsample_nearest,
     weighted_blur,
 )
@@ -208,10 +207,6 @@ class CameraContext:
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The image convolved with a Gaussian of `sigma_px` pixels; edges are continued."""
         return gaussian_blur(image, sigma_px)
-
-    def smeared(self, image: Tensor, length_px: tuple[float, float]) -> Tensor:
-        """The image convolved with a line of length (y, x) in pixels, centred; edges are continued."""
-        return line_blur(image, length_px)
 
     def shifted(self, image: Tensor, shift_px: tuple[float, float]) -> Tensor:
         """The image shifted by (y, x) pixels, linear between pixels; edges are continued."""
