@@ -59,7 +59,7 @@ class Flicker(Effect):
     """phase → phase · (1 + √2·depth·cos φ), averaged in intensity over a cycle of φ.
 
     Light of two pixels whose phases differ by a·cos φ interferes in the mean as J₀(a) says. The mean of N equal steps
-    of half a cycle errs by 2·J_2N(a), below 10⁻⁴ where N ≥ a/2 + 1.7·a^(1/3) + 1 (Abramowitz & Stegun, 9.1.44 and 9.3.1).
+    of half a cycle errs by 2·J_2N(a), below 10⁻⁴ where N ≥ a/2 + 1.7·a^(1/3) + 1 (Abramowitz & Stegun, 9.1.44, 9.3.1).
     N is chosen for the largest a of modulators with a full drive of 4 wavelengths together, √2·depth·2π·4.
     """
 
