@@ -22,6 +22,7 @@ from holoview.metrics.speckle import (
     SpeckleHistogram,
     independent_pattern_count,
     laser_luminances,
+    pattern_likeness,
     retinal_contrast,
     speckle_contrast,
     speckle_histogram,
@@ -105,7 +106,7 @@ class ContrastCurve:
     """Luminance contrast of the brightest 1, 2, … N lasers together; each array is (N,).
 
     wavelengths_m: of the lasers, brightest first. measured: contrast in the image. independent: the contrast
-    √(Σm²)/Σm of independent, fully developed patterns of mean luminance m.
+    √(Σm²)/Σm of independent, fully developed patterns of mean luminance m, with the effects on powers and lines.
     """
 
     wavelengths_m: Floats
@@ -114,21 +115,22 @@ class ContrastCurve:
 
 
 def contrast_by_wavelength(
-    luminance: Callable[[int], NDArray[np.floating]], system: System, region: Region
+    luminance: Callable[[int], NDArray[np.floating]], system: System, region: Region, plane_m: float | None = None
 ) -> ContrastCurve:
     """Speckle contrast of a region as lasers are added one by one, brightest first.
 
-    luminance: returns the luminance (y, x) of a laser's index, with its amplitude applied.
+    luminance: returns the luminance (y, x) of a laser's index, with its amplitude applied. plane_m: that is seen.
     Raises UserError when no visible laser is on.
     """
-    means = laser_luminances(system)
+    means, likeness = laser_luminances(system), pattern_likeness(system, plane_m)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
     total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
     for count, laser in enumerate(order, start=1):
         total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
         measured.append(speckle_contrast(total).contrast)
         added = means[:, order[:count]]
-        independent.append(float(np.sqrt(np.square(added).sum() / sources) / added.sum()))
+        squares = np.square(added) * likeness[order[:count]]
+        independent.append(float(np.sqrt(squares.sum() / sources) / added.sum()))
     if not order:
         raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
     return ContrastCurve(system.wavelengths_m[order], np.array(measured), np.array(independent))
@@ -255,12 +257,14 @@ def measure_image(
     region, histogram, curve, problem, retinal = None, None, None, "", None
     try:
         region = measure_region(xyz, document.measured_region, target)
-        histogram = speckle_histogram(xyz[..., 1], document.measured_region, independent_pattern_count(document.system))
+        plane_m = document.view_settings.plane_m
+        patterns = independent_pattern_count(document.system, plane_m)
+        histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
         if document.system.eye is not None:
             known = None if target is None else luminance_of(target, document.measured_region)
             retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
         if luminance is not None:
-            curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region)
+            curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region, plane_m)
     except UserError as error:
         problem = str(error)
     return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)

@@ -574,7 +574,7 @@ def _measure(document: Document, systems: Sequence[System], control: JobControl)
     plane_m = document.view_settings.plane_m
     images = render_each([(system, plane_m) for system in systems], document.drive, control.check)
     return retinal_curve(
-        systems, images, document.measured_region, control.report, partial(_target_luminance, document)
+        systems, images, document.measured_region, control.report, partial(_target_luminance, document), plane_m
     )
 
 

@@ -377,4 +377,4 @@ def contrast_by_pupil(
     """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
     systems = pupils_of(hologram.system, pupils_m)
     images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
-    return retinal_curve(systems, images, region, progress)
+    return retinal_curve(systems, images, region, progress, plane_m=plane_m)

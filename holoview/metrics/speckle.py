@@ -25,12 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import observer_weights
+from holoview.model.bench_parts import Relay
 from holoview.model.eye import PUPIL, sample_degrees
+from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
+_DIRECTIONS = 64  # along each side of the first order
 TARGET_FLOOR = 0.05
 """Least target value, as a fraction of its mean in the region, of a pixel that counts."""
 
@@ -176,29 +179,113 @@ def speckle_histogram(
 
 # --- independent patterns of lasers, frames and sources ---------------------------------------------------------------
 
-# Patterns of different lasers count as independent and fully developed here, which those of one hologram need not be:
-# the contrast √(Σm²)/Σm for mean luminances m is the least that they can bring (Goodman, *Speckle Phenomena in Optics*,
-# 2007, ch. 3).
+# Patterns of different lasers, frames and sources count as independent and fully developed here, which those of one
+# hologram need not be: the contrast √(Σm²)/Σm for mean luminances m is the least that they can bring (Goodman, *Speckle
+# Phenomena in Optics*, 2007, ch. 3). Effects may split the light of one laser, frame and source into lines, directions
+# and moments, whose patterns are alike. With shares w of the light and correlations ρ of the intensities, m² becomes
+# m²·Σ w_i·w_j·ρ_ij, and ρ is that of random patterns, even over the stroke, behind which a field's correlation is
+#
+#     sinc(S·Δ(f/λ)) for each modulator of stroke S, at moments of factor f,
+#     the mean of exp(2πi·z·(Δs·θ/λ + Δ(1/λ)·|θ|²/2)) over the directions θ that pass, for each way z,
+#
+# for light that falls in at s (Goodman, ch. 5). Against the contrast of random patterns this is right to 10 %.
 
 
 def laser_luminances(system: System) -> Floats:
-    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames."""
-    visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
-    power: Floats = system.amplitudes / system.frames * visible
-    return power
+    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames.
+
+    With the effects on powers and lines; the light of all lines of a laser counts as the laser's.
+    """
+    return _luminances(make_plan(system)).sum(axis=(1, 3))
 
 
-def independent_pattern_count(system: System) -> float:
-    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source."""
-    means = np.repeat(laser_luminances(system).ravel(), len(system.source.directions_rad)) / len(
-        system.source.directions_rad
-    )
-    return float(means.sum() ** 2 / np.square(means).sum()) if np.any(means > 0) else 1.0
+def independent_pattern_count(system: System, plane_m: float | None = None) -> float:
+    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source.
+
+    Lines of one laser, directions of an extended source and moments of an exposure, which effects add, count as far as
+    their patterns differ at a plane, the middle one when None.
+    """
+    means = laser_luminances(system)
+    if not np.any(means > 0):
+        return 1.0
+    squares = np.square(means) * pattern_likeness(system, plane_m) / len(system.source.directions_rad)
+    return float(means.sum() ** 2 / squares.sum())
 
 
-def independent_contrast(system: System) -> float:
+def pattern_likeness(system: System, plane_m: float | None = None) -> Floats:
+    """Squared contrast (wavelength,) of the light of each laser in one frame from one source, 1 for a single pattern.
+
+    Below 1 where effects split it into lines, directions and moments whose patterns differ, at a plane as of
+    `independent_pattern_count`.
+    """
+    if not system.effects:
+        return np.ones(len(system.wavelengths_m))
+    plan = make_plan(system, None if plane_m is None else [plane_m])
+    built, z = plan.system, abs(plan.planes[len(plan.planes) // 2].true_m)
+    ways = [(z, built.relay2)] + ([(built.gap_m, built.relay1)] if built.gap_m is not None else [])
+    moments, points = np.array(plan.moments), list(plan.directions[0].indices)
+    directions, power = np.sin(built.source.directions_rad[points]), _luminances(plan).sum(axis=0)
+    likeness = np.ones(len(plan.lasers))
+    for laser in np.flatnonzero(power.sum(axis=(0, 2)) > 0):
+        λ = built.wavelengths_m[list(plan.lasers[laser].indices)]
+        mean_m = float(λ.mean())
+        of_lines, of_directions = _by_strokes(built, 1 / λ), np.ones((len(directions),) * 2)
+        for z_m, relay in ways:
+            sine_y, sine_x, weights = _directions_that_pass(built, relay, mean_m)
+            path_m = z_m * (sine_y**2 + sine_x**2) / 2
+            of_lines = of_lines * _correlation(np.exp(2j * np.pi * path_m / λ[:, None]), weights)
+            shift = z_m / mean_m * (directions @ np.stack([sine_y, sine_x]))
+            of_directions = of_directions * _correlation(np.exp(2j * np.pi * shift), weights)
+        parts = (
+            (power[:, laser].sum(axis=0), of_lines),
+            (np.ones(len(directions)), of_directions),
+            (power[:, laser].sum(axis=1), _by_strokes(built, moments / mean_m)),
+        )
+        for shares, correlation in parts:
+            w = shares / shares.sum()
+            likeness[laser] *= float(w @ np.square(correlation) @ w)
+    return likeness
+
+
+def _luminances(plan: Plan) -> Floats:
+    """Mean luminance (frame, moment, laser, line) of a plan's light, of all sources together."""
+    visible = np.maximum(observer_weights(plan.system.observer, plan.system.wavelengths_m)[:, 1], 0.0)
+    power = plan.weights * len(plan.slopes) * visible
+    frames, lines = (np.array([samples.indices for samples in of]) for of in (plan.frames, plan.lasers))
+    return power[frames[:, :, None, None], lines]
+
+
+def _by_strokes(system: System, waves_per_m: Floats) -> Floats:
+    """Correlation (n, n) of fields behind random patterns whose phases are 2π·path·waves_per_m, (n,)."""
+    difference = waves_per_m[:, None] - waves_per_m[None, :]
+    return np.prod([np.sinc(modulator.stroke_m * difference) for modulator in system.modulators], axis=0)
+
+
+def _directions_that_pass(system: System, relay: Relay, wavelength_m: float) -> tuple[Floats, Floats, Floats]:
+    """Direction sines y and x, and their shares of the light (n,), of the first order behind a relay's stops."""
+    pitch_m = system.modulators[0].pitch_m
+    edge = wavelength_m / (2 * pitch_m)
+    sines = edge * (2 * np.arange(_DIRECTIONS) + 1 - _DIRECTIONS) / _DIRECTIONS
+    y, x = (values.ravel() for values in np.meshgrid(sines, sines, indexing="ij"))
+    passes = np.ones(y.shape, dtype=bool)
+    from_centre = y - relay.centre_na[0], x - relay.centre_na[1]
+    if relay.iris_na is not None:
+        passes &= np.hypot(*from_centre) <= relay.iris_na
+    if relay.square is not None:
+        half = relay.square.half_side_sine(wavelength_m, pitch_m)
+        passes &= np.maximum(*np.abs(from_centre)) <= half
+    weights = np.square(np.sinc(y * pitch_m / wavelength_m) * np.sinc(x * pitch_m / wavelength_m)) * passes
+    return y, x, weights / max(weights.sum(), np.finfo(float).tiny)
+
+
+def _correlation(phasors: NDArray[np.complexfloating], weights: Floats) -> Floats:
+    """|Σ_n w_n·p_in·p*_jn| (i, j) of phasors (i, n)."""
+    return np.abs((phasors * weights) @ phasors.conj().T)
+
+
+def independent_contrast(system: System, plane_m: float | None = None) -> float:
     """Luminance contrast of independent patterns, 1/√N with N of `independent_pattern_count`."""
-    return float(independent_pattern_count(system) ** -0.5)
+    return float(independent_pattern_count(system, plane_m) ** -0.5)
 
 
 def mean_wavelength(system: System) -> float:
@@ -307,11 +394,13 @@ def retinal_curve(
     region: Region,
     progress: ProgressCallback,
     target_of: Callable[[System], NDArray[np.floating] | None] = lambda system: None,
+    plane_m: float | None = None,
 ) -> RetinalCurve:
     """The contrasts of a region in what the eye of each system sees.
 
     systems: of `pupils_of`. images: XYZ (y, x, 3), one for each system; they may be computed one by one. progress:
     called after each. target_of: luminance (y, x) of the target as the eye of a system sees it; None for none.
+    plane_m: that is seen, as of `independent_pattern_count`.
     """
     contrasts, has_target = list[RetinalContrast](), False
     for number, (system, xyz) in enumerate(zip(systems, images, strict=True), start=1):
@@ -319,7 +408,7 @@ def retinal_curve(
         has_target |= target is not None
         contrasts.append(retinal_contrast(system, xyz[..., 1], region, target))
         progress(number, len(systems), f"{contrasts[-1].pupil_m * 1e3:.3g} mm")
-    return RetinalCurve(tuple(contrasts), independent_contrast(systems[0]), has_target)
+    return RetinalCurve(tuple(contrasts), independent_contrast(systems[0], plane_m), has_target)
 
 
 def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.float64]:

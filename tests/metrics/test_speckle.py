@@ -6,6 +6,8 @@ gamma distribution of shape N) the delta method gives Var(Ĉ) = C²·(1 + 1/N)/(
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.special import j1
@@ -16,6 +18,7 @@ from holoview.metrics.speckle import (
     PUPILS_M,
     default_pupils,
     independent_contrast,
+    independent_pattern_count,
     independent_patterns,
     mean_wavelength,
     pupils_of,
@@ -217,3 +220,73 @@ def test_pupils_that_cannot_be_are_refused_and_those_that_do_not_fit_left_out() 
     tiny = system.edit({"eye": {"eyepiece": "1 mm", "pupil": "0.5 mm", "pupil_x": "0.5 mm"}})
     assert len(pupils_of(tiny, default_pupils(tiny))) == 1
     assert default_pupils(system) == PUPILS_M == default_pupils(system.with_(eye=None))
+
+
+# --- effects that change powers, lines, directions and moments --------------------------------------------------------
+
+
+def _random_bench(modulators: int, **changes: Any) -> System:
+    stops = {"relay2": {"iris_na": 0.025}, **({"relay1": {"iris_na": 0.03}} if modulators == 2 else {})}
+    bench = {
+        "shape": [128, 128],
+        "wavelengths": ["532 nm"],
+        "amplitudes": [[1]],
+        "observer": "mono",
+        "planes": ["12 mm"],
+    }
+    name = "holochrome-8" if modulators == 2 else "holochrome-8-1slm"
+    return preset.load(name).edit({**bench, **stops, **changes})
+
+
+def _measured_contrast(system: System, seed: int) -> float:
+    """Of random patterns, in the middle, which no edge of the modulators reaches."""
+    drive = random_drive(system, seed=seed)
+    return speckle_contrast(
+        simulate(system, drive, backend="torch").intensity[0].sum(axis=0), (64, 64, 128, 128)
+    ).contrast
+
+
+@pytest.mark.parametrize("modulators", [1, 2])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"second_line": {"share": 0.3, "offset": "10 nm"}},
+        {"second_line": {"share": 0.5, "offset": "30 nm"}},
+        {"bandwidth": {"sigma": "8 nm"}},
+        {"source_extent": {"radius": "0.5 mrad"}},
+        {"flicker": {"depth": 0.4}},
+        {"flicker": {"depth": 0.1}, "second_line": {"share": 0.3, "offset": "20 nm"}},
+        {"distance": {"distance_error": "0.1 mm"}},
+    ],
+    ids=lambda effects: "+".join(effects),
+)
+def test_patterns_count_as_far_as_they_lower_the_contrast_of_random_patterns(
+    modulators: int, effects: dict[str, dict[str, Any]]
+) -> None:
+    """The ratio of two squared contrasts scatters by up to 4.3 % between drives (24 of them), its mean of four by 2.2 %.
+
+    The model takes light for even over the first order and is off by up to 9 % of that; 20 % are that and five standard
+    deviations.
+    """
+    plain, changed = _random_bench(modulators), _random_bench(modulators, effects=effects)
+    ratios = [(_measured_contrast(changed, seed) / _measured_contrast(plain, seed)) ** 2 for seed in range(4)]
+    assert 1 / independent_pattern_count(changed) == pytest.approx(np.mean(ratios), rel=0.2)
+
+
+def test_powers_count_as_they_are_emitted() -> None:
+    """Lasers of 1 and 4, which emit the square root of what is set, add (1 + 2)²/(1 + 4) patterns."""
+    two = {"wavelengths": ["532 nm", "638 nm"], "amplitudes": [[1.0, 4.0]]}
+    nominal = _random_bench(1, **two)
+    emitted = nominal.edit({"effects.laser_power.exponent": -0.5})
+    assert independent_pattern_count(nominal) == pytest.approx(25 / 17)
+    assert independent_pattern_count(emitted) == pytest.approx(9 / 5)
+    assert independent_contrast(emitted) == pytest.approx((5 / 9) ** 0.5)
+
+
+def test_lines_that_are_far_apart_are_patterns_of_their_own_and_far_planes_tell_them_apart() -> None:
+    broad = _random_bench(1, shape=[8, 8], **{"modulators.0.stroke": "20 um"})
+    split = broad.edit({"effects.second_line": {"share": 0.5, "offset": "30 nm"}})
+    assert independent_pattern_count(split) == pytest.approx(2.0, rel=0.01)
+    near = _random_bench(1, effects={"second_line": {"share": 0.5, "offset": "10 nm"}})
+    counts = [independent_pattern_count(near, plane_m) for plane_m in (1e-3, 10e-3, 0.1, 1.0)]
+    assert counts == sorted(counts) and counts[0] < 1.05 and counts[-1] > 1.9
