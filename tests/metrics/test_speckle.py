@@ -263,7 +263,7 @@ def _measured_contrast(system: System, seed: int) -> float:
 def test_patterns_count_as_far_as_they_lower_the_contrast_of_random_patterns(
     modulators: int, effects: dict[str, dict[str, Any]]
 ) -> None:
-    """The ratio of two squared contrasts scatters by up to 4.3 % between drives (24 of them), its mean of four by 2.2 %.
+    """The ratio of two squared contrasts scatters by up to 4.3 % from drive to drive, its mean of four by 2.2 %.
 
     The model takes light for even over the first order and is off by up to 9 % of that; 20 % are that and five standard
     deviations.
