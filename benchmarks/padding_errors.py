@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=shape_of, default=(768, 1024), help="samples of the field, x by y (1024x768)")
-    parser.add_argument("--reference", type=count_of, default=4, help="side of the reference grid over the field's (4)")
+    parser.add_argument("--reference", type=count_of, default=6, help="side of the reference grid over the field's (6)")
     options = parser.parse_args(arguments)
     columns = {name: errors(options.size, stops, options.reference) for name, stops in STOPS.items()}
     rows = [
