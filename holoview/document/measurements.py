@@ -124,7 +124,8 @@ def contrast_by_wavelength(
     """
     means, likeness = laser_luminances(system), pattern_likeness(system, plane_m)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
-    total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
+    total: Floats = np.zeros(())
+    measured, independent, sources = [], [], len(system.source.directions_rad)
     for count, laser in enumerate(order, start=1):
         total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
         measured.append(speckle_contrast(total).contrast)
