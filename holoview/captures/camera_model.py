@@ -47,7 +47,7 @@ from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import ModulatorContext, Pose, RelayContext
 from holoview.model.passband import Transfer, band_of_rows
 from holoview.model.plan import Grid, Plan
-from holoview.numerics.fourier import chirp_z_transform
+from holoview.numerics.fourier import chirp_z_transform, phasor_of_turns
 from holoview.numerics.resample import affine_warp, band_limited_warp, centred_indices
 from holoview.numerics.sampling import frequency_indices
 from holoview.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
@@ -215,6 +215,14 @@ class FrequencyBand:
         (rows, columns), (max_y, max_x) = self.padded, self.max_indices
         return _indices_within(rows, max_y), _indices_within(columns, max_x)
 
+    def displaced(self, spectrum: Tensor, samples: tuple[float, float]) -> Tensor:
+        """The spectrum (rows, columns) of the field displaced by (y, x) samples, within the period of the grid."""
+        y, x = (
+            phasor_of_turns(-k.double() * (distance / padded)).to(spectrum.dtype)
+            for k, distance, padded in zip(self.frequency_indices, samples, self.padded, strict=True)
+        )
+        return spectrum * y[:, None] * x[None, :]
+
     def forward(self, field: Tensor) -> Tensor:
         """Spectrum (rows, columns) of a field (y, x) that is zero on the rest of the padded grid."""
         lines = _crop_spectrum(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.max_indices[1], 1)
@@ -336,24 +344,25 @@ class CameraModel:
         stroke_m = self.plan.system.modulators[number].stroke_m
         return number, component.path_factor, self.wavelength_m(component), stroke_m, hooks, source
 
-    def mean_over_motion(self, pose: Pose, cycles_per_m: float, intensity: Callable[[Pose], Tensor]) -> Tensor:
+    def mean_over_motion(
+        self, pose: Pose, cycles_per_m: float, intensity: Callable[[tuple[float, float]], Tensor]
+    ) -> Tensor:
         """The mean intensity (y, x) over the positions of the camera in an exposure.
 
         pose: in the middle of the exposure. cycles_per_m: highest spatial frequency of the intensity along y and x.
-        intensity: of a pose, (y, x).
+        intensity: of the picture displaced by (y, x) m from that pose.
 
         A Gauss–Legendre sum of N positions along the line. Of a wave whose phase turns by ±κ from its middle to its
         ends the mean is sin κ/κ, to 1e-6 where N ≥ κ/2 + 2·κ^(1/3) + 2.
         """
         length_m = [px * self.pixel_grid.pitch_m for px in self.effects.camera_motion()]
         if not any(length_m):
-            return intensity(pose)
+            return intensity((0.0, 0.0))
         kappa = math.pi * cycles_per_m / pose.magnification * sum(map(abs, length_m))
         nodes, weights = np.polynomial.legendre.leggauss(math.ceil(kappa / 2 + 2 * kappa ** (1 / 3) + 2))
-        (y, x), total = pose.shift_m, torch.zeros(self.pixel_grid.shape, dtype=self.real_dtype)
+        total = torch.zeros(self.pixel_grid.shape, dtype=self.real_dtype)
         for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
-            place = (y + node / 2 * length_m[0], x + node / 2 * length_m[1])
-            total.add_(intensity(replace(pose, shift_m=place)), alpha=weight)
+            total.add_(intensity((node / 2 * length_m[0], node / 2 * length_m[1])), alpha=weight)
         return total
 
 
@@ -424,9 +433,14 @@ class NearFieldModel(CameraModel):
             band, grid, spectrum = self.band(1, component), self.plan.grid, seen.values()
             pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
             highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
-            return self.mean_over_motion(
-                pose, 2 * highest / grid.pitch_m, lambda at: sample_intensity(spectrum, band, grid, self.pixel_grid, at)
-            )
+            (a, b, _), (c, d, _) = pose.inverse_affine(grid.pitch_m)
+
+            def displaced(by_m: tuple[float, float]) -> Tensor:
+                y, x = ((p * by_m[0] + q * by_m[1]) / grid.pitch_m for p, q in ((a, b), (c, d)))
+                moved = band.displaced(spectrum, (y, x)) if any(by_m) else spectrum
+                return sample_intensity(moved, band, grid, self.pixel_grid, pose)
+
+            return self.mean_over_motion(pose, 2 * highest / grid.pitch_m, displaced)
 
         return self.cache.get((*seen.key, "intensity", pose_key), compute)
 
@@ -582,7 +596,12 @@ class FourierBenchModel(CameraModel):
             field = self._defocused(self.cache.get(behind, lambda: self._field(drive, component)), component)
             pose = self.effects.camera_pose(plane_m - self.focal_length_m)
             cycles = max(modulator.shape) * modulator.pitch_m / (self.wavelength_m(component) * self.focal_length_m)
-            return self.mean_over_motion(pose, cycles, lambda at: self._camera_intensity(field, component, at))
+
+            def displaced(by_m: tuple[float, float]) -> Tensor:
+                y, x = (shift + by for shift, by in zip(pose.shift_m, by_m, strict=True))
+                return self._camera_intensity(field, component, replace(pose, shift_m=(y, x)))
+
+            return self.mean_over_motion(pose, cycles, displaced)
 
         return self.cache.get(("fourier", *behind, plane_m, relay, pose_key), compute)
 

@@ -81,7 +81,7 @@ class Tilt(Effect):
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
 
 
-_MIN_SIDE, _MAX_SIDE = 3, 11  # directions along a side of the grid
+_MIN_SIDE, _MAX_SIDE = 3, 9  # directions along a side of the grid
 _FINEST_SPECKLE_M = 400e-9  # wavelength whose speckle is counted, so that no laser's light depends on another one
 
 

@@ -42,7 +42,7 @@ def test_outlines_are_what_they_are_called() -> None:
 
 @pytest.mark.parametrize(
     ("radius", "side"),
-    [(1e-5, 3), (2e-3, 5), (5e-3, 8), (20e-3, 11)],  # 2 × 2 mrad × 28 × 8 µm / 400 nm = 2.2: 3 and two more
+    [(1e-5, 3), (2e-3, 5), (5e-3, 8), (20e-3, 9)],  # 2 × 2 mrad × 28 × 8 µm / 400 nm = 2.2: 3 and two more
 )
 def test_as_many_directions_as_grains_of_speckle_pass(
     make_session: Make, make_fourier: Make, radius: float, side: int
