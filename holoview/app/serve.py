@@ -193,7 +193,8 @@ _LONGEST_IDLE_MIN = 7 * 24 * 60.0
 ANY_ADDRESS = ("0.0.0.0", "::")
 """Addresses that can be listened at, but not opened in a browser."""
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
-_HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*")
+_HOST_LABEL = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,61}[a-z0-9])?")
+_LONGEST_HOST = 253  # characters
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,7 @@ class Address:
     def parse(cls, text: str) -> Address:
         """Parses "HOST:PORT", ":PORT" or "PORT". Raises UserError for anything else."""
         host, _, port = text.strip().rpartition(":")
-        if not port.isdecimal() or not 0 <= int(port) < 65536:
+        if not (port.isdecimal() and len(port) < 6 and int(port) < 65536):
             raise UserError("--serve", f'"{text}"', expected="HOST:PORT, e.g. 127.0.0.1:8080")
         return cls(host.strip("[]") or "127.0.0.1", int(port))
 
@@ -261,7 +262,7 @@ class ServeOptions:
         if not 0 <= self.idle_min <= _LONGEST_IDLE_MIN:
             raise UserError("--idle", f"{self.idle_min:g}", expected=f"minutes from 0 (never) to {_LONGEST_IDLE_MIN:g}")
         for name in self.host_names:
-            if not _HOST_NAME.fullmatch(name.lower()):
+            if len(name) > _LONGEST_HOST or not all(map(_HOST_LABEL.fullmatch, name.lower().split("."))):
                 raise UserError(
                     "--host-name", f'"{name}"', expected="a name without scheme and port: viewer.example.org"
                 )

@@ -38,7 +38,8 @@ import io
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +62,18 @@ from holoview.captures.nominal_bench import (
 )
 from holoview.captures.validation import check_captures
 from holoview.model.fields import Number
-from holoview.targets.image_reader import naming_missing_codecs, require_page_memory, require_picture_memory
+from holoview.targets.image_reader import (
+    check_page_list,
+    naming_missing_codecs,
+    require_page_memory,
+    require_picture_memory,
+)
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
 from holoview.util.memory_limit import format_size, require_memory
 from holoview.util.progress import StepCallback
+from holoview.util.reader_process import call_in_child
 from holoview.util.tables import ArraySchema, NumberSchema, parse_toml
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
@@ -237,6 +244,7 @@ def _decode_attribute(value: Any) -> str:
 
 _COPY = "copy them into the file"
 _MOST_ATTRIBUTE_BYTES = 1 << 16
+_FEW_CHUNKS, _SMALL_CHUNK_BYTES = 20_000, 1024  # more chunks than these are larger: each is looked up by itself
 _MOST_RATIO, _FREE_BYTES = 2000, 64 << 20
 """Size of data over that of their file, beyond the free bytes: deflate's limit is 1032 for each filter in a chain."""
 
@@ -249,6 +257,7 @@ def open_plain_hdf5(path: Path, expected: str, remedy: str) -> Iterator[h5py.Fil
     in the block, HDF5's errors become a UserError that says that the file is damaged.
     """
     require_file(path, expected)
+    call_in_child(str(path), path, partial(_try_hdf5, path))
     try:
         h5 = h5py.File(path, "r")
     except (OSError, RuntimeError, ValueError) as error:
@@ -263,6 +272,31 @@ def open_plain_hdf5(path: Path, expected: str, remedy: str) -> Iterator[h5py.Fil
         except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
             raise UserError(str(path), f"is damaged: {reason}", remedy="copy or write the file again") from error
+
+
+_MOST_OBJECTS = 10_000
+
+
+def _try_hdf5(path: Path) -> None:
+    """Has the library parse the descriptions of all that is in a file, without its numbers; other files are left alone.
+
+    In a child process, where the library may crash. Raises UserError for more objects than any file that is known.
+    """
+    with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError), h5py.File(path, "r") as h5:
+        waiting: list[h5py.Group] = [h5]
+        seen = 0
+        while waiting:
+            group = waiting.pop()
+            for name in group:
+                seen += 1
+                if seen > _MOST_OBJECTS:
+                    raise UserError(str(path), f"holds more than {_MOST_OBJECTS} objects", expected="captures")
+                if isinstance(group.get(name, getlink=True), h5py.HardLink):
+                    found = group[name]
+                    if isinstance(found, h5py.Group):
+                        waiting.append(found)
+                    elif isinstance(found, h5py.Dataset):
+                        _ = found.shape, found.dtype, found.chunks, list(found.attrs)
 
 
 def plain_child(h5: h5py.File, name: str) -> h5py.Group | h5py.Dataset | None:
@@ -314,6 +348,7 @@ class DatasetReader:
         if 0 in self.shape:
             raise UserError(schema.name, f"an array of shape {self.shape}", expected="at least one number")
         self._check_ratio(Path(h5.filename).stat().st_size)
+        self._check_chunks()
 
     @property
     def size_bytes(self) -> int:
@@ -341,6 +376,13 @@ class DatasetReader:
         if max(self.size_bytes, self.chunk_bytes) > _FREE_BYTES + _MOST_RATIO * file_bytes:
             found = f"{format_size(self.size_bytes)} of data in a file of {format_size(file_bytes)}"
             raise UserError(self.name, found, expected="what was measured", remedy="write the file again")
+
+    def _check_chunks(self) -> None:
+        chunks = self._dataset.chunks or self.shape
+        count = math.prod(-(-whole // part) for whole, part in zip(self.shape, chunks, strict=True))
+        if count > max(_FEW_CHUNKS, self.size_bytes // _SMALL_CHUNK_BYTES):
+            found = f"is cut into {count} chunks of {format_size(self.size_bytes / count)}"
+            raise UserError(self.name, found, expected=f"chunks of at least {_SMALL_CHUNK_BYTES} bytes")
 
 
 # --- a folder of images -----------------------------------------------------------------------------------------------
@@ -447,19 +489,7 @@ def read_greyscale(path: Path) -> NDArray[Any]:
     Raises UserError for a file that is missing, can't be decoded, or isn't greyscale of 8 or 16 bits.
     """
     require_file(path, f"a picture that {TABLE_FILE} names")
-    try:
-        if path.suffix.lower() in (".tif", ".tiff"):
-            with naming_missing_codecs(path), tifffile.TiffFile(path) as file:
-                require_page_memory(path, file.pages.first)
-                values = np.asarray(file.pages.first.asarray())
-        else:
-            with Image.open(path, formats=("PNG",)) as image:
-                require_picture_memory(path, image.width, image.height, 1)
-                values = np.asarray(image)
-    except UserError:
-        raise
-    except Exception as error:  # each decoder raises exceptions of its own
-        raise UserError(str(path), f"can't be decoded: {error}", expected="a greyscale PNG or TIFF") from error
+    values = call_in_child(str(path), path, partial(_decode_greyscale, path))
     if values.ndim == 2 and values.dtype.kind == "i" and values.size and values.min() >= 0:
         values = (
             values.astype(np.uint16) if values.max() < 65536 else values
@@ -468,6 +498,23 @@ def read_greyscale(path: Path) -> NDArray[Any]:
         found = f"an array of shape {values.shape}, {values.dtype}"
         raise UserError(str(path), found, expected="a greyscale picture of 8 or 16 bits")
     return values
+
+
+def _decode_greyscale(path: Path) -> NDArray[Any]:
+    try:
+        if path.suffix.lower() in (".tif", ".tiff"):
+            check_page_list(path)
+            with naming_missing_codecs(path), tifffile.TiffFile(path) as file:
+                require_page_memory(path, file.pages.first)
+                return np.asarray(file.pages.first.asarray())
+        else:
+            with Image.open(path, formats=("PNG",)) as image:
+                require_picture_memory(path, image.width, image.height, 1)
+                return np.asarray(image)
+    except UserError:
+        raise
+    except Exception as error:  # each decoder raises exceptions of its own
+        raise UserError(str(path), f"can't be decoded: {error}", expected="a greyscale PNG or TIFF") from error
 
 
 def _stack(arrays: list[NDArray[Any]], what: str) -> NDArray[Any]:

@@ -143,7 +143,7 @@ def parse_range(text: str, flag: str) -> tuple[float, float]:
 
 def parse_duration(text: str) -> float:
     """Seconds from text such as "90", "90s", "10min" or "1.5h", as an argparse type."""
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*(s|min|h|)", text.strip())
+    match = re.fullmatch(r"(\d++(?:\.\d*+)?|\.\d++)\s*+(s|min|h|)", text.strip())
     if match is None or float(match[1]) == 0:
         raise argparse.ArgumentTypeError(f"{text}; expected a time such as 90s, 10min or 1.5h")
     return float(match[1]) * _SECONDS[match[2]]

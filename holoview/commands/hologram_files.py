@@ -41,7 +41,8 @@ from holoview.wavefield.interpret.remembered import (
 )
 from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, ReadRequest, RecordingKind, Viewpoint
 
-_NEGATIVE = re.compile(r"-\d*\.?\d+(,-?\d*\.?\d+)* ?[a-zµ]*$")
+_COUNT = r"(?:\d++(?:\.\d++)?|\.\d++)"
+_NEGATIVE = re.compile(rf"-{_COUNT}(?:,-?{_COUNT})*+ ?[a-zµ]*+$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
 _LARGE_BYTES = 1 << 28  # of files: reading them is shown
 _OPTIONS = (

@@ -1,5 +1,6 @@
 """The files that a command reads and writes: declared with its arguments, checked before any work, saved at the end.
 
+Inputs that exist are regular files or folders: pipes and devices are refused before anything is read.
 `cli` checks the arguments of every command (`check_files`). A command that derives further names from them, such as
 that of each focal plane, checks these as soon as it knows them. No output may be one of the inputs or another output,
 also by way of a link, and every output must be possible to write. From then on until the command ends, no other
@@ -11,7 +12,6 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,8 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from holoview.commands.console import EXIT_FAILED, print_stderr
+from holoview.page.link import split_link
 from holoview.util.errors import UserError
 from holoview.util.file_writer import OutputLocks, WriteError, check_writable, save_elsewhere
+from holoview.util.files import read_text, refuse_special_file
+from holoview.util.tables import parse_toml
 
 LOCKS = "output_locks"  # the destination of the command's `OutputLocks`
 _FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s
@@ -70,12 +73,16 @@ def _declare(parser: argparse._ActionsContainer, action: argparse.Action, kind: 
 
 
 def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] | None = None) -> None:
-    """Raises UserError unless all outputs can be written, are neither inputs nor one another, and nobody writes them.
+    """Raises UserError unless inputs are files or folders, and all outputs can be written, are neither inputs nor one
+    another, and nobody writes them.
 
     derived: outputs by the flag that they follow from, in place of the argument's own value.
     """
     arguments: tuple[FileArgument, ...] = getattr(args, _FILES, ())
     given = [(argument, path) for argument in arguments for path in _paths(getattr(args, argument.dest))]
+    for argument, path in given:
+        if argument.kind == "input":
+            refuse_special_file(split_link(path)[0])
     inputs = [
         (_name_of_input(argument, path, file), file)
         for argument, path in given
@@ -134,11 +141,11 @@ def _named_by_preset(path: Path, depth: int = 0) -> Iterator[Path]:
     if path.suffix.lower() != ".toml" or depth > _MAX_BASES:
         return
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(read_text(path, "a preset"), str(path), "a preset")
         effects = table.get("effects", {}).values()
         files = [path.parent / values["file"] for values in effects if isinstance(values, dict) and "file" in values]
         base = path.parent / table["base"] if str(table.get("base", "")).endswith(".toml") else None
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+    except (UserError, TypeError, AttributeError):
         return  # the command says what is wrong with it
     yield from files
     if base is not None and base.is_file():

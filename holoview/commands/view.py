@@ -21,6 +21,7 @@ from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.page.link import split_link
 from holoview.util.errors import UserError
+from holoview.util.files import read_text
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
 from holoview.wavefield.reading import remember
 
@@ -191,10 +192,7 @@ def _is_preset(name: str) -> bool:
 
 
 def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected="a script, a line an action") from error
+    return read_text(path, "a script, a line an action")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -41,7 +41,7 @@ from holoview.targets.focal_stack import is_stack
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.util.errors import UserError
-from holoview.util.files import data_dir, expand_home, read_text
+from holoview.util.files import data_dir, expand_home, opened_file, read_text
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
@@ -463,7 +463,7 @@ def _folder(path: Path, system: System) -> FileContent:
 def is_pattern_png(path: Path, system: System) -> bool:
     """Whether a PNG is marked as a modulator's pattern by its metadata, or is grey with the modulator's pixel count."""
     try:
-        with Image.open(path) as image:
+        with opened_file(path, "a picture") as file, Image.open(file, formats=("PNG",)) as image:
             if "holoview.pattern" in getattr(image, "text", {}):
                 return True
             if system.is_field:

@@ -33,8 +33,9 @@ from holoview.document.editing_session import Change, EditingSession
 from holoview.document.optimisation_job import UnfinishedOptimisation, continue_optimisation, unfinished_optimisation
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
+from holoview.util.files import read_text
 from holoview.util.processes import process_start
-from holoview.util.tables import typed_value
+from holoview.util.tables import parse_json_table, typed_value
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000
@@ -208,11 +209,8 @@ def _lock(folder: Path) -> None:
 
 
 def _owner(folder: Path) -> dict[str, Any]:
-    """The process that locked a folder. Raises OSError and ValueError where that can't be read."""
-    owner = json.loads((folder / _LOCK).read_text(encoding="utf-8"))
-    if not isinstance(owner, dict):
-        raise ValueError("not a table")
-    return owner
+    """The process that locked a folder. Raises UserError where that can't be read."""
+    return parse_json_table(read_text(folder / _LOCK, "a lock"), _LOCK, "a lock")
 
 
 def _owner_pid(folder: Path) -> Any:

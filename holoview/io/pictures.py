@@ -25,6 +25,7 @@ from holoview.colour import ColourSpace
 from holoview.targets.image_reader import file_format, read_raster
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
+from holoview.util.files import opened_file
 from holoview.util.packages import __version__, import_optional
 
 
@@ -122,7 +123,7 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
 def png_texts(path: str | os.PathLike[str]) -> dict[str, str]:
     """The text chunks of a PNG that holoview wrote; none for any other file."""
     try:
-        with Image.open(path, formats=["PNG"]) as image:
+        with opened_file(path, "a picture") as file, Image.open(file, formats=("PNG",)) as image:
             texts = {str(key): str(value) for key, value in image.info.items() if isinstance(value, str)}
     except (OSError, ValueError, SyntaxError):
         return {}

@@ -20,6 +20,7 @@ from holoview.model.focus import COLUMNS, MAX_POINTS, PupilPath
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
+from holoview.util.files import read_text
 
 SUFFIX = ".csv"
 _UNITS = {"times_s": "s", "y_m": "mm", "x_m": "mm", "pupil_m": "mm", "accommodation_dpt": "D"}
@@ -46,12 +47,7 @@ def load_pupil_path(path: str | os.PathLike[str]) -> PupilPath:
     or out of range, and for times that don't rise.
     """
     file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise UserError(str(path), f"can't be read: {error.strerror}", remedy="check the path") from error
-    except UnicodeDecodeError as error:
-        raise UserError(str(path), "isn't text", expected=_EXPECTED) from error
+    text = read_text(file, _EXPECTED)
     rows = [(number, row) for number, row in _rows(text, file) if any(cell.strip() for cell in row)]
     if len(rows) < 2:
         raise UserError(str(path), "holds no points", expected=_EXPECTED)

@@ -80,6 +80,7 @@ from holoview.model.plan import Plan, make_plan, source_sines, walk_off
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
 
 FORMAT, VERSION = "holoview-frame-recording", "1"
 DEFAULT_LIMITS = {
@@ -474,6 +475,7 @@ def read_document(document: dict[str, Any], data: bytes) -> Hologram:
         raise ValueError(f"{len(numbers)} patterns, expected {shape[0] * shape[1]}")
     dtype = _drive_type(system)
     size = dtype.itemsize * shape[2] * shape[3]
+    require_memory("the page's hologram", 3 * size * len(numbers))
     patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in numbers]
     return Hologram(np.frombuffer(b"".join(patterns), dtype).reshape(shape), system)
 

@@ -12,7 +12,6 @@ exposure, view              how the page shows it: no part of a hologram
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,8 @@ from holoview.model.focus import parse_plane, required_eye
 from holoview.util import units
 from holoview.util.errors import UserError
 
-_PART = re.compile(r"([a-z_]+?)([\d.]*)=(.*)", re.DOTALL)
-_OF_ANOTHER = re.compile(r"(?:laser|power|wavelength)\d{1,4}\.\d{1,4}=.*", re.DOTALL)
+_OF_LASERS = ("laser", "power", "wavelength")
+_LONGEST = 4096  # characters of a state; a page with 64 lasers, all of them changed, writes 3 000
 _EXPECTED = "for example #plane=9.7mm&gap=2.1mm&laser3=off"
 _SHOWN_ONLY = ("exposure", "view")
 _EYE_KEYS = {"pupil": "pupil", "pupil_x": "pupil_x", "pupil_y": "pupil_y"}
@@ -51,17 +50,20 @@ def split_link(name: str | Path) -> tuple[Path, str]:
 
 def shown_by_link(hologram: Hologram, state: str) -> Shown:
     """A hologram with the state of a link applied. Raises UserError for what isn't understood or can't be."""
+    if len(state) > _LONGEST:
+        raise UserError("link", f"{len(state)} characters", expected=f"at most {_LONGEST}, {_EXPECTED}")
     system, plane_m = hologram.system, None
     amplitudes, wavelengths = system.amplitudes.copy(), system.wavelengths_m.copy()
     edits: dict[str, Any] = {}
     for part in filter(None, unquote(state).split("&")):
-        if _OF_ANOTHER.fullmatch(part):
-            continue
-        found = _PART.fullmatch(part)
-        if found is None:
+        key, equals, value = part.partition("=")
+        name = key.rstrip("0123456789.")
+        number = key[len(name) :]
+        if not equals:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
-        name, number, value = found.groups()
-        if name in ("laser", "power", "wavelength"):
+        if name in _OF_LASERS and _is_of_another(number):
+            continue
+        if name in _OF_LASERS:
             column = _laser(part, number, len(wavelengths))
             if name == "laser":
                 amplitudes[:, column] *= 0.0 if value == "off" else 1.0
@@ -83,6 +85,12 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
     lasers = {"wavelengths": wavelengths, "amplitudes": amplitudes}
     return Shown(Hologram(hologram.drive, system.edit(edits | lasers)), plane_m)
+
+
+def _is_of_another(number: str) -> bool:
+    """Whether a number means a laser of another hologram than the first, such as 2.3."""
+    parts = number.split(".")
+    return len(parts) == 2 and all(0 < len(part) < 5 for part in parts)
 
 
 def _laser(part: str, number: str, count: int) -> int:

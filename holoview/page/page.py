@@ -13,7 +13,6 @@ import hashlib
 import io
 import json
 import os
-import re
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,8 +35,10 @@ from holoview.page.frame_recording import gap_range, observer_table, page_docume
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
+from holoview.util.files import read_limited
 from holoview.util.packages import __version__
 from holoview.util.progress import StepCallback
+from holoview.util.tables import parse_json_table
 from holoview.view import View, simulate
 
 FORMAT, VERSION = "holoview-page", "1"
@@ -50,7 +51,8 @@ _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
 )
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
 _STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 512, 55
-_ID = re.compile(r'<script type="(?:application/json|text/plain)" id="(holoview-[\w-]+)">(.*?)</script>', re.DOTALL)
+_STARTS = tuple(f'<script type="{kind}" id="' for kind in ("application/json", "text/plain"))
+_MOST_PARTS, _LONGEST_ID = 1000, 100  # of the data in a page
 
 
 def export_html(
@@ -273,17 +275,13 @@ def read_page(path: str | os.PathLike[str]) -> dict[str, Hologram]:
     """
     expected = "a page that `holoview export --html` wrote"
     try:
-        if Path(path).stat().st_size > _LARGEST_BYTES:
-            raise UserError(str(path), "is larger than 256 MiB", expected=expected)
-        parts = dict(_ID.findall(Path(path).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise UserError(str(path), error.strerror or str(error), expected=expected) from error
+        parts = _scripts_with_data(read_limited(path, expected, _LARGEST_BYTES).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise UserError(str(path), "isn't text in UTF-8", expected=expected) from error
     if "holoview-page" not in parts:
         raise UserError(str(path), "holds no hologram", expected=expected)
     try:
-        page = json.loads(parts["holoview-page"])
+        page = parse_json_table(parts["holoview-page"], str(path), expected)
         if (page["format"], page["version"]) != (FORMAT, VERSION):
             raise UserError(str(path), f"{page['format']} {page['version']}", expected=f"{FORMAT} {VERSION}")
         if not page["holograms"]:
@@ -292,8 +290,34 @@ def read_page(path: str | os.PathLike[str]) -> dict[str, Hologram]:
             str(document["name"]): read_document(document, _inflate(parts[f"holoview-data-{i}"]))
             for i, document in enumerate(page["holograms"])
         }
+    except UserError as error:
+        raise error if error.where.startswith(str(path)) else error.inside(f"{path}: ") from error
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, zlib.error) as error:
         raise UserError(str(path), f"is damaged: {error}", expected=expected) from error
+
+
+def _scripts_with_data(text: str) -> dict[str, str]:
+    """The contents of the scripts that hold data, by the names that a page gives them; each character is read once.
+
+    Where a script doesn't end, it and whatever follows it are left out.
+    """
+    parts: dict[str, str] = {}
+    place = 0
+    while len(parts) < _MOST_PARTS:
+        place = text.find('<script type="', place)
+        if place < 0:
+            break
+        start = next((start for start in _STARTS if text.startswith(start, place)), None)
+        place += len(_STARTS[1]) if start is None else len(start)
+        close = text.find('">', place, place + _LONGEST_ID)
+        if start is None or close < 0 or not text.startswith("holoview-", place):
+            continue
+        end = text.find("</script>", close)
+        if end < 0:
+            break
+        parts[text[place:close]] = text[close + 2 : end]
+        place = end
+    return parts
 
 
 def _inflate(text: str) -> bytes:

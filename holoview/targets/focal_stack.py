@@ -275,6 +275,8 @@ def merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 """Of video files."""
 _EXPECTED = f"a video file ({', '.join(SUFFIXES)})"
+_CONTAINERS = {"format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi", "protocol_whitelist": "file"}
+"""What FFmpeg may take a file for: lists of other files, which it would open, are none of them."""
 
 
 def is_video(path: Path) -> bool:
@@ -336,7 +338,7 @@ class Film:
         """The opened video file and its first stream of pictures."""
         av = import_optional("av", "a film")
         try:
-            with av.open(str(self.path)) as container:
+            with av.open(str(self.path), options=_CONTAINERS) as container:
                 if not container.streams.video:
                     raise UserError(str(self.path), "has no pictures", expected=_EXPECTED)
                 yield container, container.streams.video[0]

@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,10 @@ from PIL import Image, ImageOps
 from holoview.numerics.sample_bits import find_bits
 from holoview.targets.colour_profile import UNREAD_PROFILE, ColourProfile, icc_profile, png_profile
 from holoview.util.errors import UserError
-from holoview.util.files import read_bytes
+from holoview.util.files import opened_file, read_bytes
 from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
+from holoview.util.reader_process import Answer, call_in_child, in_child
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
 
@@ -69,6 +71,10 @@ def picture_count(path: Path) -> int:
     Raises UserError as `read_raster` does, as far as the headers show.
     """
     kind = _supported_format(path)
+    return call_in_child(str(path), path, partial(_count, path, kind))
+
+
+def _count(path: Path, kind: str) -> int:
     counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
     with _naming_file(path, kind):
         return counts[kind](path) if kind in counts else 1
@@ -94,6 +100,19 @@ def read_rasters(path: Path, white: int | None = None) -> Generator[Raster]:
     white: as of `read_raster`. Raises UserError as that does.
     """
     kind = _supported_format(path)
+    with in_child(str(path), path, partial(_next_raster, path, kind)) as ask:
+        while (raster := ask(None)) is not None:
+            yield raster
+
+
+@contextmanager
+def _next_raster(path: Path, kind: str) -> Iterator[Answer]:
+    """Answers each request with the next picture, None after the last."""
+    with closing(_rasters(path, kind)) as rasters:
+        yield lambda _: next(rasters, None)
+
+
+def _rasters(path: Path, kind: str) -> Generator[Raster]:
     with _naming_file(path, kind):
         for raster in _READERS[kind](path, white):
             if raster.values.size == 0:
@@ -374,6 +393,7 @@ _DIRECT = _PHOTOMETRICS[:3]  # whose samples grow or fall with light
 
 def tiff_count(path: Path) -> int:
     """Number of pictures. Raises ValueError when the linked list of pages is truncated."""
+    check_page_list(path)
     with tifffile.TiffFile(path) as file:
         return len(_pages(file))
 
@@ -383,6 +403,7 @@ def tiff_pictures(path: Path, white: int | None = None) -> Iterator[Raster]:
 
     Raises UserError for layouts and colours other than one flat picture, ValueError and others for damaged files.
     """
+    check_page_list(path)
     with tifffile.TiffFile(path) as file:
         pages = _pages(file)
         for number, page in enumerate(pages, start=1):
@@ -390,6 +411,7 @@ def tiff_pictures(path: Path, white: int | None = None) -> Iterator[Raster]:
 
 
 _MOST_PAGES = 10_000
+_FARTHEST = 1 << 62  # place in a file
 _FREE_BYTES = 64 << 20
 _UNBOUNDED: dict[int, tuple[Callable[[], Any], int]] = {
     tifffile.COMPRESSION.DEFLATE: (zlib.decompressobj, 1032),
@@ -438,6 +460,32 @@ def _check_segments(path: Path, page: tifffile.TiffPage, most: int) -> None:
                 found = f"a part unpacks to more than the {most} bytes of the picture"
                 raise UserError(str(path), found, remedy="save or copy the file again")
             piece = b"" if getattr(stream, "needs_input", False) else getattr(stream, "unconsumed_tail", b"x")
+
+
+def check_page_list(path: Path) -> None:
+    """Raises UserError for a TIFF whose list of pages is too long or bites its own tail, which tifffile follows slowly.
+
+    A list that breaks off is left to tifffile.
+    """
+    seen: set[int] = set()
+    with opened_file(path, READABLE_FORMATS) as file:
+        head = file.read(16)
+        order = "<" if head[:2] == b"II" else ">"
+        is_big = head[2:4] in (b"+\0", b"\0+")
+        count, entry, offset = ("Q", 20, "Q") if is_big else ("H", 12, "I")
+        count_bytes, offset_bytes = struct.calcsize(f"={count}"), struct.calcsize(f"={offset}")
+        raw = head[8:16] if is_big else head[4:8]
+        while len(raw) == offset_bytes and (place := struct.unpack(f"{order}{offset}", raw)[0]):
+            if place in seen:
+                raise UserError(str(path), "has a list of pages that leads back into itself", expected=READABLE_FORMATS)
+            seen.add(place)
+            if len(seen) > _MOST_PAGES:
+                raise UserError(str(path), f"has more than {_MOST_PAGES} pages", expected=READABLE_FORMATS)
+            file.seek(min(place, _FARTHEST))
+            raw = file.read(count_bytes)
+            if len(raw) == count_bytes:
+                file.seek(min(struct.unpack(f"{order}{count}", raw)[0] * entry, _FARTHEST - place), io.SEEK_CUR)
+                raw = file.read(offset_bytes)
 
 
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:

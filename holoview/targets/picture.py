@@ -22,7 +22,9 @@ from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weight
 from holoview.targets.colour_profile import ColourProfile, matrix_of_primaries
 from holoview.targets.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
 from holoview.util.errors import UserError
+from holoview.util.files import opened_file
 from holoview.util.memory_limit import require_memory
+from holoview.util.plain_arrays import read_npy_header
 
 __all__ = ["COLOUR_SPACES", "Picture", "depth_notes", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
@@ -180,9 +182,10 @@ def _single_channel(file: Path, raster: Raster) -> NDArray[np.float64]:
 
 def _load_array(file: Path) -> NDArray[np.float64]:
     try:
-        mapped = np.load(file, mmap_mode="r", allow_pickle=False)  # reads the header; the file must be long enough
-        require_memory(str(file), mapped.size * (mapped.itemsize + 3 * _FLOAT64_BYTES))
-        array = np.array(mapped)
+        with opened_file(file, _DEPTH_FILES) as opened:
+            header = read_npy_header(opened, os.fstat(opened.fileno()).st_size, str(file))
+            require_memory(str(file), header.nbytes + 3 * math.prod(header.shape) * _FLOAT64_BYTES)
+            array = header.array(opened.read(header.nbytes))
     except UserError:
         raise
     except Exception as error:  # numpy's parser of headers raises those of Python's

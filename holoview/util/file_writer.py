@@ -36,20 +36,26 @@ class WriteError(UserError):
 
 
 def write_file(
-    path: str | os.PathLike[str], content: Content, *, is_durable: bool = True, is_private: bool = False
+    path: str | os.PathLike[str],
+    content: Content,
+    *,
+    is_durable: bool = True,
+    is_private: bool = False,
+    follows_links: bool = True,
 ) -> None:
     """Writes a file beside the one of that name, if any, and puts it in its place when it is complete.
 
     A reader sees the old file or the whole new one. When it fails, the old file stays and nothing else is left; a
     program that is killed leaves nothing either where the file system has files without a name (Linux). A link is
     followed. content: bytes, or text for UTF-8. is_durable: waits until the disk has it, so that it outlives a power
-    cut. is_private: only the user may read the file.
+    cut. is_private: only the user may read the file. follows_links: False refuses a link in place of the file, which
+    somebody else may have put there.
 
     Raises WriteError whatever fails.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _disk_errors(path, len(data)):
-        target = _check_target(path)
+        target = _check_target(path) if follows_links else _check_plain_target(path)
         temporary = _write_beside(target, data, is_durable, 0o600 if is_private else 0o666)
         try:
             temporary.replace(target)
@@ -111,6 +117,14 @@ def _check_target(path: str | os.PathLike[str]) -> Path:
         remedy = "create it or choose another"
         raise WriteError(str(path), f"the folder {Path(path).parent} doesn't exist", remedy=remedy)
     return target
+
+
+def _check_plain_target(path: str | os.PathLike[str]) -> Path:
+    """The path as `_check_target`, in its folder as it is: a link that is put there later is replaced, not followed."""
+    if Path(path).is_symlink():
+        raise WriteError(str(path), "is a link, which isn't followed here", remedy="remove it")
+    _check_target(path)
+    return Path(os.path.realpath(Path(path).parent)) / Path(path).name
 
 
 def _write_beside(target: Path, data: bytes | bytearray | memoryview, is_durable: bool, rights: int) -> Path:

@@ -1,6 +1,9 @@
 """Folders of shaders, presets, assets and caches, and the files that a user names to be read.
 
-Only regular files are opened: pipes and devices would be waited for, or never end.
+Every file that somebody names or that is found in a folder is opened here, or checked here before a library opens it.
+Only regular files are: pipes and devices would be waited for, or never end. No more is read than the size that the
+file has when it is opened, within the memory that is allowed, so that neither a file of the kernel without end nor one
+that grows is read for ever. Files aren't mapped into memory: a mapped file that shrinks ends the process.
 """
 
 from __future__ import annotations
@@ -8,9 +11,13 @@ from __future__ import annotations
 import os
 import stat
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import format_size, require_memory
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -73,16 +80,53 @@ def require_file(path: str | os.PathLike[str], expected: str, missing: str = "")
     return file
 
 
-def read_bytes(path: str | os.PathLike[str], expected: str, most: int | None = None, missing: str = "") -> bytes:
-    """The content of a regular file, or its first `most` bytes. Raises UserError as `require_file` does."""
+def refuse_special_file(path: str | os.PathLike[str], expected: str = "a file or a folder") -> None:
+    """Raises UserError for a pipe, a socket or a device; not for a folder, nor for a name without a file."""
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError):
+        return
+    if not stat.S_ISDIR(mode):
+        _require_regular(Path(path), mode, expected)
+
+
+@contextmanager
+def opened_file(path: str | os.PathLike[str], expected: str, missing: str = "") -> Iterator[BinaryIO]:
+    """A regular file that is open to be read; what is checked is the open file, not its name.
+
+    Raises UserError as `require_file` does, and in the block for the errors of the disk.
+    """
     file = require_file(path, expected, missing)
     try:
         handle = os.open(file, os.O_RDONLY | _NON_BLOCKING)  # a pipe that took the file's place isn't waited for
         with os.fdopen(handle, "rb") as opened:
             _require_regular(file, os.fstat(handle).st_mode, expected)
-            return opened.read() if most is None else opened.read(most)
+            yield opened
     except OSError as error:
         raise _unreadable(file, error, expected, missing) from error
+
+
+def read_bytes(path: str | os.PathLike[str], expected: str, most: int | None = None, missing: str = "") -> bytes:
+    """The content of a regular file, or its first `most` bytes; no more than its size when it is opened.
+
+    Raises UserError as `require_file` does, and for a content that needs more memory than is allowed.
+    """
+    with opened_file(path, expected, missing) as opened:
+        size = os.fstat(opened.fileno()).st_size
+        wanted = size if most is None else min(most, size)
+        if wanted > TEXT_LIMIT:
+            require_memory(str(path), wanted, remedy="read a part of it")
+        return opened.read(wanted)
+
+
+def read_limited(path: str | os.PathLike[str], expected: str, most: int) -> bytes:
+    """The content of a regular file. Raises UserError as `read_bytes` does, and for more than `most` bytes."""
+    with opened_file(path, expected) as opened:
+        size = os.fstat(opened.fileno()).st_size
+        if size > most:
+            found = f"has {format_size(size)}, more than {most / (1 << 20):.3g} MiB"
+            raise UserError(str(path), found, expected=expected)
+        return opened.read(size)
 
 
 def read_text(path: str | os.PathLike[str], expected: str, most: int = TEXT_LIMIT) -> str:
@@ -90,9 +134,7 @@ def read_text(path: str | os.PathLike[str], expected: str, most: int = TEXT_LIMI
 
     Raises UserError as `require_file` does, for other text, and for more than `most` bytes.
     """
-    data = read_bytes(path, expected, most + 1)
-    if len(data) > most:
-        raise UserError(str(path), f"has more than {most >> 20} MiB", expected=expected)
+    data = read_limited(path, expected, most)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

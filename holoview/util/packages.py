@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
+from holoview.util.files import TEXT_LIMIT, read_limited
 
 T = TypeVar("T")
 
@@ -65,14 +66,13 @@ def run_python_file(file: Path, name: str, find: Callable[[ModuleType], T], *, e
 
     No bytecode is written beside the file. Raises UserError if it is missing, or if its code fails, in `find` too.
     """
-    if not file.is_file():
-        raise UserError(str(file), "no such file", expected=expected)
+    code = read_limited(file, expected, TEXT_LIMIT)
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise UserError(str(file), "isn't a Python file", expected="a name that ends in .py")
     module = importlib.util.module_from_spec(spec)
     try:
-        exec(compile(file.read_bytes(), str(file), "exec"), vars(module))  # the loader would write bytecode beside it
+        exec(compile(code, str(file), "exec"), vars(module))  # the loader would write bytecode beside it
         return find(module)
     except Exception as error:
         raise UserError(str(file), f"failed: {type(error).__name__}: {error}", remedy="mend the file") from error

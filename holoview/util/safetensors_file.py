@@ -1,7 +1,8 @@
 """Safetensors files with a declared format: tensors with a schema and text metadata, checked when a file is read.
 
 Safetensors (https://github.com/huggingface/safetensors) holds plain numbers and text, so that reading a file from an
-unknown source runs no code, as unpickling would.
+unknown source runs no code, as unpickling would. The library maps files into memory, where one that shrinks ends the
+process; files are therefore read here (`open_tensors`) and written by the library.
 """
 
 from __future__ import annotations
@@ -12,18 +13,19 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
-from holoview.util.files import require_file
-from holoview.util.memory_limit import require_memory
-from holoview.util.tables import ArraySchema
+from holoview.util.files import opened_file
+from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.plain_arrays import read_window
+from holoview.util.tables import ArraySchema, parse_json_table
 
 _TYPES = {
     "U8": "uint8",
@@ -38,10 +40,97 @@ _TYPES = {
     "F16": "float16",
     "F32": "float32",
     "F64": "float64",
+    "C64": "complex64",
 }
 """Numpy's names of safetensors' types; others, such as BF16, numpy doesn't have."""
 
 NO_SIZES: Mapping[str, int] = {}
+
+
+# --- the tensors of a file --------------------------------------------------------------------------------------------
+
+
+_MOST_HEADER_BYTES = 16 << 20  # the holograms of a study with all of their notes have 100 kB
+_MOST_AXES, _MOST_TENSORS = 32, 10_000
+
+
+@dataclass(frozen=True)
+class StoredTensor:
+    """A tensor of a file: safetensors' name of its type, its shape, and the byte at which its numbers begin."""
+
+    path: Path
+    name: str
+    kind: str
+    shape: tuple[int, ...]
+    offset: int
+
+    @property
+    def dtype(self) -> np.dtype[Any] | None:
+        """The type of its numbers, None for one that numpy doesn't have."""
+        return np.dtype(_TYPES[self.kind]).newbyteorder("<") if self.kind in _TYPES else None
+
+    def read(self, window: Sequence[slice] | None = None) -> NDArray[Any]:
+        """All numbers, or those of a window: a slice without steps for each axis."""
+        assert self.dtype is not None
+        whole = tuple(slice(0, size) for size in self.shape)
+        return read_window(self.path, self.dtype, self.shape, self.offset, whole if window is None else window)
+
+
+@dataclass(frozen=True)
+class StoredTensors:
+    """What the header of a file says. texts: its metadata."""
+
+    tensors: dict[str, StoredTensor]
+    texts: dict[str, str]
+
+
+def open_tensors(path: str | os.PathLike[str], expected: str) -> StoredTensors:
+    """The tensors of a safetensors file, none of which is read yet.
+
+    The header is a JSON table, whose offsets have to fill the rest of the file without gaps, in the order of their
+    starts. Raises UserError for a file that is missing, or whose header says something else.
+    """
+    where = str(path)
+    with opened_file(path, expected) as file:
+        size = os.fstat(file.fileno()).st_size
+        length = int.from_bytes(file.read(8), "little")
+        if size < 8 or length > min(size - 8, _MOST_HEADER_BYTES):
+            found = f"can't be read: a header of {format_size(length)} in a file of {format_size(size)}"
+            raise UserError(where, found, expected=expected)
+        try:
+            text = file.read(length).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise UserError(where, f"can't be read: {error}", expected=expected) from error
+    header = parse_json_table(text, where, expected)
+    texts = header.pop("__metadata__", {})
+    if not isinstance(texts, dict) or not all(isinstance(value, str) for value in texts.values()):
+        raise UserError(where, "can't be read: its metadata aren't texts", expected=expected)
+    if len(header) > _MOST_TENSORS:
+        raise UserError(where, f"has {len(header)} tensors", expected=f"at most {_MOST_TENSORS}")
+    tensors, spans = {}, []
+    for name, entry in header.items():
+        try:
+            kind, shape, (first, last) = str(entry["dtype"]), tuple(entry["shape"]), entry["data_offsets"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise UserError(
+                f"{where}: {name}", "can't be read: no type, shape and offsets", expected=expected
+            ) from error
+        numbers = (*shape, first, last)
+        if len(shape) > _MOST_AXES or not all(type(n) is int and n >= 0 for n in numbers):
+            raise UserError(f"{where}: {name}", "can't be read: sizes that are none", expected=expected)
+        if kind in _TYPES and math.prod(shape) * np.dtype(_TYPES[kind]).itemsize != last - first:
+            found = f"can't be read: an array of shape {shape}, {kind}, in {format_size(last - first)}"
+            raise UserError(f"{where}: {name}", found, expected=expected)
+        spans.append((first, last))
+        tensors[name] = StoredTensor(Path(path), name, kind, shape, 8 + length + first)
+    ends = [0, *(last for _, last in sorted(spans))]
+    if [first for first, _ in sorted(spans)] != ends[:-1] or ends[-1] != size - 8 - length:
+        found = f"can't be read: {format_size(size - 8 - length)} of numbers aren't those that its header places"
+        raise UserError(where, found, expected=expected)
+    return StoredTensors(tensors, texts)
+
+
+# --- formats ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -76,16 +165,9 @@ class TensorFormat:
         Raises UserError, in the block too, when the file is missing or damaged, has another format or version, or lacks
         a tensor or a metadata key.
         """
-        file = require_file(path, self.what)
-        try:
-            with safe_open(file, framework="numpy") as opened:
-                texts = opened.metadata() or {}
-                self._check(path, texts, set(opened.keys()))
-                yield TensorFile(str(path), self, texts, opened)
-        except UserError:
-            raise
-        except (SafetensorError, OSError, ValueError, TypeError, AttributeError) as error:
-            raise UserError(str(path), f"can't be read: {error}", expected=self.what) from error
+        stored = open_tensors(path, self.what)
+        self._check(path, stored.texts, set(stored.tensors))
+        yield TensorFile(str(path), self, stored.texts, stored.tensors)
 
     def read(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         """Reads a file: {name: array} and the metadata. Raises UserError as `open` and `TensorFile.tensors` do."""
@@ -111,7 +193,7 @@ class TensorFile:
     where: str
     format: TensorFormat
     texts: dict[str, str]
-    _opened: Any
+    _stored: Mapping[str, StoredTensor]
 
     def tensors(self, sizes: Mapping[str, int] = NO_SIZES) -> dict[str, NDArray[Any]]:
         """The tensors of the format, {name: array}; types, shapes and memory are checked before any is read.
@@ -121,7 +203,7 @@ class TensorFile:
         """
         try:
             self._check_headers(dict(sizes))
-            found = {schema.name: self._opened.get_tensor(schema.name) for schema in self.format.tensors}
+            found = {schema.name: self._stored[schema.name].read() for schema in self.format.tensors}
             for schema in self.format.tensors:
                 schema.check_values(found[schema.name])
         except UserError as error:
@@ -131,10 +213,10 @@ class TensorFile:
     def _check_headers(self, sizes: dict[str, int]) -> None:
         needed = 0
         for schema in self.format.tensors:
-            header = self._opened.get_slice(schema.name)
-            type_name, shape = _TYPES.get(header.get_dtype(), header.get_dtype()), header.get_shape()
-            schema.check_header(type_name, shape, sizes)
-            needed += math.prod(shape) * np.dtype(type_name).itemsize
+            tensor = self._stored[schema.name]
+            type_name = _TYPES.get(tensor.kind, tensor.kind)
+            schema.check_header(type_name, tensor.shape, sizes)
+            needed += math.prod(tensor.shape) * np.dtype(type_name).itemsize
         require_memory(self.where, (1 + self.format.copies) * needed)
 
 
@@ -146,9 +228,8 @@ def format_of(path: str | os.PathLike[str]) -> str:
 def metadata_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """The metadata of a safetensors file, none for any other file. Only the header is read."""
     try:
-        with safe_open(require_file(path, "a file"), framework="numpy") as file:
-            return dict(file.metadata() or {})
-    except (SafetensorError, OSError, ValueError, TypeError, AttributeError):
+        return open_tensors(path, "a file").texts
+    except UserError:
         return {}
 
 

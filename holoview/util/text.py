@@ -12,6 +12,7 @@ _NOT_AT_START = " .-"  # hidden files; options of commands
 _NOT_AT_END = " .-"  # Windows drops spaces and dots
 _OF_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # on Windows, with any suffix
 _MAX_NAME_BYTES = 120  # of 255, so that a suffix and the number of a file have room
+_MAX_READ = 1000  # characters of a text of which a name is made
 
 
 def printable(text: str) -> str:
@@ -41,8 +42,8 @@ def plain_name(text: str, fallback: str) -> str:
     >>> plain_name("../../etc/passwd", "bench"), plain_name("..", "bench"), plain_name("Größe 8 µm", "bench")
     ('etc-passwd', 'bench', 'Größe 8 µm')
     """
-    kept = "".join(c if _is_in_names(c) else "-" for c in unicodedata.normalize("NFC", text))
-    name = re.sub(r"[- ]*-[- ]*", "-", kept).lstrip(_NOT_AT_START)
+    kept = "".join(c if _is_in_names(c) else "-" for c in unicodedata.normalize("NFC", text[:_MAX_READ]))
+    name = "".join("-" if "-" in part else part for part in re.split(r"([- ]+)", kept)).lstrip(_NOT_AT_START)
     name = name.encode("utf-8")[:_MAX_NAME_BYTES].decode("utf-8", "ignore").rstrip(_NOT_AT_END)
     if not any(c.isalnum() for c in name):
         return fallback

@@ -27,7 +27,8 @@ _EXAMPLE: dict[Quantity, str] = {
     "angle": '"5 mrad" or "0.3 rad"',
     "vergence": '"0.5 D"',
 }
-_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.+-]\S*)?\s*")
+_TEXT = re.compile(r"\s*+([-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?)\s*+([^\s\d.+-]\S*+)?\s*+")
+_LONGEST, _SHOWN = 1000, 80  # characters of a number with its unit, and of them in an error
 
 
 def parse(value: str | float, where: str, quantity: Quantity = "length") -> float:
@@ -40,9 +41,10 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
         raise UserError(where, f"{value!r} is not {a}", expected=f"text such as {_EXAMPLE[quantity]}")
     if not isinstance(value, str):
         return to_float(value)
-    match = _TEXT.fullmatch(value)
+    match = _TEXT.fullmatch(value) if len(value) <= _LONGEST else None
     if match is None:
-        raise UserError(where, f'"{value}" is not {a}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}")
+        expected = f"a number and a unit such as {_EXAMPLE[quantity]}"
+        raise UserError(where, f'"{value[:_SHOWN]}" is not {a}', expected=expected)
     number, unit = match.groups()
     if unit is None:
         raise UserError(where, f'"{value}" has no unit', expected=f"text such as {_EXAMPLE[quantity]}")

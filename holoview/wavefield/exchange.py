@@ -42,8 +42,9 @@ from numpy.typing import NDArray
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
-from holoview.util.files import cache_dir
+from holoview.util.files import cache_dir, read_limited
 from holoview.util.memory_limit import require_memory
+from holoview.util.plain_arrays import read_npy_header
 from holoview.wavefield.wavefield import Wavefield
 
 HOST = "127.0.0.1"
@@ -51,6 +52,7 @@ LARGEST_BYTES = 8 << 30
 _TYPES = ("complex64", "complex128", "float32", "float64")
 _KEYS = ("pitch", "wavelength", "distance", "dtype", "shape")
 _LONGEST_NAME = 200
+_LONGEST_ANNOUNCEMENT = 1000  # bytes
 _AT_ONCE = 4  # requests whose bodies are in memory
 _SILENT_S = 10.0  # after which a connection that sends nothing is closed
 _COPIES = 3  # of a body, while it becomes a complex64 field
@@ -92,9 +94,9 @@ def announcement_path() -> Path:
 def announced_listener() -> Listener:
     """The listener that a viewer has announced. Raises UserError if there is none."""
     try:
-        content = json.loads(announcement_path().read_text(encoding="utf-8"))
+        content = json.loads(read_limited(announcement_path(), "a listener", _LONGEST_ANNOUNCEMENT))
         return Listener(int(content["port"]), str(content["token"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise _no_listener() from error
 
 
@@ -331,8 +333,5 @@ def _parse_shape(text: str) -> tuple[int, ...]:
 
 
 def _parse_npy(body: bytes) -> NDArray[Any]:
-    try:
-        array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(body), allow_pickle=False)
-    except (ValueError, EOFError, MemoryError, SyntaxError, TypeError) as error:
-        raise UserError("body", f"is no .npy file: {error}", expected="a .npy file, or dtype and shape") from error
-    return array
+    header = read_npy_header(io.BytesIO(body), len(body), "body")
+    return header.array(memoryview(body)[header.offset :])

@@ -58,7 +58,7 @@ def test_an_animation_holds_the_same_pictures_for_as_long_as_the_path_takes(fold
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--pupil-path", "none.csv"], "none.csv: can't be read"),
+        (["--pupil-path", "none.csv"], "none.csv: no such file"),
         (["--pupil-path", "path.csv", "--frames", "0"], "--frames: 0"),
         (["--pupil-path", "path.csv", "--plane", "10mm"], "the path tells"),
         (["--pupil-path", "places.csv", "--plane", "10mm", "11mm"], "2 planes"),

@@ -180,9 +180,10 @@ def test_a_compressed_variable_that_unpacks_to_more_than_it_states_is_refused(tm
 def test_structures_without_end_are_refused(tmp_path: Path) -> None:
     inner = b""
     for _ in range(3000):
-        inner = struct.pack("<II", 14, len(inner)) + inner
+        body = struct.pack("<IIIIIIiiII", 6, 8, 1, 0, 5, 8, 1, 1, 1, 0) + inner  # a cell of one cell
+        inner = struct.pack("<II", 14, len(body)) + body
     body = (
-        struct.pack("<IIII", 6, 8, 2, 0) + struct.pack("<IIii", 5, 8, 1, 1) + struct.pack("<HH4s", 1, 1, b"s") + inner
+        struct.pack("<IIII", 6, 8, 1, 0) + struct.pack("<IIii", 5, 8, 1, 1) + struct.pack("<HH4s", 1, 1, b"s") + inner
     )
     element = struct.pack("<II", 14, len(body)) + body
     (tmp_path / "f.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element)

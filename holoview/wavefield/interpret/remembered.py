@@ -93,7 +93,7 @@ def remember(path: str | os.PathLike[str], request: ReadRequest) -> Path:
         entries = dataclasses.asdict(merged.binary).items()
         table["binary"] = {k: list(v) if isinstance(v, tuple) else v for k, v in entries if v is not None}
     notes = notes_path(Path(path))
-    write_file(notes, tomli_w.dumps(table))
+    write_file(notes, tomli_w.dumps(table), follows_links=False)
     return notes
 
 

@@ -31,7 +31,7 @@ class BinaryReader:
 
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
-        """The parts, mapped into memory."""
+        """The parts; a window is read from the disk when it is loaded."""
         layout = request.binary
         assert layout is not None
         dtype = _dtype(layout.dtype)

@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.util.plain_arrays import read_window
 from holoview.wavefield.request import ReadRequest
 
 HEAD_BYTES = 4096
@@ -70,16 +71,16 @@ class StoredArray:
         role: str = "",
         axes: str = "",
     ) -> StoredArray:
-        """Plain numbers in a file. Each window is mapped into memory by itself, so that no more of it stays there."""
+        """Plain numbers in a file, of which each window is read by itself, so that no more of it stays in memory."""
 
         def load(window: Window) -> NDArray[Any]:
-            return np.array(np.memmap(path, dtype, "r", offset, shape, order)[window])
+            return read_window(path, dtype, shape, offset, window, order)
 
         return StoredArray(name, shape, dtype, load, role, axes)
 
     @staticmethod
     def of(name: str, values: NDArray[Any], role: str = "", axes: str = "") -> StoredArray:
-        """An array that is in memory already, or mapped into it."""
+        """An array that is in memory already."""
         return StoredArray(name, values.shape, values.dtype, lambda window: values[window], role, axes)
 
 

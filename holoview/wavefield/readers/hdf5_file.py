@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.memory_limit import format_size, require_memory
 from holoview.wavefield.readers.contents import Contents, StoredArray, Window
 from holoview.wavefield.request import ReadRequest
 
@@ -27,7 +27,10 @@ _MATLAB_PRIVATE = ("#refs#", "#subsystem#")
 _MOST_LETTERS = 200  # of a text that is looked at
 _MOST_DEPTH = 8
 _MOST_OBJECTS = 2000
-_MOST_ATTRIBUTES = 100
+_MOST_ATTRIBUTES, _MOST_ATTRIBUTE_BYTES = 100, 1 << 16
+_FEW_CHUNKS, _SMALL_CHUNK_BYTES = 20_000, 1024  # more chunks than these are larger: each is looked up by itself
+_MOST_RATIO, _FREE_BYTES = 2000, 64 << 20
+"""Size of data over that of their file, beyond the free bytes: deflate's limit is 1032 for each filter in a chain."""
 
 
 class Hdf5Reader:
@@ -107,6 +110,7 @@ class _Found:
         where = f"{self.path}: {name}"
         chunk = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
         _check_filters(where, dataset)
+        _check_sizes(where, dataset, self.path.stat().st_size)
         is_reversed = self.is_matlab or "MATLAB_class" in dataset.attrs
         shape = tuple(reversed(dataset.shape)) if is_reversed else tuple(dataset.shape)
 
@@ -126,7 +130,10 @@ class _Found:
         if len(item.attrs) > _MOST_ATTRIBUTES:
             return
         for key in item.attrs:
-            if item.attrs.get_id(key).dtype.kind in "iuf" and not key.startswith(("MATLAB_", "H5")):
+            stored = item.attrs.get_id(key)
+            if stored.get_storage_size() > _MOST_ATTRIBUTE_BYTES:
+                continue
+            if stored.dtype.kind in "iuf" and not key.startswith(("MATLAB_", "H5")):
                 values = np.atleast_1d(item.attrs[key])
                 self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, values))
             elif isinstance(text := _text(item.attrs, key), str):
@@ -159,6 +166,19 @@ def _as_complex(pairs: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     values = np.empty(pairs.shape, dtype)
     values.real, values.imag = pairs[first], pairs[second]
     return values
+
+
+def _check_sizes(where: str, dataset: Any, file_bytes: int) -> None:
+    """Raises UserError for many small chunks, and for data that a file of this size can't hold."""
+    size = math.prod(dataset.shape) * dataset.dtype.itemsize
+    if size > _FREE_BYTES + _MOST_RATIO * file_bytes:
+        found = f"declares {format_size(size)} of data in a file of {format_size(file_bytes)}"
+        raise UserError(where, found, expected="a whole file", remedy="write the file again")
+    chunks = dataset.chunks or dataset.shape
+    count = math.prod(-(-whole // part) for whole, part in zip(dataset.shape, chunks, strict=True))
+    if count > max(_FEW_CHUNKS, size // _SMALL_CHUNK_BYTES):
+        found = f"is cut into {count} chunks of {format_size(size / count)}"
+        raise UserError(where, found, expected=f"chunks of at least {_SMALL_CHUNK_BYTES} bytes", remedy="rechunk it")
 
 
 def _check_filters(where: str, dataset: Any) -> None:

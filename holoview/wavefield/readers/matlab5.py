@@ -1,8 +1,9 @@
 """MATLAB's files of versions 5 to 7.2, read by scipy; variables are unpacked here, within their stated sizes.
 
 Layout: MathWorks, "MAT-File Format", level 5: 128 bytes of text and version, then tagged elements, each a matrix or a
-compressed matrix. scipy unpacks without a limit and follows structures of any depth, so that it only gets elements
-whose size and depth have been checked.
+compressed matrix. scipy unpacks without a limit, follows structures of any depth, and makes cells and structures of
+any size that is declared, so that it only gets elements that have been walked through before: whose parts end where
+they say, aren't too deep, and are as many as there are bytes for.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from holoview.wavefield.request import ReadRequest
 _HEADER_BYTES = 128
 _CHAR, _MOST_TEXT_BYTES = 4, 1000  # of a text that is looked at
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _OBJECT = 1, 2, 3
+_CELL, _STRUCT, _OBJECT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 5, 16, 17
 _NUMBERS = {
     6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"
 }  # fmt: skip
@@ -35,6 +36,7 @@ _COMPLEX_FLAG = 0x0800
 _UNREADABLE = {3: "an object", 5: "a sparse matrix", 16: "a function", 17: "an object"}
 _MOST_DEPTH = 8
 _MOST_VARIABLES = 1000
+_MOST_MATRICES = 100_000  # cells and fields of a variable
 _HEAD_OF_VARIABLE = 4096  # bytes in which flags, sizes and name stand
 
 
@@ -174,30 +176,92 @@ def _load(path: Path, variable: _Variable, order: str) -> Any:
                 f"unpacks to {'more' if len(data) == variable.size else 'less'} than the stated {variable.size} bytes"
             )
             raise UserError(where, found, expected="a whole MATLAB file")
-    if variable.kind in (_STRUCT, _CELL):
-        _check_depth(where, data, order)
+    _Elements(where, data, order).check()
     from scipy.io import loadmat  # slow start: other files do without
 
     read = loadmat(io.BytesIO(head + data), chars_as_strings=False)
     return read.get(variable.name)
 
 
-def _check_depth(where: str, data: bytes, order: str) -> None:
-    """Raises UserError for structures and cells too deep inside each other: scipy descends without a limit."""
-    waiting = [(0, len(data), 0)]
-    while waiting:
-        place, end, depth = waiting.pop()
+class _Elements:
+    """The element of a variable, in which scipy would follow what is declared; `check` follows it in the same order."""
+
+    def __init__(self, where: str, data: bytes, order: str) -> None:
+        self._where, self._data, self._order = where, data, order
+        self._matrices = 0
+
+    def check(self) -> None:
+        """Raises UserError for matrices that are too deep or many, or that hold more than their bytes can."""
+        self._matrix(0, len(self._data), 0)
+
+    def _matrix(self, place: int, end: int, depth: int) -> int:
+        """Checks the matrix at a place; returns where it ends."""
         if depth > _MOST_DEPTH:
-            found = f"structures more than {_MOST_DEPTH} deep inside each other"
-            raise UserError(where, found, expected="a hologram's file")
-        while place + 8 <= end:
-            kind, size = struct.unpack(f"{order}II", data[place : place + 8])
-            if kind >> 16:
-                place += 8
-                continue
-            if kind == _MATRIX:
-                waiting.append((place + 8, min(place + 8 + size, end), depth + 1))
-            place += 8 + (size + 7) // 8 * 8
+            raise self._error(f"structures more than {_MOST_DEPTH} deep inside each other")
+        self._matrices += 1
+        if self._matrices > _MOST_MATRICES:
+            raise self._error(f"more than {_MOST_MATRICES} cells and fields")
+        kind, size = self._unpack("II", place)
+        stop = place + 8 + size
+        if kind != _MATRIX or stop > end:
+            raise self._error(f"an element of type {kind} and {size} bytes at byte {place} of {end}")
+        if size == 0:
+            return stop
+        kind = self._unpack("I", place + 16)[0] & 0xFF
+        count, place = 1, place + 24
+        if kind != _OPAQUE:
+            (first, last), place = self._part(place, stop)
+            sizes = self._unpack(f"{(last - first) // 4}i", first)
+            count = int(np.prod(sizes, dtype=object))
+            if min(sizes, default=0) < 0 or (count > size and kind != _SPARSE):
+                raise self._error(f"an array of shape {sizes} in {size} bytes")
+        _, place = self._part(place, stop)  # the name
+        place = self._content(kind, count, place, stop, depth)
+        if place > stop or (depth and stop - place >= 8):
+            raise self._error(f"a matrix that ends at byte {place} and says {stop}")
+        return stop
+
+    def _content(self, kind: int, count: int, place: int, stop: int, depth: int) -> int:
+        """Checks what follows a matrix's name; returns the place behind it."""
+        texts = {_OBJECT: 1, _OPAQUE: 2}.get(kind, 0)  # names of classes
+        for _ in range(texts):
+            _, place = self._part(place, stop)
+        if kind in (_STRUCT, _OBJECT):
+            (first, _), place = self._part(place, stop)
+            (length,) = self._unpack("i", first)
+            (first, last), place = self._part(place, stop)
+            fields = (last - first) // length if length > 0 else 0
+            count = count * fields
+        if kind in (_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE):
+            if 8 * count > stop - place:
+                raise self._error(f"{count} cells or fields in {stop - place} bytes")
+            for _ in range(1 if kind in (_FUNCTION, _OPAQUE) else count):
+                place = self._matrix(place, stop, depth + 1)
+            return place
+        held = 0
+        while place + 8 <= stop:
+            (first, last), place = self._part(place, stop)
+            held = max(held, last - first)
+        if kind != _SPARSE and count > held:  # each number takes a byte at least
+            raise self._error(f"{count} numbers in {held} bytes")
+        return place
+
+    def _part(self, place: int, stop: int) -> tuple[tuple[int, int], int]:
+        """First and last byte of the content of the element at a place, and the place of the next one."""
+        kind, size = self._unpack("II", place)
+        if kind >> 16:
+            first, last, after = place + 4, place + 4 + (kind >> 16), place + 8
+        else:
+            first, last, after = place + 8, place + 8 + size, place + 8 + (size + 7) // 8 * 8
+        if last > stop or (kind >> 16) > 4:
+            raise self._error(f"an element of {last - first} bytes at byte {place} of {stop}")
+        return (first, last), min(after, stop)
+
+    def _unpack(self, form: str, place: int) -> tuple[int, ...]:
+        return struct.unpack_from(f"{self._order}{form}", self._data, place)
+
+    def _error(self, found: str) -> UserError:
+        return UserError(self._where, f"declares {found}", expected="a whole MATLAB file", remedy="save it again")
 
 
 def _flatten(name: str, value: Any, depth: int) -> Iterator[StoredArray]:

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import os
+import struct
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, BinaryIO, Literal
 
-import numpy as np
-from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import require_memory
+from holoview.util.files import opened_file
+from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.plain_arrays import read_npy_header
 from holoview.wavefield.readers.contents import Contents, StoredArray, Window
 from holoview.wavefield.request import ReadRequest
 
-_EXPECTED = "an array of numbers"
-_MOST_HEADER_BYTES = 10_000
 _MOST_MEMBERS = 1000
+_MOST_DIRECTORY_BYTES = 1 << 20  # of so many members with long names
+_END_BYTES = 22 + 65_535 + 76  # the last records of an archive with the longest comment, those of ZIP64 among them
 
 
 class NpyReader:
-    """An array in a .npy file, mapped into memory."""
+    """An array in a .npy file."""
 
     name = "NumPy .npy"
     suffixes = (".npy",)
@@ -35,18 +37,12 @@ class NpyReader:
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
         """The array; a window is read from the disk when it is loaded."""
-        with path.open("rb") as file:
-            shape, is_fortran, dtype = _read_header(file, str(path))
-            data_bytes = path.stat().st_size - file.tell()
-            wanted = int(np.prod(shape, dtype=object)) * dtype.itemsize
-            if data_bytes < wanted:
-                found = f"is truncated: {data_bytes} bytes of numbers"
-                raise UserError(str(path), found, expected=f"{wanted} bytes for an array of shape {shape}")
-            order: Literal["F", "C"] = "F" if is_fortran else "C"
-            if wanted == 0:
-                raise UserError(str(path), f"an array of shape {shape}", expected="at least one number")
-            array = StoredArray.mapped(path, dtype, shape, file.tell(), order)
-        yield Contents.of([array])
+        with opened_file(path, "an array of numbers") as file:
+            header = read_npy_header(file, os.fstat(file.fileno()).st_size, str(path))
+        if header.nbytes == 0:
+            raise UserError(str(path), f"an array of shape {header.shape}", expected="at least one number")
+        order: Literal["F", "C"] = "F" if header.is_fortran else "C"
+        yield Contents.of([StoredArray.mapped(path, header.dtype, header.shape, header.offset, order)])
 
 
 class NpzReader:
@@ -62,7 +58,7 @@ class NpzReader:
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
         """The arrays by their names."""
-        with zipfile.ZipFile(path) as archive:
+        with opened_file(path, "arrays of numbers") as opened, _archive(path, opened) as archive:
             members = archive.infolist()
             if len(members) > _MOST_MEMBERS:
                 raise UserError(str(path), f"has {len(members)} members", expected=f"at most {_MOST_MEMBERS}")
@@ -71,46 +67,35 @@ class NpzReader:
             )
 
 
+def _archive(path: Path, file: BinaryIO) -> zipfile.ZipFile:
+    """The archive in a file. Its directory, which the library reads at once, is short, or UserError is raised."""
+    end = os.fstat(file.fileno()).st_size
+    file.seek(max(end - _END_BYTES, 0))
+    last = file.read()
+    place, place64 = last.rfind(b"PK\5\6"), last.rfind(b"PK\6\6")
+    size = struct.unpack_from("<I", last, place + 12)[0] if 0 <= place <= len(last) - 22 else 0
+    if 0 <= place64 <= len(last) - 56:
+        size = max(size if size < 0xFFFFFFFF else 0, struct.unpack_from("<Q", last, place64 + 40)[0])
+    if size > _MOST_DIRECTORY_BYTES:
+        found = f"has a list of members of {format_size(size)}"
+        raise UserError(str(path), found, expected=f"at most {_MOST_MEMBERS} arrays")
+    return zipfile.ZipFile(file)
+
+
 def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> StoredArray:
     name = member.filename.removesuffix(".npy")
     where = f"{path}: {name}"
     with archive.open(member) as file:
-        shape, is_fortran, dtype = _read_header(file, where)
-    count = int(np.prod(shape, dtype=object))
-    wanted = count * dtype.itemsize
-    if member.file_size < wanted:
-        found = f"is truncated: {member.file_size} bytes"
-        raise UserError(where, found, expected=f"{wanted} bytes for an array of shape {shape}")
+        header = read_npy_header(file, member.file_size, where)
 
     unpacked: list[NDArray[Any]] = []
 
     def load(window: Window) -> NDArray[Any]:
         if not unpacked:
-            require_memory(where, 2 * wanted)
+            require_memory(where, 2 * header.nbytes)
             with archive.open(member) as file:
-                _read_header(file, where)
-                data = file.read(wanted)
-            values = np.frombuffer(data, dtype, count)
-            unpacked.append(values.reshape(shape, order="F" if is_fortran else "C"))
+                file.seek(header.offset)
+                unpacked.append(header.array(file.read(header.nbytes)))
         return unpacked[0][window]
 
-    return StoredArray(name, shape, dtype, load, whole_bytes=2 * wanted)
-
-
-def _read_header(file: IO[bytes], where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether the first axis is the fastest, and type. Raises UserError for damaged headers and objects."""
-    try:
-        version = npy_format.read_magic(file)
-        read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
-        shape, is_fortran, dtype = read(file, max_header_size=_MOST_HEADER_BYTES)
-    except (ValueError, EOFError, TypeError, SyntaxError, MemoryError, RecursionError, OverflowError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(where, f"the header of the array is damaged ({reason})", expected=_EXPECTED) from error
-    if dtype.hasobject:
-        found = "holds pickled Python objects, which aren't opened because they can run code"
-        raise UserError(where, found, expected=_EXPECTED, remedy="save the array itself with np.save")
-    if dtype.kind not in "biufc":
-        raise UserError(where, f"holds values of type {dtype}", expected=_EXPECTED)
-    if any(size < 0 for size in shape):
-        raise UserError(where, f"an array of shape {shape}", expected="sizes from 0")
-    return shape, is_fortran, dtype
+    return StoredArray(name, header.shape, header.dtype, load, whole_bytes=2 * header.nbytes)

@@ -81,7 +81,7 @@ class OpenHoloReader:
 
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
-        """The parts; those of binary files are mapped into memory."""
+        """The parts; of binary files a window is read when it is loaded."""
         head = read_bytes(path, _EXPECTED, most=1 << 16)
         is_text = head.startswith((b"OH\r\n", b"OH\n"))
         header = _read_text_header(path, head) if is_text else _read_header(path, head)

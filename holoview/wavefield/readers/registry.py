@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
+from holoview.util.reader_process import Answer, in_child
 from holoview.wavefield.readers.binary_dump import BinaryReader
 from holoview.wavefield.readers.contents import HEAD_BYTES, Contents, Load, Reader, Window
 from holoview.wavefield.request import ReadRequest
@@ -42,6 +43,9 @@ _BUILT_IN = (
     "text_table:TextReader",
 )
 """Module and class of each reader, in the order in which they are asked. They are imported when a file is read."""
+
+_IN_CHILD = frozenset({"MATLAB 5", "HDF5", "TIFF", "OpenEXR", "picture"})
+"""Names of the readers whose libraries run in a child process: their code in C and C++ has ended the process."""
 
 EXPECTED = "a hologram's file"
 
@@ -99,18 +103,42 @@ def open_file(path: Path, request: ReadRequest) -> Iterator[tuple[Reader, Conten
     """
     reader = reader_for(path, request)
     with ExitStack() as stack:
-        with _naming_file(path, reader):
-            contents = stack.enter_context(reader.open(path, request))
-        arrays = tuple(replace(array, load=_guarded(array.load, path, reader)) for array in contents.arrays)
+        if reader.name in _IN_CHILD:
+            ask = stack.enter_context(in_child(str(path), path, partial(_answers, reader, path, request)))
+        else:
+            ask = stack.enter_context(_answers(reader, path, request))
+        contents: Contents = ask(None)
+        arrays = tuple(replace(array, load=_asking(ask, index)) for index, array in enumerate(contents.arrays))
         yield reader, replace(contents, arrays=arrays)
 
 
-def _guarded(load: Load, path: Path, reader: Reader) -> Load:
-    def guarded(window: Window) -> NDArray[Any]:
+@contextmanager
+def _answers(reader: Reader, path: Path, request: ReadRequest) -> Iterator[Answer]:
+    """Answers None with the contents, whose arrays can't load, and the index of an array and a window with numbers."""
+    with ExitStack() as stack:
         with _naming_file(path, reader):
-            return load(window)
+            contents = stack.enter_context(reader.open(path, request))
 
-    return guarded
+        def answer(wanted: tuple[int, Window] | None) -> Contents | NDArray[Any]:
+            if wanted is None:
+                arrays = tuple(replace(array, load=_cannot_load) for array in contents.arrays)
+                return replace(contents, arrays=arrays)
+            with _naming_file(path, reader):
+                return contents.arrays[wanted[0]].load(wanted[1])
+
+        yield answer
+
+
+def _cannot_load(window: Window) -> NDArray[Any]:
+    raise NotImplementedError
+
+
+def _asking(ask: Answer, index: int) -> Load:
+    def load(window: Window) -> NDArray[Any]:
+        values: NDArray[Any] = ask((index, window))
+        return values
+
+    return load
 
 
 @contextmanager

@@ -10,16 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import safe_open
 
 from holoview.util.memory_limit import require_memory
+from holoview.util.safetensors_file import StoredTensor, open_tensors
 from holoview.wavefield.readers.contents import Contents, StoredArray, Window
 from holoview.wavefield.request import ReadRequest
-
-_TYPES = {
-    "BOOL": "?", "U8": "u1", "U16": "u2", "U32": "u4", "U64": "u8", "I8": "i1", "I16": "i2", "I32": "i4", "I64": "i8",
-    "F16": "f2", "F32": "f4", "F64": "f8", "C64": "c8",
-}  # fmt: skip
 
 
 class SafetensorsReader:
@@ -35,28 +30,24 @@ class SafetensorsReader:
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
         """The tensors; a window is read from the disk when it is loaded."""
-        with safe_open(path, framework="numpy") as file:
-            arrays, notes = [], []
-            for name in list(file.keys()):
-                header = file.get_slice(name)
-                if header.get_dtype() in _TYPES:
-                    arrays.append(_stored(str(path), file, name, tuple(header.get_shape()), header.get_dtype()))
-                else:
-                    notes.append(f'"{name}" has numbers of type {header.get_dtype()}: not read')
-            arrays += [_number(key, text) for key, text in (file.metadata() or {}).items() if _is_number(text)]
-            yield Contents.of(arrays, notes=tuple(notes))
+        stored = open_tensors(path, "tensors of numbers")
+        arrays = [_array(str(path), tensor) for tensor in stored.tensors.values() if tensor.dtype is not None]
+        unread = [tensor for tensor in stored.tensors.values() if tensor.dtype is None]
+        notes = [f'"{tensor.name}" has numbers of type {tensor.kind}: not read' for tensor in unread]
+        arrays += [_number(key, text) for key, text in stored.texts.items() if _is_number(text)]
+        yield Contents.of(arrays, notes=tuple(notes))
 
 
-def _stored(path: str, file: Any, name: str, shape: tuple[int, ...], kind: str) -> StoredArray:
-    dtype = np.dtype(_TYPES[kind])
+def _array(path: str, tensor: StoredTensor) -> StoredArray:
+    dtype = tensor.dtype
+    assert dtype is not None
 
     def load(window: Window) -> NDArray[Any]:
-        require_memory(f"{path}: {name}", 2 * math.prod(w.stop - w.start for w in window) * dtype.itemsize)
-        if not shape:
-            return np.asarray(file.get_tensor(name))
-        return np.asarray(file.get_slice(name)[window])
+        needed = 2 * math.prod(part.stop - part.start for part in window) * dtype.itemsize
+        require_memory(f"{path}: {tensor.name}", needed)
+        return tensor.read(window)
 
-    return StoredArray(name, shape, dtype, load)
+    return StoredArray(tensor.name, tensor.shape, dtype, load)
 
 
 def _is_number(text: str) -> bool:

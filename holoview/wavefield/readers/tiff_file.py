@@ -17,7 +17,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from holoview.targets.image_reader import naming_missing_codecs, require_page_memory
+from holoview.targets.image_reader import check_page_list, naming_missing_codecs, require_page_memory
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.wavefield.readers.contents import Contents, Facts, StoredArray, Window
@@ -39,7 +39,8 @@ class TiffReader:
 
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
-        """The pages, decoded when they are loaded; uncompressed ones are mapped into memory."""
+        """The pages, decoded when they are loaded; of uncompressed ones a window is read."""
+        check_page_list(path)
         with tifffile.TiffFile(path) as file:
             pages = _full_pages(path, file)
             first = pages[0]
