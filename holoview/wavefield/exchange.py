@@ -248,6 +248,8 @@ class _Request(BaseHTTPRequestHandler):
             self._answer(400, {"error": str(error)})
         except OSError:
             self.close_connection = True
+        except (ValueError, TypeError, OverflowError, MemoryError) as error:  # of the parsers of URLs and arrays
+            self._answer(400, {"error": f"the field is damaged: {error or type(error).__name__}"})
         else:
             self._answer(200, {"received": name})
 

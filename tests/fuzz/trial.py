@@ -24,7 +24,7 @@ from typing import Any, cast
 import numpy as np
 import psutil
 
-VERDICTS = ("clear", "worked", "traceback", "hang", "memory", "not finite", "other")
+VERDICTS = ("clear", "worked", "traceback", "hang", "signal", "memory", "not finite", "other")
 """How a case may end. "clear": refused in one line; "worked": accepted, and what came out is finite."""
 
 ACCEPTABLE = ("clear", "worked")
@@ -33,7 +33,7 @@ _PRELOADED = (
     *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
     *(f"holoview.wavefield.readers.{name}" for name in ("exr_file", "hdf5_file", "matlab5", "numpy_file", "openholo")),
     *("holoview.wavefield.reading", "holoview.wavefield.readers.picture_file", "holoview.wavefield.readers.tiff_file"),
-    *("holoview.rig.virtual.server", "holoview.diagnose.pipeline"),
+    *("holoview.rig.virtual.server", "holoview.diagnose.pipeline", "holoview.wavefield.exchange", "scipy.io"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )
@@ -42,11 +42,14 @@ _POLL_S = 0.01
 
 @dataclass(frozen=True)
 class Limits:
-    """Wall and processor time (s) that a case may take, and memory beyond that of the process that forks it (bytes)."""
+    """Wall and processor time (s) that a case may take, and memory and address space (bytes) beyond those of the
+    process that forks it.
+    """
 
     wall_s: float = 180.0
     cpu_s: int = 20
     memory: int = 1_400_000_000
+    address_space: int = 4 << 30
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,8 @@ def _run_in_child(case: Case, folder: Path, limits: Limits, before: set[Path]) -
         os.setsid()
         resource.setrlimit(resource.RLIMIT_CPU, (limits.cpu_s, limits.cpu_s + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        space = psutil.Process().memory_info().vms + limits.address_space
+        resource.setrlimit(resource.RLIMIT_AS, (space, space))
         os.chdir(folder)
         for number, name in ((1, ".stdout"), (2, ".stderr")):
             file = os.open(folder / name, os.O_CREAT | os.O_WRONLY, 0o600)
@@ -164,6 +169,8 @@ def _judge(code: int, errors: str) -> str:
     lines = [line for line in errors.splitlines() if line.strip()]
     if "Traceback (most recent call last)" in errors:
         return "traceback"
+    if code < 0:
+        return "signal"
     if code == 0:
         return "not finite" if any(line.startswith("NOT FINITE") for line in lines) else "worked"
     messages = [line for line in lines if line.startswith("holoview: ")]
