@@ -40,6 +40,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -282,21 +283,21 @@ def _try_hdf5(path: Path) -> None:
 
     In a child process, where the library may crash. Raises UserError for more objects than any file that is known.
     """
+    seen = 0
     with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError), h5py.File(path, "r") as h5:
         waiting: list[h5py.Group] = [h5]
-        seen = 0
-        while waiting:
+        while waiting and seen <= _MOST_OBJECTS:
             group = waiting.pop()
-            for name in group:
+            for name in islice(group, _MOST_OBJECTS):
                 seen += 1
-                if seen > _MOST_OBJECTS:
-                    raise UserError(str(path), f"holds more than {_MOST_OBJECTS} objects", expected="captures")
                 if isinstance(group.get(name, getlink=True), h5py.HardLink):
                     found = group[name]
                     if isinstance(found, h5py.Group):
                         waiting.append(found)
                     elif isinstance(found, h5py.Dataset):
                         _ = found.shape, found.dtype, found.chunks, list(found.attrs)
+    if seen > _MOST_OBJECTS:
+        raise UserError(str(path), f"holds more than {_MOST_OBJECTS} objects", expected="captures")
 
 
 def plain_child(h5: h5py.File, name: str) -> h5py.Group | h5py.Dataset | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from holoview.model.effects.effect import Effect, FileParameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.files import require_file
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
@@ -30,11 +30,8 @@ class Calibrated(Effect):
 
     def maps(self, v: Values) -> LearnedMaps:
         """The maps in the file. Raises UserError when it is missing or isn't a calibration."""
-        file = str(v["file"])
-        if not Path(file).is_file():
-            expected = "the maps of a calibration, beside the preset that names them"
-            raise UserError(file, "no such file", expected=expected)
-        return _read_cached(file, Path(file).stat().st_mtime_ns)
+        file = require_file(str(v["file"]), "the maps of a calibration, beside the preset that names them")
+        return _read_cached(str(file), file.stat().st_mtime_ns)
 
     def actual_system(self, system: System, v: Values) -> System:
         learned = self.maps(v)

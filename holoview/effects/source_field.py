@@ -12,6 +12,7 @@ import numpy as np
 from holoview.model.effects.effect import Effect, FileParameter, Parameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.files import require_file
 from holoview.util.safetensors_file import format_of
 from holoview.util.units import format_rounded
 from holoview.wavefield.field_bench import lit_field
@@ -61,9 +62,7 @@ class SourceField(Effect):
 
     def _field(self, v: Values) -> Wavefield:
         """The field in the file. Raises UserError when there is none, or one that changes from frame to frame."""
-        file = str(v["file"])
-        if not Path(file).is_file():
-            raise UserError(file, "no such file", expected="a complex field: the light before modulator 1")
+        require_file(str(v["file"]), "a complex field: the light before modulator 1")
         return _read(*_version(v))
 
 

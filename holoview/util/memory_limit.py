@@ -18,6 +18,9 @@ from pathlib import Path
 
 import psutil
 
+if sys.platform == "linux":
+    import resource
+
 from holoview.util.errors import UserError
 from holoview.util.processes import MEMBERSHIP, MOUNT, group_folders, read_lines
 
@@ -89,8 +92,9 @@ def allowed_bytes() -> int:
 
 
 def free_bytes() -> int:
-    """The memory that new allocations can have: of the machine, or of the control group where that leaves less."""
-    return min([psutil.virtual_memory().available, *_cgroup_left(_ROOT / MOUNT, _ROOT / MEMBERSHIP)])
+    """The memory that new allocations can have: of the machine, of the control group, of the address space."""
+    left = [psutil.virtual_memory().available, *_cgroup_left(_ROOT / MOUNT, _ROOT / MEMBERSHIP)]
+    return min([*left, *_address_space_left()])
 
 
 def require_memory(where: str, needed: float, remedy: str = "make it smaller") -> None:
@@ -124,6 +128,14 @@ def worker_share(workers: int, allowed: int | None = None) -> str:
     """
     share = (allowed_bytes() if allowed is None else allowed) // workers
     return f"{max(share // 10**6, 1)}MB"
+
+
+def _address_space_left() -> Iterator[int]:
+    """The bytes of address space that the process may still take where that is limited (Linux)."""
+    if sys.platform == "linux":
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if most != resource.RLIM_INFINITY:
+            yield max(most - psutil.Process().memory_info().vms, 0)
 
 
 def _round_up(needed: float) -> str:

@@ -69,7 +69,7 @@ def read_npy_header(file: IO[bytes], size: int, where: str) -> NpyHeader:
         raise UserError(where, f"an array of shape {shape[:_MOST_AXES]}", expected="sizes from 0")
     header = NpyHeader(shape, is_fortran, dtype, file.tell())
     if header.nbytes > size - header.offset:
-        found = f"is truncated: {size - header.offset} bytes of numbers"
+        found = f"is truncated or damaged: {size - header.offset} bytes of numbers"
         raise UserError(where, found, expected=f"{header.nbytes} bytes for an array of shape {shape}")
     return header
 

@@ -27,7 +27,7 @@ from typing import Any, NoReturn, TypeVar
 import psutil
 
 from holoview.util.errors import UserError
-from holoview.util.memory_limit import allowed_bytes
+from holoview.util.memory_limit import FREE_SHARE, allowed_bytes
 from holoview.util.processes import ENDING
 
 if sys.platform == "linux":
@@ -195,8 +195,8 @@ def _portable(error: BaseException) -> BaseException:
 
 
 def _limit_memory() -> None:
-    """As much more address space as memory may be taken."""
-    _set_limit(resource.RLIMIT_AS, psutil.Process().memory_info().vms + allowed_bytes())
+    """As much more address space as memory is free: the same needs are refused by their numbers as in the parent."""
+    _set_limit(resource.RLIMIT_AS, psutil.Process().memory_info().vms + int(allowed_bytes() / FREE_SHARE))
     _set_limit(resource.RLIMIT_CORE, 0)
 
 

@@ -335,5 +335,5 @@ def _parse_shape(text: str) -> tuple[int, ...]:
 
 
 def _parse_npy(body: bytes) -> NDArray[Any]:
-    header = read_npy_header(io.BytesIO(body), len(body), "body")
+    header = read_npy_header(io.BytesIO(body), len(body), "body, a .npy file")
     return header.array(memoryview(body)[header.offset :])

@@ -54,8 +54,7 @@ def field_case(family: str, name: str, data: bytes, notes: bytes = b"") -> Case:
 
 def _bind(path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as made:
-        os.chdir(path.parent)  # names of sockets are short
-        made.bind(path.name)
+        made.bind(str(path))
 
 
 SPECIAL: dict[str, Callable[[Path], object]] = {

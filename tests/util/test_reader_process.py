@@ -1,0 +1,106 @@
+"""A reader that crashes, doesn't end or takes too much ends in a sentence, and this process goes on."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from holoview.util import reader_process
+from holoview.util.errors import UserError
+from holoview.util.reader_process import CAN_FORK, call_in_child, in_child
+
+needs_fork = pytest.mark.skipif(not CAN_FORK, reason="readers run in this process here")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    (tmp_path / "f").write_bytes(bytes(10))
+    return tmp_path / "f"
+
+
+def test_the_result_is_that_of_the_work(path: Path) -> None:
+    values = np.arange(300_000.0).reshape(3, -1)
+    read, words = call_in_child("f", path, lambda: (values.T, {"a": None}))
+    assert np.array_equal(read, values.T)
+    assert words == {"a": None}
+    assert read.flags.writeable
+
+
+def test_requests_are_answered_one_after_the_other_by_one_child(path: Path) -> None:
+    @contextmanager
+    def serve() -> Iterator[Callable[[Any], Any]]:
+        asked: list[int] = []
+
+        def answer(number: int) -> tuple[list[int], int]:
+            asked.append(number)
+            return asked, os.getpid()
+
+        yield answer
+
+    with in_child("f", path, serve) as ask:
+        answers = [ask(number) for number in (3, 1, 4)]
+    assert [numbers for numbers, _ in answers] == [[3], [3, 1], [3, 1, 4]]
+    assert len({pid for _, pid in answers}) == 1
+    assert (answers[0][1] != os.getpid()) == CAN_FORK
+
+
+@pytest.mark.parametrize("error", [UserError("a", "is wrong", remedy="mend it"), KeyError("x"), MemoryError()])
+def test_errors_are_raised_here(path: Path, error: Exception) -> None:
+    def work() -> None:
+        raise error
+
+    with pytest.raises(type(error)) as caught:
+        call_in_child("f", path, work)
+    assert str(caught.value) == str(error)
+
+
+@needs_fork
+@pytest.mark.parametrize("number", [signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT])
+def test_a_crash_is_a_sentence(path: Path, number: signal.Signals) -> None:
+    with pytest.raises(UserError, match=rf"^f: is damaged: it crashed the library that reads it \({number.name}\)"):
+        call_in_child("f", path, lambda: os.kill(os.getpid(), number))
+
+
+@needs_fork
+def test_a_real_crash_is_a_sentence(path: Path) -> None:
+    with pytest.raises(UserError, match="SIGSEGV"):
+        call_in_child("f", path, lambda: ctypes.string_at(0))
+
+
+@needs_fork
+def test_work_without_end_is_a_sentence(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader_process, "_CPU_S", 0.0)
+
+    def for_ever() -> None:
+        while True:
+            pass
+
+    with pytest.raises(UserError, match="takes too long to read"):
+        call_in_child("f", path, for_ever)
+
+
+@needs_fork
+def test_memory_is_bounded_and_no_child_stays(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOLOVIEW_MEMORY", "8GB")
+    with pytest.raises(MemoryError):
+        call_in_child("f", path, lambda: bytes(64 << 30))
+    before = len([*Path("/proc/self/fd").iterdir()])
+    for _ in range(3):
+        call_in_child("f", path, lambda: None)
+    assert len([*Path("/proc/self/fd").iterdir()]) == before
+    assert not [child for child in psutil.Process().children() if child.status() == psutil.STATUS_ZOMBIE]
+
+
+@needs_fork
+def test_a_child_doesnt_start_another_one(path: Path) -> None:
+    outer, inner = call_in_child("f", path, lambda: (os.getpid(), call_in_child("f", path, os.getpid)))
+    assert outer == inner
