@@ -38,7 +38,7 @@ from holoview.page.page import is_page, read_page
 from holoview.render.scene import Drive
 from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.targets.focal_stack import is_stack
-from holoview.targets.image_reader import file_format
+from holoview.targets.image_reader import file_format, require_picture_memory
 from holoview.targets.picture import Picture, read_picture
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir, expand_home, opened_file, read_text
@@ -498,6 +498,7 @@ def _patterns(paths: list[Path], system: System) -> FileContent:
 
 
 _PASTED = "pasted picture"
+_PASTED_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP")  # Pillow knows others that run programs
 
 
 def target_from_pixels(pixels: NDArray[np.uint8], title: str = _PASTED) -> TargetSpec:
@@ -513,7 +514,8 @@ def target_from_pixels(pixels: NDArray[np.uint8], title: str = _PASTED) -> Targe
 def target_from_image_bytes(data: bytes) -> TargetSpec:
     """A target from the bytes of a picture file, e.g. of the clipboard. Raises UserError when they aren't a picture."""
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with Image.open(io.BytesIO(data), formats=_PASTED_FORMATS) as image:
+            require_picture_memory(Path(_PASTED), image.width, image.height, len(image.getbands()))
             return target_from_pixels(np.asarray(image.convert("RGBA")))
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
         raise UserError(_PASTED, "isn't a picture", expected="a picture, e.g. PNG") from error

@@ -13,6 +13,8 @@ from typing import Any, Self
 
 from holoview.util.text import printable
 
+_LONGEST = 4000  # characters of a part of a message; names and values in it come from files
+
 
 class UserError(ValueError):
     """A mistake that the user can correct: a wrong file, key or value, or a device that is missing.
@@ -35,11 +37,11 @@ class UserError(ValueError):
 
     def __init__(self, where: str, found: str, *, expected: str = "", remedy: str = "") -> None:
         self.where, self.found, self.expected, self.remedy = where, found, expected, remedy
-        parts = [f"{where}: {found}" if where else found]
+        parts = [f"{_cut(where)}: {_cut(found)}" if where else _cut(found)]
         if expected:
-            parts.append(f"expected {expected}")
+            parts.append(f"expected {_cut(expected)}")
         if remedy:
-            parts.append(remedy)
+            parts.append(_cut(remedy))
         super().__init__(printable("; ".join(parts)))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -56,6 +58,10 @@ class UserError(ValueError):
         'bench.toml: gap'
         """
         return type(self)(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
 
 
 def suggest_matches(word: str, known: Iterable[str]) -> str:

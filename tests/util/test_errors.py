@@ -56,3 +56,9 @@ def test_passes_from_one_process_to_another() -> None:
     error = UserError("gap", "-1 mm", expected="0 or more", remedy="turn it round")
     passed = copy.copy(error)  # by __reduce__, as pickle does it
     assert (str(passed), passed.where, passed.remedy) == (str(error), "gap", "turn it round")
+
+
+def test_a_message_is_bounded_whatever_a_file_holds() -> None:
+    error = UserError("f", "a" * 10**6, expected="b", remedy="c")
+    assert len(str(error)) < 4100
+    assert str(error).endswith("a …; expected b; c")
