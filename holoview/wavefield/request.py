@@ -163,12 +163,10 @@ class ReadRequest:
         for key, number in (("distance", self.distance_m), ("radius of the reference", self.reference_radius_m)):
             if number is not None and not abs(number) <= 1e6:
                 raise UserError(key, f"{number:g} m", expected="a length of at most 1000 km")
-        for key, number, low, high in (
-            ("phase levels", self.phase_levels, 1e-3, 2.0**32),
-            ("refractive index", self.refractive_index, 0.1, 10.0),
-        ):
-            if number is not None and not low <= number <= high:
-                raise UserError(key, f"{number:g}", expected=f"a number from {low:g} to {high:g}")
+        if self.phase_levels is not None and not 0 < self.phase_levels <= 2**32:
+            raise UserError("phase levels", f"{self.phase_levels:g}", expected="a number above 0, at most 2^32")
+        if self.refractive_index is not None and not 0.1 <= self.refractive_index <= 10:
+            raise UserError("refractive index", f"{self.refractive_index:g}", expected="a number from 0.1 to 10")
         if any(not abs(length) <= 1.0 for shift in self.colour_shifts_m for length in shift):
             raise UserError("colour shift", "beyond 1 m", expected="lengths of at most 1 m")
         for order in self.orders:
