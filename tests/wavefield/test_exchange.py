@@ -126,6 +126,11 @@ def test_several_fields_go_through_one_connection(listening, received) -> None:
     [
         (PATH, b"no array", ".npy"),
         (PATH, _npy(FIELD)[:-3], ".npy"),
+        (
+            PATH,
+            _npy(FIELD).replace(b"(3, 4), }    ", b"(99999, 4), }"),
+            "3199968 bytes for an array of shape (99999, 4)",
+        ),
         (PATH, _npy(np.array([[1, 2]])), "complex"),
         (PATH, _npy(np.full((2, 2), np.nan)), "finite"),
         (PATH, _npy(np.ones((2, 3, 4))), "wavelengths"),
