@@ -4,7 +4,8 @@ Libraries in C and C++ that read HDF5, TIFF, OpenEXR and pictures have ended the
 or by never returning. On Linux they run in a fork of this process with limits of processor time, time and address
 space, which sends back what it has read. It is no sandbox: the child has the rights of its parent.
 
-Elsewhere (on Windows there is no fork, on macOS one isn't safe beside the system's libraries) they run in this process.
+Elsewhere (on Windows there is no fork, on macOS one isn't safe beside the system's libraries, and a system may have no
+place for another process) they run in this process.
 """
 
 from __future__ import annotations
@@ -65,6 +66,10 @@ def in_child(where: str, path: Path, serve: Callable[[], AbstractContextManager[
     allowed_s = _CPU_S + path.stat().st_size / _BYTES_A_SECOND
     try:
         pid = _fork()
+        if pid is None:
+            with serve() as answer:
+                yield answer
+            return
         if pid == 0:
             ours.close()
             _serve(theirs, serve, allowed_s)
@@ -97,10 +102,14 @@ class _Child:
 _child = _Child()
 
 
-def _fork() -> int:
-    with warnings.catch_warnings():  # Python warns of a fork beside threads: the child takes none of their locks
-        warnings.simplefilter("ignore", DeprecationWarning)
+def _fork() -> int | None:
+    """As `os.fork`; None where the system has no place for another process."""
+    with warnings.catch_warnings(), suppress(OSError):
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # of a fork beside threads: the child takes none of their locks
         return os.fork()
+    return None
 
 
 # --- the parent -------------------------------------------------------------------------------------------------------

@@ -101,6 +101,15 @@ def test_memory_is_bounded_and_no_child_stays(path: Path, monkeypatch: pytest.Mo
 
 
 @needs_fork
+def test_without_a_place_for_a_child_the_work_is_done_here(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_place() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr(os, "fork", no_place)
+    assert call_in_child("f", path, os.getpid) == os.getpid()
+
+
+@needs_fork
 def test_a_child_doesnt_start_another_one(path: Path) -> None:
     outer, inner = call_in_child("f", path, lambda: (os.getpid(), call_in_child("f", path, os.getpid)))
     assert outer == inner
