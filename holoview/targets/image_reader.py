@@ -100,19 +100,19 @@ def read_rasters(path: Path, white: int | None = None) -> Generator[Raster]:
     white: as of `read_raster`. Raises UserError as that does.
     """
     kind = _supported_format(path)
-    with in_child(str(path), path, partial(_next_raster, path, kind)) as ask:
+    with in_child(str(path), path, partial(_next_raster, path, kind, white)) as ask:
         while (raster := ask(None)) is not None:
             yield raster
 
 
 @contextmanager
-def _next_raster(path: Path, kind: str) -> Iterator[Answer]:
+def _next_raster(path: Path, kind: str, white: int | None) -> Iterator[Answer]:
     """Answers each request with the next picture, None after the last."""
-    with closing(_rasters(path, kind)) as rasters:
+    with closing(_rasters(path, kind, white)) as rasters:
         yield lambda _: next(rasters, None)
 
 
-def _rasters(path: Path, kind: str) -> Generator[Raster]:
+def _rasters(path: Path, kind: str, white: int | None) -> Generator[Raster]:
     with _naming_file(path, kind):
         for raster in _READERS[kind](path, white):
             if raster.values.size == 0:
