@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Literal
 
@@ -87,60 +87,40 @@ class DeviceTables:
     ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
     """
 
-    def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs) -> None:
-        self.plan, self.inputs = plan, inputs
+    def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
         self._device = device
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
         self._transfers: dict[tuple[int, int], Transfer] = {}  # that the tables of a relay and wavelength hold
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
-        self._fill_inputs()
-        self.set_plan(plan, inputs)
+        self.plan, self.inputs = plan, inputs
+        changes = TableChanges(plan, inputs)
+        self._add_inputs(changes)
+        self._add_plan(changes, plane)
+        self._apply(changes)
 
-    def set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
+    def set_plan(self, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
         """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
 
-        The way to a plane stays that of the last `set_plane`.
+        plane: to which relay 1 leads, by its index; None: the way to a plane stays that of the last `set_plane`. All
+        tables are computed, and with them all hooks of effects are called, before the first is written: an exception
+        leaves everything as it was.
         """
-        has_changed = inputs is not self.inputs
-        self.plan, self.inputs = plan, inputs
-        wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
-        waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
-        self._refill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
-        spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
-        self._refill(("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
-        for modulator in range(len(plan.system.modulators)):
-            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
-            self._refill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
-        if has_changed:
-            self._fill_inputs()
-        if plan.system.gap_m is not None:
-            self._set_propagation(0, 0)
+        changes = TableChanges(plan, inputs)
+        if inputs is not self.inputs:
+            self._add_inputs(changes)
+        self._add_plan(changes, plane)
+        self._apply(changes)
 
     def set_plane(self, plane: int, wavelengths: Iterable[int] | None = None) -> None:
         """Set the focal plane to which relay 1 leads, by its index in the plan, at all wavelengths or some.
 
         It holds for all work that hasn't been submitted yet, including recorded work.
         """
-        self._set_propagation(1, plane, wavelengths)
-
-    def _set_propagation(self, relay: int, plane: int, wavelengths: Iterable[int] | None = None) -> None:
-        grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
-        propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
-        columns = grid.padded[1]
-        supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
-        for wavelength in range(count) if wavelengths is None else wavelengths:
-            step, last = self.plan.transfer(relay, wavelength, plane), self._transfers.get((relay, wavelength))
-            has_same_stops = last is not None and step.has_stops_of(last)
-            if last is not None and has_same_stops and replace(step, support=last.support) == last:  # arrays aside
-                continue
-            self._transfers[relay, wavelength] = step
-            propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
-            if not has_same_stops:  # most edits leave the stops as they are
-                supports[wavelength] = support_table(step, grid).tobytes()
-        self._refill(("propagations", relay), propagations)
-        self._refill(("support", relay), supports)
+        changes = TableChanges(self.plan, self.inputs)
+        self._add_propagation(changes, 1, plane, wavelengths)
+        self._apply(changes)
 
     def table(self, *key: str | int) -> Buffer:
         """The buffer of a key."""
@@ -182,53 +162,120 @@ class DeviceTables:
         dense = self._digests.get(("dense", frame, modulator, wavelength))
         return dense or (self._digests["modulators", modulator][wavelength], self._digests["opd", frame, modulator])
 
-    # --- filling ----------------------------------------------------------------------------------------------------
+    # --- computing --------------------------------------------------------------------------------------------------
 
-    def _fill_inputs(self) -> None:
-        """Fill the tables of the inputs: optical paths, transmissions and pupils."""
-        for frame in range(self.plan.system.frames):
-            for index, modulator in enumerate(self.plan.system.modulators):
-                strokes = self.inputs.stroke_fractions(frame, index, modulator.stroke_m)
-                self._fill(("opd", frame, index), [strokes.tobytes()])
-                self._fill_dense(frame, index)
-        for relay, pupils in enumerate(self.inputs.pupils):
+    def _add_plan(self, changes: TableChanges, plane: int | None) -> None:
+        """Add the tables that every plan states anew; plane: to which relay 1 leads, None where that stays."""
+        plan = changes.plan
+        wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
+        waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._restate(changes, ("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
+        spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._restate(changes, ("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
+        for modulator in range(len(plan.system.modulators)):
+            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
+            self._restate(changes, ("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
+        if plan.system.gap_m is not None:
+            self._add_propagation(changes, 0, 0)
+        if plane is not None:
+            self._add_propagation(changes, 1, plane)
+
+    def _add_propagation(
+        self, changes: TableChanges, relay: int, plane: int, wavelengths: Iterable[int] | None = None
+    ) -> None:
+        """Add the tables of a relay: over the gap (0), or to the plane of an index (1)."""
+        plan = changes.plan
+        grid, count = plan.grid, len(plan.system.wavelengths_m)
+        propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
+        columns = grid.padded[1]
+        supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
+        for wavelength in range(count) if wavelengths is None else wavelengths:
+            step, last = plan.transfer(relay, wavelength, plane), self._transfers.get((relay, wavelength))
+            has_same_stops = last is not None and step.has_stops_of(last)
+            if last is not None and has_same_stops and replace(step, support=last.support) == last:  # arrays aside
+                continue
+            changes.transfers[relay, wavelength] = step
+            propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
+            if not has_same_stops:  # most edits leave the stops as they are
+                supports[wavelength] = support_table(step, grid).tobytes()
+        self._restate(changes, ("propagations", relay), propagations)
+        self._restate(changes, ("support", relay), supports)
+
+    def _add_inputs(self, changes: TableChanges) -> None:
+        """Add the tables of the inputs: optical paths, transmissions and pupils."""
+        for frame in range(changes.plan.system.frames):
+            for index, modulator in enumerate(changes.plan.system.modulators):
+                strokes = changes.inputs.stroke_fractions(frame, index, modulator.stroke_m)
+                self._add(changes, ("opd", frame, index), [strokes.tobytes()])
+                self._add_dense(changes, frame, index)
+        for relay, pupils in enumerate(changes.inputs.pupils):
             for wavelength, pupil in enumerate(pupils):
                 key = ("pupil", relay, wavelength)
                 if pupil is not None:
-                    self._fill(key, [pupil.cpu().numpy().astype(np.complex64).tobytes()])
+                    self._add(changes, key, [pupil.cpu().numpy().astype(np.complex64).tobytes()])
                 else:
-                    self._drop(key)
+                    changes.dropped.append(key)
 
-    def _fill_dense(self, frame: int, modulator: int) -> None:
-        """Fill the transmissions of a modulator's samples, if it has any, at the wavelengths with light."""
-        for wavelength in range(len(self.plan.system.wavelengths_m)):
+    def _add_dense(self, changes: TableChanges, frame: int, modulator: int) -> None:
+        """Add the transmissions of a modulator's samples, if it has any, at the wavelengths with light."""
+        plan, inputs = changes.plan, changes.inputs
+        for wavelength in range(len(plan.system.wavelengths_m)):
             key = ("dense", frame, modulator, wavelength)
-            if self.inputs.is_sampled(modulator) and self.plan.weights[frame, wavelength] > 0:
-                self._fill(key, [dense_transmission(self.inputs, frame, modulator, wavelength).tobytes()])
+            if inputs.is_sampled(modulator) and plan.weights[frame, wavelength] > 0:
+                self._add(changes, key, [dense_transmission(inputs, frame, modulator, wavelength).tobytes()])
             else:
-                self._drop(key)
+                changes.dropped.append(key)
 
-    def _drop(self, key: Key) -> None:
-        if key in self._tables:
-            del self._tables[key], self._digests[key]
-
-    def _refill(self, key: Key, items: list[bytes]) -> None:
-        """Fill a table that every plan states anew, if its items have changed; comparing them is faster than a
+    def _restate(self, changes: TableChanges, key: Key, items: list[bytes]) -> None:
+        """Add a table that every plan states anew, if its items have changed; comparing them is faster than a
         digest."""
         if self._items.get(key) != items:
-            self._fill(key, items)
-            self._items[key] = items
+            self._add(changes, key, items)
+            changes.items[key] = items
 
-    def _fill(self, key: Key, items: list[bytes]) -> None:
-        """Write the concatenated `items` to the buffer of a key, unless they are there already."""
+    def _add(self, changes: TableChanges, key: Key, items: list[bytes]) -> None:
+        """Add the concatenated `items`, unless the buffer of the key holds them already."""
         digests = tuple(blake2b(item, digest_size=16).digest() for item in items)
-        if self._digests.get(key) == digests:
-            return
-        data = b"".join(items)
-        if key not in self._tables or self._tables[key].nbytes != len(data):
-            self._tables[key] = self._device.buffer(len(data), " ".join(map(str, key)))
-        self._device.write(self._tables[key], data)
-        self._digests[key] = digests
+        if self._digests.get(key) != digests:
+            changes.data[key], changes.digests[key] = b"".join(items), digests
+
+    # --- filling ----------------------------------------------------------------------------------------------------
+
+    def _apply(self, changes: TableChanges) -> None:
+        """Write what has changed. New buffers are allocated first, since memory may be short."""
+        new = {
+            key: self._device.buffer(len(data), " ".join(map(str, key)))
+            for key, data in changes.data.items()
+            if key not in self._tables or self._tables[key].nbytes != len(data)
+        }
+        self._device.check_alive()
+        self.plan, self.inputs = changes.plan, changes.inputs
+        self._tables |= new
+        for key, data in changes.data.items():
+            self._device.write(self._tables[key], data)
+        self._digests |= changes.digests
+        self._items |= changes.items
+        self._transfers |= changes.transfers
+        for key in changes.dropped:
+            self._tables.pop(key, None)
+            self._digests.pop(key, None)
+
+
+@dataclass
+class TableChanges:
+    """What device memory is to hold for another plan and its inputs, computed as a whole before any of it is written.
+
+    data, digests: bytes of the tables that differ, and digests of their items. items: of tables that every plan states
+    anew. dropped: tables that there are none of. transfers: that the tables of a relay and wavelength will hold.
+    """
+
+    plan: Plan
+    inputs: ShaderInputs
+    data: dict[Key, bytes] = field(default_factory=dict)
+    digests: dict[Key, tuple[bytes, ...]] = field(default_factory=dict)
+    items: dict[Key, list[bytes]] = field(default_factory=dict)
+    dropped: list[Key] = field(default_factory=list)
+    transfers: dict[tuple[int, int], Transfer] = field(default_factory=dict)
 
 
 # --- the fused kernels of a frame -------------------------------------------------------------------------------------
@@ -259,8 +306,8 @@ class FusedFrame:
     """Records the kernels of a frame of one plan, which `tables.set_plan` can replace by another on the same grid.
 
     half: store fields as f16 between kernels (if `fused_kernels` is None). max_wavelengths: the most wavelengths of a
-    span. fused_kernels: the kernels for this grid, if they exist already.
-    Raises UserError if the grid exceeds the device's limits.
+    span. fused_kernels: the kernels for this grid, if they exist already. plane: to which relay
+    1 leads, by its index; None: set later. Raises UserError if the grid exceeds the device's limits.
     """
 
     def __init__(
@@ -273,6 +320,7 @@ class FusedFrame:
         max_wavelengths: int = 1,
         strategy: Strategy = "passes",
         fused_kernels: FusedKernels | None = None,
+        plane: int | None = None,
     ) -> None:
         self.device, self.grid, self.max_wavelengths = device, plan.grid, max_wavelengths
         self._number_bytes = _COMPLEX32 if half else _COMPLEX64
@@ -283,7 +331,7 @@ class FusedFrame:
             )
         self.fused_kernels = fused_kernels
         self._dispatches: dict[Hashable, list[Dispatch]] = {}
-        self.tables = DeviceTables(device, plan, inputs)
+        self.tables = DeviceTables(device, plan, inputs, plane)
         self.use_strategy(strategy)
 
     @property
@@ -294,7 +342,7 @@ class FusedFrame:
     @property
     def kept(self) -> StoredRows:
         """The rows that `record_second_modulator` gives: the second rows, or the spectrum."""
-        return self.layout.spectrum if self.layout.keeps_spectrum else self.layout.second
+        return kept_rows(self.layout)
 
     def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
         """New memory for rows of a span of `max_wavelengths`."""
@@ -328,24 +376,26 @@ class FusedFrame:
 
     def use_strategy(self, strategy: Strategy) -> None:
         """Use another FFT strategy from now on. Stored fields become invalid: their spectra are in another order."""
-        self.strategy = strategy
-        self._dispatches.clear()
-        self._work = self._allocate_work()
-        layout, (height, width) = self.layout, self.grid.padded
-        largest = max((layout.first, layout.gap, layout.plane, self.kept), key=lambda rows: rows.samples)
+        layout, (height, width) = self.fused_kernels.layout(strategy), self.grid.padded
+        work = self._allocate_work(strategy)
+        largest = max((layout.first, layout.gap, layout.plane, kept_rows(layout)), key=lambda rows: rows.samples)
         others = largest
         if layout.keeps_spectrum and layout.gap == layout.second:  # then the wide rows are all in the other one
             others = max(layout.first, layout.spectrum, key=lambda rows: rows.samples)
-        self._scratch = [
-            self.allocate_rows(f"rows of the field, {width} x {height}", rows) for rows in (others, largest)
-        ]
+        label = f"rows of the field, {width} x {height}"
+        self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
+        self.strategy, self._work = strategy, work
+        self._dispatches.clear()
 
     def required_variants(self) -> frozenset[KernelVariant]:
         """The kernel variants that the plan needs."""
+        return self._variants(self.strategy)
+
+    def _variants(self, strategy: Strategy) -> frozenset[KernelVariant]:
         wavelengths = range(len(self.tables.plan.system.wavelengths_m))
         has_pupil = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
         is_dense = [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
-        return required_variants(self.layout, self.tables.plan, has_pupil, is_dense)
+        return required_variants(self.fused_kernels.layout(strategy), self.tables.plan, has_pupil, is_dense)
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
@@ -459,12 +509,17 @@ class FusedFrame:
             recorder.add(dispatch)
         self.dispatch_counts[kernel] += 1
 
-    def _allocate_work(self) -> Buffer | None:
+    def _allocate_work(self, strategy: Strategy) -> Buffer | None:
         """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""
-        transforms = (self.fused_kernels.transform(variant, self.strategy) for variant in self.required_variants())
+        transforms = (self.fused_kernels.transform(variant, strategy) for variant in self._variants(strategy))
         nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
+
+
+def kept_rows(layout: FrameLayout) -> StoredRows:
+    """The rows that are kept for all planes: the second rows, or the spectrum."""
+    return layout.spectrum if layout.keeps_spectrum else layout.second
 
 
 def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> list[WavelengthSpan]:

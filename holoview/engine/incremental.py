@@ -185,7 +185,11 @@ class IncrementalRenderer:
         if _structure(plan, inputs) == _structure(self._plan, self._inputs) and self._kernels_fit(plan, inputs):
             self._set_plan(plan, inputs)
         else:
-            self._allocate(plan, inputs, self._precompile(plan))
+            try:
+                self._allocate(plan, inputs, self._precompile(plan))
+            except BaseException:
+                self._selector.initial_strategy(self._plan.grid.padded)  # that of the grid that stays
+                raise
         self._generation += 1
         self._plan, self._inputs, self.plane_m = plan, inputs, plane
         self._drive = self._drive if drive is None else drive
@@ -556,7 +560,7 @@ class IncrementalRenderer:
     def _allocate(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> None:
         """Empty device memory for the results of a plan; kernels that don't suit the plan are replaced.
 
-        Raises UserError if the grid exceeds the device's limits; then the former results stay.
+        Raises UserError if the grid exceeds the device's limits or an effect fails; then the former results stay.
         """
         strategy = self._selector.initial_strategy(plan.grid.padded)
         shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
@@ -564,7 +568,15 @@ class IncrementalRenderer:
             kernels = FusedKernels.kept(self.device, shape, half=self._half)
         compositor = Compositor(self.device, plan.grid.shape)
         most = self._wavelengths_together(plan, compositor) if _has_no_dense_maps(inputs) else 1
-        frame = FusedFrame(plan, inputs, self.device, max_wavelengths=most, strategy=strategy, fused_kernels=kernels)
+        frame = FusedFrame(
+            plan,
+            inputs,
+            self.device,
+            max_wavelengths=most,
+            strategy=strategy,
+            fused_kernels=kernels,
+            plane=len(plan.planes) - 1,
+        )
         xyz_buffer, srgb_buffer = compositor.xyz_buffer("XYZ"), compositor.srgb_buffer("sRGB image")
         lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda key: plan.weights[key] == 0)
         intensities = IntensityMemory(compositor, lit_first, most, self._budget_bytes)
@@ -574,7 +586,6 @@ class IncrementalRenderer:
         self._others = None
         self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `field_keys`
         self._stores_first_rows = False
-        frame.tables.set_plane(len(plan.planes) - 1)
 
     def _wavelengths_together(self, plan: Plan, compositor: Compositor) -> int:
         """How many wavelengths a dispatch may compute."""
@@ -588,8 +599,7 @@ class IncrementalRenderer:
     def _set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
         """Replace the plan by one of the same structure."""
         before = self._example_fingerprints()
-        self._frame.tables.set_plan(plan, inputs)
-        self._frame.tables.set_plane(len(plan.planes) - 1)
+        self._frame.tables.set_plan(plan, inputs, len(plan.planes) - 1)
         self._stores_first_rows |= self._is_gap_edit(before)
 
     def _apply_strategy(self, strategy: Strategy) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device, DeviceLost, open_device
 from holoview.gpu.line_fft import Strategy, supported_strategies
 from holoview.model.bench_parts import Modulator
+from holoview.model.effects.registry import load_user_effects, without_user_effects
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import FrameInputs
@@ -368,6 +370,67 @@ def test_an_impossible_edit_changes_nothing(device: Device) -> None:
     assert renderer.plane_m == 3e-3
     assert _cost(renderer, renderer.update) == NOTHING
     assert np.array_equal(renderer.xyz(), before)
+
+
+FAILING = """
+from holoview.effects import Effect, Parameter
+
+
+class Failing(Effect):
+    id, cause, finding = "failing", "It fails.", "It fails by {on}."
+    parameters = (Parameter("on", "How much.", low=0.0, high=2.0),)
+    acts_on = ("modulator 1", "modulator 2", "relay 1", "relay 2")
+
+    def {hook}(self, value, {arguments}v):
+        if v["on"] == 2 and {is_last}:
+            raise ValueError("late")
+        return {result}
+"""
+LAST_MODULATOR, LAST_RELAY = "context.number == 1 and context.laser == 2", "context.relay == 1"
+FAILING_HOOKS = {
+    "actual_system": ("", "True", 'value.edit({"gap": value.gap_m + 1e-5})'),
+    "laser_power": ("", "True", "value * 0.9"),
+    "stroke_response": ("context, ", LAST_MODULATOR, "value * 0.9"),
+    "settled_share": ("before, context, ", LAST_MODULATOR, "value * 0.9 + 0.1 * before"),
+    "optical_path": ("context, ", LAST_MODULATOR, "value * 0.9"),
+    "transmission": ("context, ", LAST_MODULATOR, "value * 0.9"),
+    "slm2_pose": ("", "True", "type(value)((0.0, 1e-6))"),
+    "pupil": ("context, ", LAST_RELAY, "value * 0.9"),
+}
+"""Of each hook on light: its further arguments, whether a call is one of the last, and what it returns."""
+
+
+@pytest.mark.parametrize("begins_without", [False, True])
+@pytest.mark.parametrize("hook", FAILING_HOOKS)
+def test_an_effect_that_fails_late_changes_nothing(
+    device: Device, tmp_path: Path, hook: str, begins_without: bool
+) -> None:
+    """Beside other edits, with tables of the same size and of another: the next picture is that before, to the bit."""
+    arguments, is_last, result = FAILING_HOOKS[hook]
+    file = tmp_path / "failing.py"
+    text = FAILING.replace("{hook}", hook).replace("{arguments}", arguments).replace("{is_last}", is_last)
+    file.write_text(text.replace("{result}", result), encoding="utf-8")
+    with without_user_effects():
+        load_user_effects(file)
+        system = SYSTEM if begins_without else SYSTEM.edit({"effects": {"failing": {"on": 1.0}}})
+        renderer = _open(device, system)
+        before, drive = renderer.xyz(), renderer.drive
+        others = {"gap": "3 mm", "wavelengths": ["450 nm", "550 nm", "620 nm"], "source": {"directions": [[0, 0.01]]}}
+        with pytest.raises(UserError, match=f"effects.failing: its {hook} failed"):
+            renderer.edit(
+                system=system.edit({**others, "effects": {"failing": {"on": 2.0}}}), drive=1 - drive, plane_m=4e-3
+            )
+        assert renderer.system == system and renderer.plane_m == 3e-3 and renderer.drive is drive
+        assert _cost(renderer, renderer.update) == NOTHING
+        renderer.invalidate()
+        renderer.update()
+        assert np.array_equal(renderer.xyz(), before)
+        edited = system.edit({"gap": "1.5 mm"})
+        renderer.edit(system=edited, plane_m=3.5e-3)
+        renderer.update()
+        fresh = IncrementalRenderer(edited, drive, device, plane_m=3.5e-3, max_wavelengths=1)
+        fresh.update()
+        assert np.array_equal(renderer.xyz(), fresh.xyz())
 
 
 def test_the_first_edit_of_the_gap_begins_at_the_source_and_the_next_ones_at_the_gap(device: Device) -> None:
