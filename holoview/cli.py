@@ -31,6 +31,7 @@ COMMANDS = {
     "captures": "make, check, show and import measured captures",
     "diagnose": "name what the simulation of a measured bench gets wrong",
     "calibrate": "learn a bench from captures, or a modulator's table",
+    "effects": "list what benches do, and check an effect of your own",
     "conformance": "check the propagation of light on cases with known answers",
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",

@@ -32,7 +32,7 @@ from holoview.captures.camera_model import (
 from holoview.captures.dataset import Captures
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import EffectTable, EffectValues, get_effect, unmet_by_bench
+from holoview.model.effects.registry import ActiveEffects, EffectTable, EffectValues
 from holoview.model.plan import Plan, make_plan
 from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
@@ -179,7 +179,7 @@ class Predictor:
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32
         self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points)
-        self._laser_number = captures.laser_number
+        self._laser_number, self._properties = captures.laser_number, captures.data_properties()
         self.fields_requested = 0
         self._cache, self._image_cache = (
             TensorCache(most) for most in (cache_mb * _MB, _image_cache_bytes(captures, cache_mb))
@@ -195,7 +195,7 @@ class Predictor:
         grad: record gradients with respect to tensors that `extra_effects` hold; intermediate results that depend on
         effects aren't cached then. Raises UserError for an unknown effect or parameter and for an impossible bench.
         """
-        active = TorchEffects(effects or {}, self.extra_effects)
+        active = self._active(effects or {})
         with torch.set_grad_enabled(grad):
             caches = [InvariantCache(cache) if grad else cache for cache in (self._cache, self._image_cache)]
             signals = [self._signal(int(k), active, *caches) for k in indices]
@@ -203,7 +203,7 @@ class Predictor:
 
     def without_lasers(self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues) -> Prediction:
         """As a call, with all lasers off: the signal is zero."""
-        active = TorchEffects(effects, self.extra_effects)
+        active = self._active(effects)
         nothing = torch.zeros((), dtype=self.real_dtype).expand(len(indices), *self.captures.shape)
         return Prediction(nothing, self._black_level(active), self._ambient(indices, active))
 
@@ -212,6 +212,11 @@ class Predictor:
     ) -> NDArray[np.float32]:
         """`Prediction.counts_without_lasers` beyond the captures' black level; computes no light."""
         return self.without_lasers(indices, effects).counts_without_lasers(self.captures.camera.black_level)
+
+    def _active(self, effects: EffectValues) -> TorchEffects:
+        active = TorchEffects(effects, self.extra_effects)
+        active.require_possible(self._properties)
+        return active
 
     def _black_level(self, active: TorchEffects) -> float:
         return float(self.captures.camera.black_level + active.black_level_offset())
@@ -296,9 +301,7 @@ class Predictor:
 def check_known_effects(captures: Captures, known: Mapping[str, Mapping[str, Any]]) -> None:
     """Raises UserError for known effects {id: {parameter: value}} that the bench can't have, or values out of range."""
     EffectTable().parse(known, "effects")
-    for name in known:
-        if missing := unmet_by_bench(get_effect(name), captures.data_properties()):
-            raise UserError(f"effects.{name}", missing, expected="known effects of the bench that took these captures")
+    ActiveEffects(known).require_possible(captures.data_properties())
 
 
 def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:

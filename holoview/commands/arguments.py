@@ -14,7 +14,7 @@ from holoview.commands.output_files import add_input
 from holoview.io.hologram import system_name_of
 from holoview.io.pictures import png_texts
 from holoview.model import preset
-from holoview.model.effects.registry import ActiveEffects, EffectTable, load_user_effects
+from holoview.model.effects.registry import NO_EFFECTS, ActiveEffects, EffectTable, EffectValues, load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.numerics.sampling import Region
@@ -176,19 +176,16 @@ def system_from_args(args: argparse.Namespace, base: System | None = None) -> Sy
     base: takes the place of the preset.
     """
     effects = parse_effects(getattr(args, "switched_on", []))  # first: the preset may name effects of the user's files
-    system = with_effects(base or preset.load(args.preset), effects)
-    return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+    system = base or preset.load(args.preset)
+    return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes, effects)
 
 
-def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System:
-    """A system with effects switched on besides those that it has. effects: as `parse_effects` returns them."""
-    changes = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
-    return system.edit(changes) if changes else system
-
-
-def with_changes(system: System, changes: list[str]) -> System:
-    """A system with KEY=VALUE texts applied together. A value is read as TOML, or as plain text if it isn't TOML."""
-    return system.edit(dict(parse_assignment(change) for change in changes)) if changes else system
+def with_changes(system: System, changes: list[str], effects: EffectValues = NO_EFFECTS) -> System:
+    """A system with KEY=VALUE texts, and effects beside those that it has, applied together: an effect may act on what
+    is changed. A value is read as TOML, or as plain text if it isn't TOML."""
+    switched = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
+    stated = dict(parse_assignment(change) for change in changes)
+    return system.edit({**switched, **stated}) if switched or stated else system
 
 
 def warn_of_camera_effects(system: System) -> None:

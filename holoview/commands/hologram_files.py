@@ -22,7 +22,6 @@ from holoview.commands.arguments import (
     system_from_args,
     whole,
     with_changes,
-    with_effects,
 )
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.io.hologram import Hologram
@@ -324,7 +323,7 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
     opened = open_files(names, args)
 
     def changed(hologram: Hologram) -> tuple[System, Any]:
-        system = with_changes(with_effects(hologram.system, effects), args.changes)
+        system = with_changes(hologram.system, args.changes, effects)
         return system, Hologram(hologram.drive, system).drive
 
     other = None if opened.other_side is None else changed(opened.other_side)

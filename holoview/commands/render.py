@@ -27,7 +27,6 @@ from holoview.commands.arguments import (
     warn_of_limits,
     whole,
     with_changes,
-    with_effects,
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import (
@@ -306,7 +305,7 @@ def _system_and_drive_of_hologram(args: argparse.Namespace) -> tuple[System, NDA
     if args.preset is not None:
         lasers = {"wavelengths": system.wavelengths_m, "amplitudes": system.amplitudes}
         system = preset.load(args.preset).edit(lasers)
-    system = with_changes(with_effects(system, effects), args.changes)
+    system = with_changes(system, args.changes, effects)
     try:
         return system, Hologram(hologram.drive, system).drive
     except UserError as error:

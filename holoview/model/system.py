@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-from holoview.model.effects.registry import EffectPairs, EffectTable
+from holoview.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
 from holoview.model.eye import Eye
 from holoview.model.fields import (
     Array,
@@ -127,6 +127,7 @@ class System(Description):
         self._check_stops()
         if self.observer != "mono" or self.eye is not None:
             self._check_visible()
+        require_possible_effects(self)
 
     def _check_amplitudes(self) -> None:
         count = len(self.wavelengths_m)

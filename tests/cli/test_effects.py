@@ -1,101 +1,93 @@
-"""Effects on the command line: in presets, by `--effects` and by `--set`; all commands use them at once."""
+"""`holoview effects`: lists them, tries those of a file, and writes one to start from."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
-Run = Callable[..., Any]
-PRESET = """
-base = "holochrome-8"
+from holoview.captures.effect_trial import try_effect
+from holoview.cli import main
+from holoview.model.effects.registry import ids_beside, listed_effects
+from tests.explored import explored
 
-[effects.gap]
-gap_error = "0.3 mm"
-
-[effects.crosstalk]
-sigma = 0.5
-"""
-SMALL = ("--set", "shape=[24, 32]", "--set", 'planes=["3 mm"]')
-
-
-def _pixels(path: Path) -> np.ndarray[Any, Any]:
-    with Image.open(path) as picture:
-        return np.asarray(picture).astype(int)
+pytestmark = pytest.mark.usefixtures("no_user_effects")
+TRIED = {"crosstalk", "aberration1", "camera_black", "plane_errors", "laser_power"}
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Path:
-    path = tmp_path / "own.toml"
-    path.write_text(PRESET, encoding="utf-8")
-    return path
+def template(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    assert main(["effects", "new", "dusty_lens"]) == 0
+    return tmp_path / "dusty_lens.py"
 
 
-def test_a_preset_and_the_command_line_say_the_same(holoview: Run, own: Path, tmp_path: Path) -> None:
-    flags = ("--effects", "gap.gap_error=0.3mm", "crosstalk.sigma=0.5")
-    for name, arguments in {
-        "preset": (own, *SMALL),
-        "effects": ("holochrome-8", *SMALL, *flags),
-        "set": (
-            "holochrome-8",
-            *SMALL,
-            "--set",
-            "effects.gap.gap_error=0.3 mm",
-            "--set",
-            "effects.crosstalk.sigma=0.5",
-        ),
-        "without": ("holochrome-8", *SMALL),
-    }.items():
-        outcome = holoview("render", *arguments, "--backend", "torch", "-o", f"{name}.png")
-        assert outcome.code == 0, outcome.err
-    shown = {name: _pixels(tmp_path / f"{name}.png") for name in ("preset", "effects", "set", "without")}
-    assert np.array_equal(shown["preset"], shown["effects"]) and np.array_equal(shown["preset"], shown["set"])
-    assert np.abs(shown["preset"] - shown["without"]).mean() > 5
+def _found(file: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, dict[str, object]]]:
+    capsys.readouterr()
+    code = main(["effects", "check", str(file), "--json"])
+    (checks,) = json.loads(capsys.readouterr().out)["effects"].values()
+    return code, {one["check"]: one for one in checks}
 
 
-def test_info_tells_them_in_words_and_writes_them_as_toml(holoview: Run, own: Path) -> None:
-    told = json.loads(holoview("info", own, *SMALL, "--json").out)["effects"]
-    assert told["gap"] == "The gap is 2.3 mm, not 2 mm."
-    written = holoview("info", own, "--toml").out
-    assert '[effects.gap]\ngap_error = "0.3 mm"' in written
+def test_the_template_works_as_it_is(template: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "class DustyLens(Effect)" in template.read_text("utf-8")
+    code, checks = _found(template, capsys)
+    assert code == 0 and all(one["passed"] for one in checks.values()) and len(checks) == 7
+    assert main(["effects", "check", str(template)]) == 0
+    assert "dusty_lens: all is well" in capsys.readouterr().out
+    small = ["captures", "make", "holochrome-8", "--set", "shape=[8,8]", "--each", "1", "-o", "a.h5"]
+    assert main([*small, "--effects", str(template), "dusty_lens.share=0.2"]) == 0
 
 
-def test_a_hologram_is_made_for_the_bench_as_it_is_and_shown_on_any(
-    holoview: Run, own: Path, picture: Path, tmp_path: Path
-) -> None:
-    small = ("--iterations", 2, *SMALL)
-    outcome = holoview("optimise", own, picture, *small, "-o", "a.safetensors")
-    assert outcome.code == 0, outcome.err
-    for name, more in {"own": (), "other": ("--effects", "gap.gap_error=0mm", "crosstalk.sigma=0")}.items():
-        rendered = holoview("render", "--hologram", "a.safetensors", *more, "--backend", "torch", "-o", f"{name}.png")
-        assert rendered.code == 0, rendered.err
-    assert np.abs(_pixels(tmp_path / "own.png") - _pixels(tmp_path / "other.png")).mean() > 1
-
-
-def test_the_cameras_effects_are_set_apart(holoview: Run) -> None:
-    arguments = ("holochrome-8", *SMALL, "--effects", "camera_gamma.exponent=0.2", "--backend", "torch", "-o", "a.png")
-    assert "camera_gamma belongs to the camera" in holoview("render", *arguments).err
+def test_a_file_is_never_overwritten(template: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    template.write_text("mine", encoding="utf-8")
+    assert main(["effects", "new", "dusty_lens"]) == 2
+    assert "dusty_lens.py: is there already" in capsys.readouterr().err and template.read_text("utf-8") == "mine"
+    for wrong in ("gap", "Two words", "../up", "a.b"):
+        assert main(["effects", "new", wrong]) == 2
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("before", "after", "check", "words"),
     [
-        ("[effects.gapp]\ngap_error = 1", "effects.gapp: unknown effect; did you mean gap?"),
-        ('[effects.gap]\ngap_eror = "1 mm"', "effects.gap.gap_eror: unknown parameter; did you mean gap_error?"),
-        ('[effects.gap]\ngap_error = "1 m"', "effects.gap.gap_error: 1000 mm is out of range"),
-        ("[effects.gap]\ngap_error = true", "effects.gap.gap_error"),
-        ('effects = "none"', "effects: 'none'"),
-        ("[effects.iris1]\nradius_error = 0.1", "effects.iris1: relay 1 has neither an iris nor a square stop"),
-        ('[effects.gap]\ngap_error = "-3 mm"', "effects.gap: gap: -1 mm is out of range"),
+        ('transmission + v["share"]', "transmission + 0.1", "vanishes at its identity", "a jump"),
+        ('(1 - v["share"]) * transmission + v["share"]', "transmission", "hooks are called", "don't change"),
+        ('return (1 - v["share"])', 'return float("nan") * (1 - v["share"])', "hooks are called", "isn't finite"),
+        ('+ v["share"]', '+ (v["share"] > 0.025)', "derivative by each parameter", "not smooth"),
+        (
+            'return (1 - v["share"]) * transmission',
+            'return (1 - v["share"]) * transmission.detach()',
+            "gradient by the patterns",
+            "doesn't depend on its pattern by torch",
+        ),
+        ("transmission, context, v):\n", "transmission, context, v):\n        lost\n", "hooks are called", "NameError"),
+        ('("modulator 1",)', '("slm1",)', "definition", "did you mean modulator 1"),
     ],
 )
-def test_what_cant_be_is_named(holoview: Run, tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "own.toml").write_text(f'base = "holochrome-8-open"\n{text}\n', encoding="utf-8")
-    outcome = holoview("render", tmp_path / "own.toml", *SMALL, "--backend", "torch", "-o", "a.png")
-    assert outcome.code == 2 and words in outcome.err
-    assert not (tmp_path / "a.png").exists()
+def test_what_is_wrong_is_found(
+    template: Path, capsys: pytest.CaptureFixture[str], before: str, after: str, check: str, words: str
+) -> None:
+    text = template.read_text("utf-8")
+    assert before in text
+    template.write_text(text.replace(before, after), encoding="utf-8")
+    code, checks = _found(template, capsys)
+    assert code == 1 and checks[check]["passed"] is False and words in str(checks[check]["found"])
+    assert main(["effects", "check", str(template)]) == 1
+    assert "something is wrong" in capsys.readouterr().out
+
+
+def test_the_list_has_every_effect_with_its_places(template: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["effects"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(listed_effects())
+    assert main(["effects", "list", str(template), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert listed["dusty_lens"]["acts_on"] == ["modulator 1"] and listed["gap"]["parameters"] == {"gap_error": "m"}
+
+
+@pytest.mark.parametrize("name", explored(listed_effects(), TRIED))
+def test_no_effect_of_the_library_fails_a_check(name: str) -> None:
+    wrong = [one for one in try_effect(listed_effects()[name], "library", ids_beside([])) if one.is_passed is False]
+    assert not wrong

@@ -336,6 +336,9 @@ def _whole(entry: Any) -> Any:
 ExposureSample = tuple[float, float]
 """(weight, factor of the optical paths) of a sample of an exposure."""
 
+PLACES = ("source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera")
+"""The parts of a bench that an effect may act on, in the order in which light meets them."""
+
 BENCH_HOOKS = ("actual_system", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
 CAMERA_HOOKS = (
@@ -347,6 +350,8 @@ CAMERA_HOOKS = (
     "ambient_light",
     "black_level_offset",
 )
+HOOKS = (*BENCH_HOOKS, *MODULATOR_HOOKS, "pupil", *CAMERA_HOOKS)
+"""All hooks, in the order in which light meets them."""
 
 
 class StartKind(StrEnum):
@@ -376,6 +381,7 @@ class DataProperties:
     wavelengths, planes, powers, modulators: how many different ones.
     irises: whether relay 1 and relay 2 have an iris or a square stop.
     is_fourier: whether the camera is in the far field of the modulator, on a Fourier bench.
+    is_field: whether the bench has the plane of a complex field in place of modulators.
     """
 
     wavelengths: int
@@ -384,6 +390,13 @@ class DataProperties:
     modulators: int
     irises: tuple[bool, bool]
     is_fourier: bool
+    is_field: bool = False
+
+    @property
+    def parts(self) -> frozenset[str]:
+        """The parts of the bench, of `PLACES`."""
+        modulators = () if self.is_field else PLACES[1 : 2 * self.modulators : 2]
+        return frozenset(("source", *modulators, *(("relay 1",) if self.modulators > 1 else ()), "relay 2", "camera"))
 
 
 @dataclass(frozen=True)
@@ -422,7 +435,7 @@ class Effect:
     finding: the sentence of a diagnosis that names it, with {parameter} for values with units and the fields of
     `finding_fields`.
     parameters: the numbers that may vary, each with its range.
-    acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
+    acts_on: the parts that it changes, of `PLACES`.
     degenerate_with: ids of effects that no data can tell from this one.
     degenerate_limit: ids of effects with fewer parameters whose images this effect's images approach where it is large;
     a diagnosis that names this effect tries those in its place.
@@ -563,6 +576,11 @@ class Effect:
         """A hashable key of the values that its hooks on light depend on while a laser is on, 0 for the shortest
         wavelength; empty if they do nothing then. By default that is all of them."""
         return v.cache_key
+
+    @property
+    def hooks(self) -> tuple[str, ...]:
+        """The hooks that it overrides."""
+        return tuple(hook for hook in HOOKS if self.overrides(hook))
 
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from holoview.model.effects.definition import check_definition
 from holoview.model.effects.effect import (
     CAMERA_HOOKS,
     MODULATOR_HOOKS,
@@ -58,20 +59,45 @@ def get_effect(name: str) -> Effect:
 def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
     """Runs a Python file and registers the effects that it defines. All code in the file is run.
 
-    Raises UserError for a file that is missing or fails, defines no effect, or uses the id of an effect of the library.
+    Raises UserError for a file that is missing or fails, defines no effect, or one with a mistake in its class
+    (`definition`), or uses an id that an effect of the library or of another file has.
     """
-    file, defined = Path(path), "a Python file that defines an Effect"
-    name = f"{_USER_MODULES}.{file.stem}"
-    module, effects = run_python_file(file, name, lambda module: (module, list(_effects_of(module))), expected=defined)
-    if not effects:
-        raise UserError(str(file), "defines no effect", expected="a class that derives from holoview.effects.Effect")
+    effects, module = read_user_effects(path)
     for effect in effects:
-        _check(effect, str(file))
-        if effect.id in _library():
-            raise UserError(str(file), f'the id "{effect.id}" is in use', expected="an id of its own")
+        check_definition(effect, str(path), ids_beside(effects))
     _user_effects.update({effect.id: effect for effect in effects})
     sys.modules[module.__name__] = module
     return effects
+
+
+def read_user_effects(path: str | os.PathLike[str]) -> tuple[list[Effect], ModuleType]:
+    """Runs a Python file and returns its effects, which aren't registered or checked yet, with its module."""
+    file, expected = Path(path), "a Python file that defines an Effect"
+    name = f"{_USER_MODULES}.{file.stem}"
+    module, effects = run_python_file(file, name, lambda module: (module, list(_effects_of(module))), expected=expected)
+    classes = [member for member in vars(module).values() if _is_effect_of(member, module)]
+    for own in classes:
+        if not hasattr(own, "id") and not any(other is not own and issubclass(other, own) for other in classes):
+            raise UserError(f"{file}: {own.__name__}", "has no `id`", expected="every field that Effect lists")
+    if not effects:
+        raise UserError(str(file), "defines no effect", expected="a class that derives from holoview.effects.Effect")
+    for number, effect in enumerate(effects):
+        if effect.id in _library() or effect.id in [other.id for other in effects[:number]]:
+            raise UserError(str(file), f'the id "{effect.id}" is in use', expected="an id of its own")
+    for other in _user_effects.values():
+        theirs = Path(inspect.getfile(type(other)))
+        if theirs.resolve() == file.resolve() or not theirs.exists():  # read again, or moved
+            continue
+        if other.id in [effect.id for effect in effects]:
+            raise UserError(str(file), f'the id "{other.id}" is in use by {theirs}', expected="an id of its own")
+        if type(other).__module__ == name:
+            raise UserError(str(file), f"{theirs} has the same name", expected="files of effects with different names")
+    return effects, module
+
+
+def ids_beside(effects: Iterable[Effect]) -> frozenset[str]:
+    """The ids of all known effects, and of these."""
+    return frozenset((*_all_effects(), *(effect.id for effect in effects)))
 
 
 @contextmanager
@@ -102,27 +128,19 @@ def _library() -> Mapping[str, Effect]:
     for info in pkgutil.iter_modules(import_module(_LIBRARY).__path__):
         if info.ispkg:
             continue
-        for effect in _effects_of(import_module(f"{_LIBRARY}.{info.name}")):
-            _check(effect, info.name)
-            effects[effect.id] = effect
+        effects |= {effect.id: effect for effect in _effects_of(import_module(f"{_LIBRARY}.{info.name}"))}
     return effects
 
 
 def _effects_of(module: ModuleType) -> Iterator[Effect]:
     """The effects that a module defines; base classes have no id."""
-    for _, member in inspect.getmembers(module, inspect.isclass):
-        if issubclass(member, Effect) and member.__module__ == module.__name__ and hasattr(member, "id"):
+    for _, member in inspect.getmembers(module, lambda member: _is_effect_of(member, module)):
+        if hasattr(member, "id"):
             yield member()
 
 
-def _check(effect: Effect, where: str) -> None:
-    """Raises UserError unless the effect states all that it must."""
-    for name in ("id", "cause", "finding", "parameters", "acts_on"):
-        if not getattr(effect, name, None):
-            raise UserError(where, f"{type(effect).__name__} has no `{name}`", expected="every field that Effect lists")
-    for p in effect.parameters:
-        if not p.has_sound_bounds:
-            raise UserError(where, f"parameter {p.name} of {effect.id}", expected="low ≤ identity ≤ high and prior > 0")
+def _is_effect_of(member: Any, module: ModuleType) -> bool:
+    return inspect.isclass(member) and issubclass(member, Effect) and member.__module__ == module.__name__
 
 
 # --- the table of active effects --------------------------------------------------------------------------------------
@@ -173,6 +191,7 @@ class EffectTable:
 
 EffectValues = Mapping[str, Mapping[str, Any]]
 """{effect id: {parameter: SI value}}."""
+NO_EFFECTS: EffectValues = MappingProxyType({})
 
 ActivePair = tuple[Effect, Values]
 
@@ -278,35 +297,64 @@ class ActiveEffects:
         An exposure with M samples becomes M frames: frame f of `system` becomes the frames f·M … f·M + M − 1. Raises
         UserError when the system lacks what an effect changes.
         """
-        self._check_requirements(system)
+        self.require_possible(bench_properties(system))
         system = self.actual_system(system.edit({"amplitudes": self.laser_power(system.amplitudes)}))
         amplitudes = system.amplitudes
         weights = np.array([weight for weight, _ in self.exposure_samples()])
         rows = (amplitudes[:, None, :] * (weights * len(weights))[None, :, None]).reshape(-1, amplitudes.shape[1])
         return system.edit({"amplitudes": rows, "effects": {}})
 
-    def _check_requirements(self, system: System) -> None:
-        for effect, _ in self.pairs:
-            if missing := unmet_requirement(effect, system):
-                raise UserError(f"effects.{effect.id}", missing, remedy="switch it off, or describe what it acts on")
+    def require_possible(self, bench: DataProperties) -> None:
+        """Raises UserError, with an effect's id, unless a bench can have all these effects.
+
+        bench: `bench_properties` of a system, or the properties of captures that were taken there.
+        """
+        _require_possible(self.pairs, bench)
 
 
-def unmet_requirement(effect: Effect, system: System) -> str:
-    """Why an effect can't be active in a system, in words; empty when it can."""
-    if system.is_field and any(effect.overrides(hook) for hook in (*MODULATOR_HOOKS, "exposure_samples")):
-        return "acts on a modulator, and a field has none"
-    properties = DataProperties(
+def require_possible_effects(system: System) -> None:
+    """Raises UserError, with an effect's id, unless a system can have all of its own effects that are on."""
+    pairs = [(get_effect(name), own) for name, own in system.effect_values.items()]
+    active = [(effect, v) for effect, own in pairs if not (v := effect.parameter_values(own)).is_identity]
+    if active:
+        _require_possible(active, bench_properties(system))
+
+
+def _require_possible(pairs: Iterable[ActivePair], bench: DataProperties) -> None:
+    for effect, _ in pairs:
+        if missing := unmet_by_bench(effect, bench):
+            raise UserError(f"effects.{effect.id}", missing, remedy="switch it off, or describe what it acts on")
+
+
+def bench_properties(system: System) -> DataProperties:
+    """The properties of a system on which it depends whether it can have an effect; one power stands for any."""
+    return DataProperties(
         wavelengths=len(system.wavelengths_m),
         planes=len(system.planes_m),
         powers=1,
         modulators=len(system.modulators),
         irises=(system.relay1.has_aperture, system.relay2.has_aperture),
         is_fourier=False,
+        is_field=system.is_field,
     )
-    return unmet_by_bench(effect, properties)
 
 
-def unmet_by_bench(effect: Effect, properties: DataProperties) -> str:
+def unmet_requirement(effect: Effect, system: System) -> str:
+    """Why an effect can't be active in a system, in words; empty when it can."""
+    return unmet_by_bench(effect, bench_properties(system))
+
+
+def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     """Why an effect can't be active on a bench, in words; how many captures of what were taken there doesn't matter."""
+    parts = bench.parts
+    acts_on_modulator = any(effect.overrides(hook) for hook in (*MODULATOR_HOOKS, "exposure_samples"))
+    if bench.is_field and (acts_on_modulator or any(part.startswith("modulator") for part in effect.acts_on)):
+        return "acts on a modulator, and a field has none"
     needs = dataclasses.replace(effect.needs, wavelengths=1, planes=1)
-    return needs.unmet_by(dataclasses.replace(properties, powers=2))
+    if unmet := needs.unmet_by(dataclasses.replace(bench, powers=2)):
+        return unmet
+    if effect.acts_on and not parts & set(effect.acts_on):
+        return f"acts on {' and '.join(effect.acts_on)}, and this bench has {', '.join(sorted(parts))} only"
+    if bench.is_fourier and effect.hooks == ("pupil",):
+        return "acts on the pupil of a relay, and a Fourier bench has none"
+    return ""

@@ -59,7 +59,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import ORIENTATIONS, Captures, inverse_orientation, oriented_shape, turned
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import Nuisances, jittered_effects, read_out
-from holoview.model.effects.registry import EffectTable, EffectValues
+from holoview.model.effects.registry import ActiveEffects, EffectTable, EffectValues
 from holoview.model.fields import Integer, Number, described_field, from_mapping, validate
 from holoview.rig.description import RigDescription, read_rig
 from holoview.rig.devices import Counts, Levels
@@ -225,9 +225,9 @@ class _Shown:
 class VirtualBench:
     """A bench with hidden effects. Sizes and nominal facts are those of the rig's description.
 
-    Raises UserError for requests that no device can carry out. time_s: of the bench. exposure_s: of the next picture.
-    distance_m: where the camera is. laser: wavelength (m) and power of the laser that is on, None if all are off.
-    on_laser: called with "on" or "off" whenever a laser is switched.
+    Raises UserError for effects that the bench can't have, and for requests that no device can carry out. time_s: of
+    the bench. exposure_s: of the next picture. distance_m: where the camera is. laser: wavelength (m) and power of the
+    laser that is on, None if all are off. on_laser: called with "on" or "off" whenever a laser is switched.
     """
 
     def __init__(
@@ -247,6 +247,7 @@ class VirtualBench:
         self.time_s, self.exposure_s = 0.0, max(rig.limits.exposures_s[0], 1e-3)
         self.distance_m = min(max(0.0, rig.stage_m[0]), rig.stage_m[1])
         self.laser: tuple[float, float] | None = None
+        ActiveEffects(settings.effects).require_possible(self._one_capture(lasers[0], 1.0).data_properties())
 
     def show(self, slm: int, levels: Levels) -> None:
         """Sends a pattern (y, x) to modulator 0 or 1."""

@@ -14,7 +14,7 @@ from holoview.captures.patterns import random_levels
 from holoview.captures.predictor import Predictor
 from holoview.rig import RigDescription
 from holoview.rig.devices import Counts
-from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
+from holoview.rig.virtual.server import VirtualBench, VirtualSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, MakeRig
 
@@ -184,3 +184,11 @@ def test_equal_settings_give_equal_counts(make_rig: MakeRig) -> None:
 def test_wrong_settings_are_named(make_rig: MakeRig, changes: dict[str, Any], words: str) -> None:
     with pytest.raises(UserError, match=words):
         read_virtual_settings(make_rig(changes))
+
+
+def test_a_hidden_effect_that_the_bench_cant_have_is_refused(make_rig: MakeRig) -> None:
+    rig = make_rig({"slm2": None, "geometry": {"iris2_na": 0.03}})
+    VirtualBench(rig, VirtualSettings())
+    hidden = VirtualSettings(effects={"gap": {"gap_error": 1e-4}})
+    with pytest.raises(UserError, match=r"effects\.gap: it needs 2 modulators, there are 1"):
+        VirtualBench(rig, hidden)

@@ -1,0 +1,130 @@
+"""An effect that a bench can't have is refused everywhere with the same sentence, and one that it can have nowhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import holoview as hv
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor, check_known_effects
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.cli import main
+from holoview.document.editing_session import EditingSession
+from holoview.model.effects.registry import ActiveEffects, listed_effects
+from holoview.model.system import System
+from holoview.util.errors import UserError
+
+Make = Callable[..., Captures]
+Values = Mapping[str, Mapping[str, Any]]
+IDS = list(listed_effects())
+SENTENCE = re.compile(r"effects\.\w+: (it needs|it doesn't act|relay|acts on).*; switch it off, or describe")
+FOURIER = AcquisitionSettings(1, focal_length_m=0.1)
+
+
+def _bench(kind: str) -> System:
+    modulator = hv.Modulator("8 um", (8, 8), "800 nm")
+    if kind == "field":
+        plane = hv.Modulator("8 um", (16, 16), content="field")
+        sampling = hv.Sampling(upsample=1)
+        return hv.System(["520 nm"], [[1.0]], [plane], planes_m=["3 mm"], observer="mono", sampling=sampling)
+    two = kind == "two modulators"
+    stops = {"relay2": {"iris_na": 0.03}} | ({"relay1": {"iris_na": 0.03}} if two else {})
+    gap = "1 mm" if two else None
+    plain = hv.System(["520 nm"], [[1.0]], [modulator] * (1 + two), gap_m=gap, planes_m=["3 mm"], observer="mono")
+    return plain if kind == "without stops" else plain.edit(stops)
+
+
+def _values(name: str) -> dict[str, Any]:
+    """A tenth of the usual size."""
+    return {p.name: p.nudged(0.1) for p in listed_effects()[name].parameters}
+
+
+def _answers(system: System, name: str) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Everything that takes effects, by name."""
+    effects = {name: _values(name)}
+
+    def with_effects() -> System:
+        return system.edit({"effects": effects})
+
+    def drive() -> Any:
+        rng = np.random.default_rng(2)
+        noise = rng.random(system.drive_shape)
+        return np.exp(2j * np.pi * noise) if system.is_field else noise
+
+    yield "simulate", lambda: hv.simulate(with_effects(), drive(), backend="torch")
+    yield "field_at", lambda: hv.field_at(with_effects(), drive())
+    yield "the bench as it is built", lambda: ActiveEffects(effects).as_built(system)
+    if not system.is_field:
+        yield "an edit of the viewer", lambda: EditingSession(system).change("On", {"effects": effects})
+        target = np.full((1, *(2 * np.array(system.modulators[0].shape)), 3), 0.1, np.float32)
+        yield "captures", lambda: make_captures(system, effects, AcquisitionSettings(1))
+        yield "optimise", lambda: next(hv.iterate(with_effects(), target, hv.Settings(iterations=1)))
+
+
+@pytest.mark.parametrize("kind", ["one modulator", "two modulators", "without stops", "field"])
+@pytest.mark.parametrize("name", IDS)
+def test_all_that_take_effects_accept_one_or_refuse_it_alike(name: str, kind: str) -> None:
+    sentences = {what: _refusal(act) for what, act in _answers(_bench(kind), name)}
+    assert len(set(sentences.values())) == 1, sentences
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_so_do_all_that_take_effects_of_captures(name: str, make_session: Make, make_fourier: Make) -> None:
+    """Without iris, and on a Fourier bench."""
+    for captures in (make_session(1, 1, relay2=hv.Relay()), make_fourier(1)):
+        effects = {name: _values(name)}
+        predict = Predictor(captures)
+        answers: dict[str, Callable[[], object]] = {
+            "predict": lambda predict=predict, effects=effects: predict([0], effects),
+            "without lasers": lambda predict=predict, effects=effects: predict.without_lasers([0], effects),
+            "known effects": lambda captures=captures, effects=effects: check_known_effects(captures, effects),
+        }
+        if captures.is_fourier:
+            bench = _bench("without stops")
+            answers["virtual captures"] = lambda effects=effects, bench=bench: make_captures(bench, effects, FOURIER)
+        sentences = {what: _refusal(act) for what, act in answers.items()}
+        assert len(set(sentences.values())) == 1, sentences
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "sentence"),
+    [
+        ("one modulator", "gap", "it needs 2 modulators, there are 1"),
+        ("one modulator", "slm2_stuck", "it needs 2 modulators, there are 1"),
+        ("without stops", "iris2", "relay 2 has neither an iris nor a square stop"),
+        ("field", "stroke", "acts on a modulator, and a field has none"),
+        ("field", "flicker", "acts on a modulator, and a field has none"),
+        ("field", "source_profile", "acts on a modulator, and a field has none"),
+    ],
+)
+def test_the_sentence_says_what_the_bench_lacks(kind: str, name: str, sentence: str) -> None:
+    with pytest.raises(UserError, match=f"effects.{name}: {sentence}"):
+        _bench(kind).edit({"effects": {name: _values(name)}})
+
+
+def test_the_command_line_refuses_it_and_an_effect_may_act_on_what_the_same_command_sets(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["holochrome-8-1slm-open", "--set", "shape=[8,8]", "--effects", "iris2.radius_error=0.1"]
+    out = ["-o", str(tmp_path / "a.png"), "--backend", "torch"]
+    assert main(["render", *small, *out]) == 2
+    assert SENTENCE.search(capsys.readouterr().err)
+    assert main(["render", *small, "--set", "relay2.iris_na=0.02", *out]) == 0
+    made = ["captures", "make", "holochrome-8-1slm-open", *small[1:], "--each", "1", "-o", str(tmp_path / "a.h5")]
+    assert main(made) == 2
+    assert SENTENCE.search(capsys.readouterr().err)
+
+
+def _refusal(act: Callable[[], object]) -> str:
+    """The sentence with which something refuses an effect that the bench can't have; empty where it takes it."""
+    try:
+        act()
+    except UserError as error:
+        return str(error) if SENTENCE.match(str(error)) else ""
+    return ""
