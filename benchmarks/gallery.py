@@ -105,16 +105,21 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def main() -> None:
+    """Runs the studies and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, default=Path("out/gallery"), help="reports and jobs"
     )
-    folder, images = parser.parse_args().output, DOCS / "images" / "gallery"
+    parser.add_argument("--docs", metavar="DIR", type=Path, default=DOCS, help="where gallery.md is written (docs)")
+    parser.add_argument("--only", nargs="+", choices=[*studies_by_name()], help="studies")
+    args = parser.parse_args()
+    folder, images = args.output, args.docs / "images" / "gallery"
+    studies = [study for name, study in studies_by_name().items() if args.only is None or name in args.only]
     images.mkdir(parents=True, exist_ok=True)
     parts = [HEAD.format(versions=_wrapped(f"Computed with {version_summary()}."))]
-    parts += [section(study, run_study(study, folder / study.name), images) for study in studies_by_name().values()]
-    write_file(DOCS / "gallery.md", "\n\n".join(parts) + "\n")
-    print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
+    parts += [section(study, run_study(study, folder / study.name), images) for study in studies]
+    write_file(args.docs / "gallery.md", "\n\n".join(parts) + "\n")
+    print(f"{args.docs / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
 
 
 if __name__ == "__main__":

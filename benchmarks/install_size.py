@@ -89,13 +89,12 @@ def main() -> None:
         brought = reachable({name}, installed) - reachable(roots, installed, without=name) - {name}
         rows.append((sizes[name] + sum(sizes[other] for other in brought), name, sorted(brought)))
     for total, name, brought in sorted(rows, reverse=True):
-        seconds = (
-            import_seconds(f"import {MODULES.get(name, name.replace('-', '_'))}") - empty if has_times else float("nan")
-        )
+        module = MODULES.get(name, name.replace("-", "_"))
+        seconds = f"{import_seconds(f'import {module}') - empty:6.2f} s" if has_times else " " * 8
         own, extra = sizes[name] / _MB, (total - sizes[name]) / _MB
         note = "(an extra)" if name in extras else ""
         version = distribution(name).version
-        print(f"{name:<18}{version:<12}{own:6.1f}{extra:8.1f}  {seconds:6.2f} s  {' '.join([*brought, note])}".rstrip())
+        print(f"{name:<18}{version:<12}{own:6.1f}{extra:8.1f}  {seconds}  {' '.join([*brought, note])}".rstrip())
     others = sum(sizes.values()) - sum(sizes[name] for name in reachable(roots, installed))
     print(f"holoview itself {sizes['holoview'] / _MB:.1f} MB; all that a plain install needs", end=" ")
     print(f"{sum(sizes[name] for name in plain) / _MB:.0f} MB; pip and the like {others / _MB:.0f} MB")

@@ -52,8 +52,8 @@ def mono_work(size: Sequence[int], propagation: str = "periodic") -> Work:
 
 
 def ours(work: Work, **settings: Any) -> Iterator[IterationState]:
-    """An iterator over the optimiser's states, which makes one iteration for each."""
-    options = {"iterations": ENDLESS, "free": ("patterns",)} | settings
+    """An iterator over the optimiser's states, which makes one iteration for each, of all planes as the baselines'."""
+    options = {"iterations": ENDLESS, "free": ("patterns",), "drawn_planes": 0} | settings
     return hv.iterate(work.system, work.stack, hv.Settings(**options), start=work.drive)
 
 

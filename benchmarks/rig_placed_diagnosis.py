@@ -19,6 +19,7 @@ from pathlib import Path
 
 import tomli_w
 
+from benchmarks.common import count_of
 from holoview.captures import Captures, read_captures
 from holoview.diagnose.pipeline import diagnose
 from holoview.rig.registration import read_registration
@@ -71,10 +72,11 @@ def main() -> None:
     """Runs the benches and writes the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=240.0, help="most for one diagnosis")
+    parser.add_argument("--benches", type=count_of, default=len(FAULTS), help="the first so many (all)")
     parser.add_argument("-o", "--output", type=Path)
     args = parser.parse_args()
     lines = ["| hidden | as aligned | corrected |", "| --- | --- | --- |"]
-    for fault in FAULTS:
+    for fault in FAULTS[: args.benches]:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name) / "rig"
             captures = measure(folder, fault)

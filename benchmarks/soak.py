@@ -163,7 +163,7 @@ def soak(served: Served, minutes: float, rng: random.Random, is_free: bool) -> l
             except ConnectionClosed as error:
                 print(f"the connection was closed: {error}", flush=True)
             frames += user.frames
-    return samples
+    return samples or [_sample(viewer, began, frames, _cpu_s(viewer) - cpu_s)]
 
 
 def _sample(viewer: psutil.Process, began: float, frames: int, cpu_s: float) -> Sample:

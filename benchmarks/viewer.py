@@ -15,13 +15,12 @@ from collections.abc import Callable
 import numpy as np
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
+from benchmarks.common import count_of, shape_of
 from holoview.app.app import App
 from holoview.app.script import InputDriver
 from holoview.document.editing_session import EditingSession
 from holoview.gpu.device import open_device
 from holoview.model import preset
-
-EVENTS = 24
 
 
 def main() -> None:
@@ -30,20 +29,26 @@ def main() -> None:
     parser.add_argument("--preset", default="holochrome-8")
     parser.add_argument("--size", default="1280x800")
     parser.add_argument("--adapter")
+    parser.add_argument("--events", type=count_of, default=24)
+    parser.add_argument("--shape", type=shape_of, help="of the modulators, x by y, instead of the preset's")
     args = parser.parse_args()
     width, height = (int(side) for side in args.size.split("x"))
     device = open_device(args.adapter)
-    app = App(
-        EditingSession(preset.load(args.preset)), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60
-    )
+    system, events = preset.load(args.preset), range(args.events)
+    if args.shape is not None:
+        system = system.with_(shape=list(args.shape))
+    app = App(EditingSession(system), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60)
     driver = InputDriver(app)
     driver.draw_frames(4)
     driver.draw_until_idle()
     print(f"{args.preset}, window {args.size}, {device.info.label}")
-    _line("the window alone", [_timed(driver.draw_frames) for _ in range(EVENTS)])
-    _line("input while all is computed anew", _while_computing(driver, lambda i: _gap(driver, 2e-3 + 1e-5 * (i + 1))))
+    _line("the window alone", [_timed(driver.draw_frames) for _ in events])
+    _line(
+        "input while all is computed anew",
+        _while_computing(driver, events, lambda i: _gap(driver, 2e-3 + 1e-5 * (i + 1))),
+    )
     driver.draw_until_idle()
-    _line("scrub: quick frame on the screen", [_scrub(driver, 9.1e-3 + 2e-5 * i) for i in range(EVENTS)])
+    _line("scrub: quick frame on the screen", [_scrub(driver, 9.1e-3 + 2e-5 * i) for i in events])
     for name, change in (
         ("focal plane", lambda i: _plane(driver, 1.05e-2 + 1e-5 * i)),
         ("gap", lambda i: _gap(driver, 3e-3 + 1e-5 * i)),
@@ -52,10 +57,10 @@ def main() -> None:
     app.close()
 
 
-def _while_computing(driver: InputDriver, edit: Callable[[int], None]) -> list[float]:
+def _while_computing(driver: InputDriver, events: range, edit: Callable[[int], None]) -> list[float]:
     """Seconds to respond to each of several pointer moves, while slices of a full frame are computed."""
     seconds: list[float] = []
-    for number in range(EVENTS):
+    for number in events:
         if not driver.context.side_renderers.now.is_busy:
             edit(number)
         start = time.perf_counter()
