@@ -32,6 +32,7 @@ from holoview.model import preset
 from holoview.render.progressive_renderer import ProgressiveRenderer
 from holoview.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS
 from holoview.util.errors import UserError
+from holoview.util.processes import are_same
 from holoview.view import random_drive
 
 P = TypeVar("P", bound=Panel)
@@ -206,9 +207,9 @@ class App:
         if xyz is None:
             return
         document, target = self.session.displayed_document, self.session.target_at()
-        key = (id(xyz), document.measured_region, document.view_settings.profile, id(target))
-        if key != self._measured:
-            self._measured = key
+        inputs = (xyz, document.measured_region, document.view_settings.profile, target)
+        if not are_same(inputs, self._measured):
+            self._measured = inputs
             self.context.live_measurement.request(document, xyz, target, renderers.now.luminances())
 
     def _update_requests(self) -> None:

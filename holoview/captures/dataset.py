@@ -295,7 +295,17 @@ class Captures:
 
 
 def join_captures(parts: Sequence[Captures]) -> Captures:
-    """Several captures of one bench together, in their order."""
+    """Several captures of one bench together, in their order.
+
+    Where a part states the patterns before its captures, as a subset does, these are kept.
+    """
     names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
     together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    if any(part.levels_before is not None for part in parts):
+        lasts = [parts[0].levels[:1], *(part.levels[-1:] for part in parts[:-1])]
+        before = [
+            np.concatenate([last, part.levels[:-1]]) if part.levels_before is None else part.levels_before
+            for last, part in zip(lasts, parts, strict=True)
+        ]
+        together["levels_before"] = np.concatenate(before)
     return dataclasses.replace(parts[0], **together)

@@ -5,7 +5,7 @@ to print ends the work: a text may quote a file, so it is made `printable`; a re
 terminal that was closed or a full disk behind a redirection doesn't end a computation, and what follows is dropped.
 
 Exit codes besides 0 are below; a program that SIGINT (Ctrl-C), SIGTERM or SIGHUP ends returns 128 + the signal's
-number, as shells report it: 130, 143 or 129, see `holoview.util.signals`.
+number, as shells report it: 130, 143 or 129, see `holoview.util.processes`.
 """
 
 from __future__ import annotations

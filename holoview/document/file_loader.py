@@ -8,7 +8,7 @@ The hologram is for the preset `EXAMPLE_PRESET` as it is. Every other bench gets
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -135,7 +135,8 @@ class FileLoader:
         self.optimises_new_targets, self._most_samples = quick, most_samples
         self._session, self._remember = session, remember
         self._watcher: FileWatcher | None = None
-        self._opening: BackgroundJob | None = None
+        self._openings: list[BackgroundJob] = []
+        self._rereading: BackgroundJob | None = None
         self._is_watching = True
         self._stop = session.add_listener(lambda change: self._update_watcher() if "drive" in change.kinds else None)
         self._update_watcher()
@@ -143,28 +144,37 @@ class FileLoader:
     def open(self, names: str | Path | Sequence[str | Path], request: ReadRequest | None = None) -> BackgroundJob:
         """Opens one or several files, or a preset by its name; errors become messages.
 
+        Once it is shown, what was to be opened before it and is still being read is cancelled.
+
         request: the known properties of a field of another program; None where its content tells its kind.
         """
         work = partial(read_content, names, self._session.system, request, most_samples=self._most_samples)
-        self._opening = self._session.jobs.start(
-            f"Open {_title(names)}", lambda control: work(progress=control.report), self.apply
-        )
-        return self._opening
+        earlier = [job for job in self._openings if job.is_active]
+
+        def show(content: FileContent) -> None:
+            _cancel(earlier)
+            self.apply(content)
+
+        job = self._session.jobs.start(f"Open {_title(names)}", lambda control: work(progress=control.report), show)
+        self._openings = [*earlier, job]
+        return job
 
     @property
     def is_opening(self) -> bool:
         """Whether the files that were opened last are still being read."""
-        return self._opening is not None and self._opening.is_active
+        return bool(self._openings) and self._openings[-1].is_active
 
     def open_field_as_target(self, path: Path) -> None:
         """Makes the light of a field, whose plane is that of the last modulator, the target. Raises UserError."""
         if not is_field_file(path):
             raise UserError(str(path), "isn't a complex field", expected="a file that `holoview info` calls a field")
+        _cancel(self._openings)
         self.apply(FileContent("picture", path.name, target_spec=TargetSpec(path, path.name), path=path))
 
     def paste(self, picture: NDArray[np.uint8] | bytes) -> None:
         """Makes 8-bit sRGB pixels (y, x, 3 or 4), or the bytes of a picture file, the target. Raises UserError."""
         target_spec = target_from_image_bytes(picture) if isinstance(picture, bytes) else target_from_pixels(picture)
+        _cancel(self._openings)
         self.apply(FileContent("picture", target_spec.title, target_spec=target_spec))
 
     def apply(self, content: FileContent) -> None:
@@ -259,12 +269,19 @@ class FileLoader:
             return
         system = self._session.system
         work = partial(_read_with_retries, path=path, system=system)
-        self._session.jobs.start(f"Read {path.name} again", work, self._show_again)
+        _cancel([self._rereading] if self._rereading else [])
+        self._rereading = self._session.jobs.start(f"Read {path.name} again", work, self._show_again)
 
     def _show_again(self, content: FileContent) -> None:
         if content.path == self.watched_path and content.drive is not None:
             self._set_hologram(content)
             self._session.messages.post(f"{content.title} was rewritten: read again")
+
+
+def _cancel(jobs: Iterable[BackgroundJob]) -> None:
+    for job in jobs:
+        if job.is_active:
+            job.cancel()
 
 
 def _read_with_retries(control: JobControl, path: Path, system: System) -> FileContent:

@@ -156,12 +156,17 @@ class BackgroundJob:
         threading.Thread(target=run, name=f"holoview: {self.title}", daemon=True).start()
 
     def _finish(self, status: str, result: Any, error: BaseException | None, end: Callable[..., None]) -> None:
+        if status == "done" and self.control.is_cancelled:  # after its last check
+            status = "cancelled"
         self.status, self.error = status, error
         end(status, result, error)
 
 
 class JobManager:
-    """The jobs of a session: all active jobs, and the last that ended."""
+    """The jobs of a session.
+
+    all: all active jobs, and the last that ended, in the order in which they were started.
+    """
 
     def __init__(
         self, deliver: CallOnOwner, wake: Callable[[], None], on_error: Callable[[BaseException, str], None]
@@ -188,7 +193,8 @@ class JobManager:
         An exception becomes a message. job: the job to start; a new one with the title when None.
         """
         job = job or BackgroundJob(title, self._deliver, self._wake)
-        self.all = [*self.active, *[old for old in self.all if not old.is_active][-_MAX_ENDED_JOBS:], job]
+        ended = [old for old in self.all if not old.is_active]
+        self.all = [*[old for old in self.all if old not in ended[:-_MAX_ENDED_JOBS]], job]
 
         def end(status: str, result: T | None, error: BaseException | None) -> None:
             on_end()

@@ -5,7 +5,7 @@ time; rows through transforms along x, `LANES` rows at a time, which are transpo
 in the core's cache from its first operation to its last.
 
 Arrays are flat, with the strides of their axes counted in real numbers. Rows end early enough that a vector that
-begins before their end belongs to no other row (`pitch_for`).
+begins before their end belongs to no other row (`optimise.beams.row_pitch`).
 
 A transform is given as `Line.arguments`: the plan of the FFT, where the numbers of a line stand before it, and where
 its results are found.

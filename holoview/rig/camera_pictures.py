@@ -337,8 +337,9 @@ def _difference(
     patterns: tuple[Levels, Levels, Levels],
     settled_s: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """(I₊ − I₋, its variance) in counts, and whether the pictures no longer changed.
+    """I₊ − I₋ (counts), the variance of the difference of two single pictures, and whether these no longer changed.
 
+    I₊ and I₋ are means of two pictures each, so that the variance of their difference is half of the one returned.
     The third pattern comes first, so that a step is small. A picture that goes on changing would pass for I₊ − I₋, in
     which the shares of the step are then lost.
     """

@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import time
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import tests.document.conftest as bench
+from holoview.document import file_loader
 from holoview.document.editing_session import EditingSession
 from holoview.document.file_loader import (
     FileLoader,
@@ -194,3 +196,35 @@ def test_a_page_that_is_opened_is_not_saved_over(session: EditingSession, tmp_pa
     wait_until(lambda: np.array_equal(session.drive, hologram.drive), session.poll)
     assert session.document.path is None
     assert session.view_settings.plane_m == pytest.approx(3.5e-3)
+
+
+@pytest.mark.parametrize("overtake", ["open", "paste"])
+def test_an_overtaken_opening_is_cancelled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, session: EditingSession, overtake: str
+) -> None:
+    """The first file takes longer to read than the second, and would replace it."""
+    slow, quick = tmp_path / "slow.safetensors", tmp_path / "quick.safetensors"
+    for seed, file in enumerate((slow, quick), start=7):
+        _hologram(file, seed=seed)
+    may_go_on, read = Event(), file_loader.load_hologram
+
+    def load(path: Path) -> Hologram:
+        if path == slow:
+            assert may_go_on.wait(PATIENCE_S)
+        return read(path)
+
+    monkeypatch.setattr(file_loader, "load_hologram", load)
+    loader = FileLoader(session, quick=False)
+    first = loader.open(slow)
+    if overtake == "open":
+        second = loader.open(quick)
+        assert second.join(PATIENCE_S)
+    else:
+        loader.paste(np.zeros((8, 8, 3), np.uint8))
+    session.poll()
+    may_go_on.set()
+    assert session.wait_until_idle(PATIENCE_S)
+    assert first.status == "cancelled"
+    assert session.document.origin != f"hologram {slow.name}"
+    assert session.document.path == (quick if overtake == "open" else None)
+    loader.close()

@@ -191,3 +191,34 @@ def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(
     assert (drive[..., ::2, ::2] == drive[..., 1::2, 1::2]).all()
     assert start_quick_optimisation(session, iterations=1).request.only_plane_m == 4e-3, "the plane that is looked at"
     assert session.wait_until_idle(PATIENCE_S)
+
+
+def test_jobs_are_listed_in_the_order_of_their_starts_and_old_ended_ones_dropped(
+    session: EditingSession, target_spec: TargetSpec
+) -> None:
+    """The optimisation that was started last stays the last one, whatever is started after it has begun."""
+    session.edit("Target", target_spec=target_spec)
+    first = start_optimisation(session, SHORT)
+    assert session.wait_until_idle(PATIENCE_S) and not first.is_active
+    second = start_optimisation(session, ENDLESS)
+    third = session.jobs.start("Export", lambda control: control.sleep(PATIENCE_S))
+    assert session.jobs.all == [first, second, third] and last_optimisation(session) is second
+    second.cancel()
+    assert second.join(PATIENCE_S)
+    session.poll()
+    short = [session.jobs.start(f"Short {number}", lambda control: None) for number in range(30)]
+    assert all(job.join(PATIENCE_S) for job in short)
+    session.poll()
+    last = session.jobs.start("Last", lambda control: None)
+    assert session.jobs.all == [third, *short[-20:], last]
+    third.cancel()
+    assert session.wait_until_idle(PATIENCE_S)
+
+
+def test_a_job_that_is_cancelled_after_its_last_check_has_no_result(session: EditingSession) -> None:
+    results: list[int] = []
+    job = session.jobs.start("Answer", lambda control: 42, results.append)
+    assert job.join(PATIENCE_S)
+    job.cancel()
+    session.poll()
+    assert job.status == "cancelled" and results == []

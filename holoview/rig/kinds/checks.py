@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,11 +92,12 @@ def find_class(path: str, where: str) -> Any:
 
 
 def open_or_close(line: Any, wrap: Callable[[], Any]) -> Any:
-    """The device that `wrap` makes of an open line or driver, which is closed if the device doesn't fit or answer."""
+    """The device that `wrap` makes of an open line or driver, which is closed if that fails in whatever way."""
     try:
         return wrap()
-    except UserError:
-        line.close()
+    except BaseException:
+        with suppress(Exception):  # the first error says more
+            line.close()
         raise
 
 

@@ -24,6 +24,7 @@ Micro-Manager counts in ms and µm. Its calls are those of the class CMMCore.
 from __future__ import annotations
 
 from collections.abc import Callable, MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -93,12 +94,18 @@ def open_micromanager(rig: RigDescription, spec: DeviceSpec, cores: MutableMappi
     if file not in cores:
         cores[file] = SharedCore(_load(file, spec, options))
     shared = cores[file]
-    for label in options.get("labels", [options.get("label")]):
-        if label not in (known := shared.core.getLoadedDevices()):
-            raise DeviceError(spec.name, f'"{label}" isn\'t in {file.name}', remedy=suggest_matches(label, known))
-    device = device_class(rig, options, shared)
     shared.users += 1
-    return device
+    try:
+        for label in options.get("labels", [options.get("label")]):
+            if label not in (known := shared.core.getLoadedDevices()):
+                raise DeviceError(spec.name, f'"{label}" isn\'t in {file.name}', remedy=suggest_matches(label, known))
+        return device_class(rig, options, shared)
+    except BaseException:
+        if shared.users == 1:
+            del cores[file]  # unloaded now
+        with suppress(Exception):  # the first error says more
+            shared.release()
+        raise
 
 
 class _Device:
@@ -238,5 +245,10 @@ def _load(file: Path, spec: DeviceSpec, options: dict[str, Any]) -> Any:
         core.loadSystemConfiguration(str(file))
 
     remedy = "see that Micro-Manager itself loads this file, and that `adapters` names the folder of its drivers"
-    call_device(spec.name, f"load {file.name}", remedy, load)
+    try:
+        call_device(spec.name, f"load {file.name}", remedy, load)
+    except BaseException:
+        with suppress(Exception):  # gives back the ports of the devices that were loaded before one failed
+            core.reset()
+        raise
     return core

@@ -15,7 +15,7 @@
 
 slmsuite's `set_phase` sends arrays of the class's own unsigned type as they are: no sign is flipped, nothing wrapped
 and no correction added (slmsuite 0.5.0, slms/slm.py). Its class for TI's phase light modulators turns levels into
-memory cells itself; `cells` is for a class that shows plain pictures, and uses the tables of `io.plm`.
+memory cells itself; `cells` is for a class that shows plain pictures, and uses the tables of `io.pictures`.
 """
 
 from __future__ import annotations

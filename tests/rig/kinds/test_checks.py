@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import pytest
 
 from holoview.rig import open_rig
 from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.checks import StageAxis, find_class, table, texts
+from holoview.rig.kinds.checks import StageAxis, find_class, open_or_close, table, texts
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 
@@ -61,3 +62,21 @@ def test_a_stage_may_stop_within_the_tolerance() -> None:
     StageAxis.of({}).require_arrived(5.009e-3, 5e-3)
     with pytest.raises(DeviceError, match=r"stage: stopped at 5\.011 mm; expected 5 mm; .* raise stage.tolerance"):
         StageAxis.of({}).require_arrived(5.011e-3, 5e-3)
+
+
+@pytest.mark.parametrize("error", [UserError("stage", "is wrong"), re.error("no pattern"), KeyboardInterrupt()])
+def test_a_line_is_closed_whatever_goes_wrong_while_its_device_is_made(error: BaseException) -> None:
+    class Line:
+        closed = 0
+
+        def close(self) -> None:
+            self.closed += 1
+            raise OSError("gone")
+
+    def fail() -> None:
+        raise error
+
+    line = Line()
+    with pytest.raises(type(error)):
+        open_or_close(line, fail)
+    assert line.closed == 1

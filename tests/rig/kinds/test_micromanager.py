@@ -183,3 +183,22 @@ def test_the_demo_devices_of_micro_manager_work(write_rig: WriteRig) -> None:
         assert devices.camera.set_exposure(0.02) == pytest.approx(0.02)
         picture = devices.camera.take()
         assert picture.shape == (512, 512) and picture.max() > picture.min()
+
+
+@pytest.mark.parametrize("wrong", ["label", "bits", "lasers"])
+def test_a_device_that_doesnt_open_gives_the_configuration_back(
+    write_rig: WriteRig, config: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    """Alone or beside one that is open: its ports are free for the next try, which loads the configuration anew."""
+    camera = COMMON + f'label = "{"Cam" if wrong == "label" else "Camera"}"'
+    if wrong == "bits":
+        monkeypatch.setattr(FakeCore, "getImageBitDepth", lambda self: 16)
+    lasers = {"lasers": COMMON + 'labels = ["L450", "L999"]'} if wrong == "lasers" else {}
+    with pytest.raises(DeviceError, match=r"isn't in|has 16 bits"):
+        open_rig(write_rig(camera=camera, **lasers))
+    failed = FakeCore.last
+    assert failed.calls.count(("reset",)) == 1 and failed.calls[-1] == ("reset",)
+    monkeypatch.undo()
+    monkeypatch.setitem(sys.modules, "pymmcore_plus", SimpleNamespace(CMMCorePlus=FakeCore))
+    with open_rig(write_rig(camera=COMMON + 'label = "Camera"')):
+        assert FakeCore.last is not failed and ("reset",) not in FakeCore.last.calls

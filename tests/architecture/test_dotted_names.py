@@ -1,0 +1,64 @@
+"""A dotted name of holoview that a docstring, a comment or the manual has in backticks is one that there is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADS = {path.stem for path in (ROOT / "holoview").iterdir() if not path.stem.startswith("_")}
+HEADS |= {"holoview", "hv", "benchmarks", "tests", "docs"}
+DOTTED = re.compile(r"`+([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)(?:\([^`]*\))?`+")
+FILES = re.compile(r".*\.(csv|toml|py|json|html|png|h5|txt|md)")
+ELSEWHERE = {"holoview.readers"}  # the group of entry points of readers
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))]
+SOURCES = [*sorted((ROOT / "holoview").rglob("*.py")), *sorted((ROOT / "benchmarks").glob("*"))]
+
+
+def _names(path: Path) -> Iterator[str]:
+    for name in DOTTED.findall(path.read_text(encoding="utf-8")):
+        if name.partition(".")[0] in HEADS and name not in ELSEWHERE and not FILES.fullmatch(name):
+            yield name
+
+
+def _exists(name: str, path: Path) -> bool:
+    """Whether a name is one of the package, or of the folder that the file with it is in."""
+    first, _, rest = name.partition(".")
+    package = ".".join(path.relative_to(ROOT).parent.parts)
+    absolute = name if first in ("holoview", "benchmarks", "tests", "docs") else f"holoview.{name}"
+    return _resolves(f"holoview.{rest}" if first == "hv" else absolute) or _resolves(f"{package}.{name}")
+
+
+def _resolves(name: str) -> bool:
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found: object = import_module(".".join(parts[:count]))
+        except ImportError:
+            continue
+        for part in parts[count:]:
+            if part in getattr(found, "__annotations__", {}) and not isinstance(found, ModuleType):
+                return True
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def test_every_dotted_name_in_backticks_is_one_that_there_is() -> None:
+    paths = [path for path in (*SOURCES, *PAGES) if path.suffix in (".py", ".md")]
+    named = [(name, path) for path in paths for name in _names(path)]
+    assert len(named) > 100
+    stale = [f"{path.relative_to(ROOT)}: {name}" for name, path in named if not _exists(name, path)]
+    assert stale == []
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"), [("util.threads", False), ("hv.make_plan", True), ("model.plan.Plan", True)]
+)
+def test_a_stale_name_is_told_from_one_that_is(name: str, is_one: bool) -> None:
+    assert _exists(name, ROOT / "holoview" / "util" / "processes.py") == is_one
