@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from benchmarks.common import append_line, lines_or_summary, read_lines
+from benchmarks.common import append_line, count_of, lines_or_summary, read_lines
 from benchmarks.diagnosis import bench
 from holoview.diagnose.fit import free_parameters_of, has_list
 from holoview.diagnose.power_law import changes_only_power
@@ -179,14 +179,14 @@ def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:
     return read_rig(folder / "rig.toml")
 
 
-def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
-    """One bench measured by one planner."""
+def run_case(case: dict[str, Any], name: str, most: int) -> dict[str, Any]:
+    """One bench measured by one planner in at most so many captures."""
     marks = [time.process_time()]
     with tempfile.TemporaryDirectory() as folder:
         rig = make_rig(case, Path(folder))
         planner = _planner(name, rig, case)
         with BenchInProcess(rig).devices() as devices:
-            effects, settings = list(listed_effects().values()), LoopSettings(max_captures=MAX_CAPTURES)
+            effects, settings = list(listed_effects().values()), LoopSettings(max_captures=most)
 
             def tell(sentence: str) -> None:
                 marks.append(time.process_time())
@@ -256,6 +256,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first bench")
     parser.add_argument("--count", type=int, default=12, help="benches")
     parser.add_argument("--step", type=int, default=1, help="between two seeds, for several processes side by side")
+    parser.add_argument("--captures", type=count_of, default=MAX_CAPTURES, help=f"at most ({MAX_CAPTURES})")
     parser.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
     args = lines_or_summary(parser, "rig_adaptive", summarise)
     before = read_lines(args.output) if args.output.exists() else []
@@ -264,7 +265,7 @@ def main() -> None:
         for planner in args.planners:
             if (seed, planner) in done:
                 continue
-            row = run_case(draw_case(seed), planner)
+            row = run_case(draw_case(seed), planner, args.captures)
             append_line(args.output, row)
             print({key: value for key, value in row.items() if key != "reasons"}, flush=True)
 

@@ -128,7 +128,7 @@ def end_with_parent() -> None:
     Without it, workers of a killed program wait for work for ever, with all their memory.
     """
     parent = multiprocessing.parent_process()
-    if parent is not None:  # a thread without work that `last_work_s` waits for
+    if parent is not None:  # its name has no `PREFIX`: nobody waits for it
         threading.Thread(target=_exit_after, args=(parent.sentinel,), name="parent of holoview", daemon=True).start()
 
 

@@ -54,6 +54,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.render.page_images", "holoview.wavefield.demodulation"): SLOW,
     ("holoview.commands.render", "holoview.wavefield.demodulation"): SLOW,
+    ("holoview.commands.effects", "holoview.captures.effect_trial"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.focus"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
     ("holoview.io.load_field", "holoview.wavefield.synthetic_aperture"): SLOW,

@@ -241,15 +241,20 @@ def _wrong_finding(effect: Effect, where: str) -> Iterator[UserError]:
 
 def _wrong_settings(effect: Effect, where: str, ids: frozenset[str]) -> Iterator[UserError]:
     """Class variables that say something of the search."""
-    if not isinstance(effect.needs, Needs):
-        yield UserError(f"{where}.needs", f"{effect.needs!r}", expected="Needs(…)")
+    needs: Any = effect.needs
+    if not isinstance(needs, Needs):
+        yield UserError(f"{where}.needs", f"{needs!r}", expected="Needs(…)")
     for name in ("degenerate_with", "degenerate_limit"):
-        for other in getattr(effect, name):
+        if isinstance(stated := getattr(effect, name), str):
+            yield UserError(f"{where}.{name}", "a single str", expected=f'a tuple, with a comma: ("{stated}",)')
+            continue
+        for other in stated:
             if other not in ids and (near := get_close_matches(str(other), ids, n=3, cutoff=0.6)):
                 remedy = f"did you mean {' or '.join(near)}?"
                 yield UserError(f"{where}.{name}", f'"{other}" is no effect', remedy=remedy)
     names = {p.name for p in effect.parameters}
-    for kind in effect.start_kinds:
+    kinds: tuple[Any, ...] = effect.start_kinds
+    for kind in kinds:
         if not isinstance(kind, StartKind):
             yield UserError(f"{where}.start_kinds", f"{kind!r}", expected=f"of {', '.join(StartKind.__members__)}")
         elif lacking := [name for name in _START_PARAMETERS.get(kind, ()) if name not in names]:

@@ -85,6 +85,11 @@ MISTAKES = {
         '    degenerate_with = ("distanc",)\n    acts_on',
         '"distanc" is no effect; did you mean distance',
     ),
+    "a look-alike without its comma": (
+        "    acts_on",
+        '    degenerate_with = ("distance")\n    acts_on',
+        'degenerate_with: a single str; expected a tuple, with a comma: ("distance",)',
+    ),
     "an unknown start": ("    acts_on", '    start_kinds = ("ghosts",)\n    acts_on', "start_kinds: 'ghosts'"),
     "a start without its parameters": (
         "    acts_on",

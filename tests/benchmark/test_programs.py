@@ -1,0 +1,88 @@
+"""Every program in `benchmarks/` runs at its smallest size, ends with 0 and prints its table."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+STARTED_BY_OTHERS = {"lossy_viewer": "device_loss", "optimiser_memory": "optimiser"}
+"""Programs that another one starts, and that one."""
+LONGEST_S = 600.0
+"""The longest takes 20 s on an idle core."""
+
+PICTURE = "assets/still-life.png"
+SMALLEST: dict[str, tuple[str, ...]] = {
+    "bad_captures": ("--sessions 1 --known",),
+    "busy_diagnosis": ("--files gap --conditions alone -o {out}/busy.jsonl", "--summary {out}/busy.jsonl"),
+    "busy_machine": ("--rounds 1 --iterations 1 --loops 1 --shape 24 32",),
+    "capture_bound": (
+        "--benches 1 --derivatives {out}/derivatives.npz -o {out}/bound.jsonl",
+        "--summary {out}/bound.jsonl",
+    ),
+    "conformance_peers": ("",),
+    "device_loss": ("--runs 1 --shape 24 32",),
+    "diagnosis": ("--families singles --only gap --sizes large --shape 24 32 --each 2 --workers 1",),
+    "eye_costs": ("--size 64x48 --repeats 1",),
+    "fft_time": ("--sizes 64x48 --repeats 1",),
+    "frame_time": ("--size 64x48 --repeats 1",),
+    "fuzz": ("--minutes 0.01",),
+    "gallery": ("--only gamut --docs {out} -o {out}/jobs",),
+    "install_size": ("--no-times",),
+    "kills": ("--kills 1 --only export",),
+    "optimiser": (
+        "--size 48 64 --repeats 1 --threads 1 --seeds 0 --adam-steps 0.1 --rounds 1 --long 2 --convergence-size 48 64"
+        " --convergence open --scenes still-life --curves {out}/curves.png --json {out}/optimiser.json",
+    ),
+    "perceptual_scores": (f"--flip {PICTURE} {PICTURE} --vdp {PICTURE}",),
+    "propagation_precision": ("",),
+    "real_sizes": (
+        "make {out} --shape 32x24 --only gap",
+        "run {out}/near-1.h5 -o {out}/runs.jsonl --options --time 1s --workers 1",
+        "summary {out}/runs.jsonl",
+    ),
+    "records": ("--families clean --every 100",),
+    "rig_adaptive": (
+        "--count 1 --planners fixed --captures 2 -o {out}/adaptive.jsonl",
+        "--summary {out}/adaptive.jsonl",
+    ),
+    "rig_alignment": ("--each 1 --kinds one",),
+    "rig_camera_loop": ("--bench gap --iterations 1 --without-diagnosis",),
+    "rig_faults": ("--runs 1",),
+    "rig_placed_diagnosis": ("--benches 1 --seconds 1",),
+    "soak": ("--minutes 0.05",),
+    "viewer": ("--size 320x200 --shape 48x32 --events 2",),
+}
+"""The arguments of each program at its smallest size, of several calls where one reads what the other writes."""
+ON_A_DEVICE = {"conformance_peers", "device_loss", "eye_costs", "fft_time", "frame_time", "soak", "viewer"}
+
+
+def test_every_program_is_run() -> None:
+    programs = {
+        path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")
+    }
+    assert set(SMALLEST) | set(STARTED_BY_OTHERS) == programs
+    assert set(STARTED_BY_OTHERS.values()) <= set(SMALLEST)
+
+
+@pytest.mark.explores
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.gpu) if name in ON_A_DEVICE else name for name in SMALLEST]
+)
+def test_a_program_runs_at_its_smallest_size(name: str, tmp_path: Path) -> None:
+    for arguments in SMALLEST[name]:
+        done = subprocess.run(
+            [sys.executable, "-m", f"benchmarks.{name}", *arguments.format(out=tmp_path).split()],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "XDG_STATE_HOME": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=LONGEST_S,
+            check=False,
+        )
+        assert done.returncode == 0, f"{arguments}\n{done.stdout}\n{done.stderr}"
+        assert done.stdout.strip() and "nan" not in done.stdout.split(), done.stdout
