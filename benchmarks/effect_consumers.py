@@ -8,7 +8,7 @@ The benches are small and have all that effects act on: two directions of the so
 in both relays; of two modulators, one, and a field, seen with and without an eye.
 
 The table has the greatest deviation over all benches, relative to the root mean square (of sections and points, to the
-largest value); "refused" where every bench that can't have the effect is refused by `simulate` and by the consumer.
+largest value). A bench that can't have the effect can't be built, and isn't in it.
 """
 
 from __future__ import annotations
@@ -512,7 +512,10 @@ def main(argv: list[str] | None = None) -> int:
         for name in names:
             row: dict[str, float | None] = dict.fromkeys(all_consumers)
             for system, drive in benches().values():
-                shown = shown_by(system, drive, name)
+                try:
+                    shown = shown_by(system, drive, name)
+                except UserError:
+                    continue  # a bench that can't have it can't be built, so that no consumer gets one
                 for consumer, function in all_consumers.items():
                     found = measured(function, shown)
                     if found is not None:

@@ -51,19 +51,21 @@ class TrialResult:
 
 def trial_bench(*, is_fourier: bool = False) -> Captures:
     """Two captures at each of two wavelengths and two planes of a bench of 12 × 16 pixels, without pictures."""
-    modulator = Modulator("8 um", (12, 16), "800 nm")
-    stops = Relay(iris_na=0.02)
+    modulator, stops = Modulator(8e-6, (12, 16), 800e-9), Relay(iris_na=0.02)
+    lasers: dict[str, Any] = {
+        "wavelengths_m": np.array([460e-9, 620e-9]),
+        "amplitudes": np.ones((1, 2)),
+        "observer": "mono",
+    }
+    far = System(modulators=(modulator,), planes_m=np.array([3e-3]), **lasers)
     near = System(
-        ["460 nm", "620 nm"],
-        [[1.0, 1.0]],
-        [modulator, modulator],
-        gap_m="1 mm",
-        planes_m=["3 mm", "5 mm"],
+        modulators=(modulator, modulator),
+        gap_m=1e-3,
+        planes_m=np.array([3e-3, 5e-3]),
         relay1=stops,
         relay2=stops,
-        observer="mono",
+        **lasers,
     )
-    far = System(["460 nm", "620 nm"], [[1.0, 1.0]], [modulator], planes_m=["3 mm"], observer="mono")
     settings = AcquisitionSettings(
         2, focal_length_m=_FOCAL_LENGTH_M if is_fourier else None, planes_m=(0.0, 1e-3) if is_fourier else None
     )

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.chromium import needs_chromium
+
 ROOT = Path(__file__).resolve().parents[2]
 STARTED_BY_OTHERS = {"lossy_viewer": "device_loss", "optimiser_memory": "optimiser"}
 """Programs that another one starts, and that one."""
@@ -27,6 +29,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "conformance_peers": ("",),
     "device_loss": ("--runs 1 --shape 24 32",),
     "diagnosis": ("--families singles --only gap --sizes large --shape 24 32 --each 2 --workers 1",),
+    "effect_consumers": ("--effects gap",),
     "eye_costs": ("--size 64x48 --repeats 1",),
     "fft_time": ("--sizes 64x48 --repeats 1",),
     "frame_time": ("--size 64x48 --repeats 1",),
@@ -58,7 +61,8 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "viewer": ("--size 320x200 --shape 48x32 --events 2",),
 }
 """The arguments of each program at its smallest size, of several calls where one reads what the other writes."""
-ON_A_DEVICE = {"conformance_peers", "device_loss", "eye_costs", "fft_time", "frame_time", "soak", "viewer"}
+ON_A_DEVICE = {"conformance_peers", "device_loss", "effect_consumers", "fft_time", "frame_time", "soak", "viewer"}
+MARKS = {**dict.fromkeys(ON_A_DEVICE, (pytest.mark.gpu,)), "effect_consumers": (pytest.mark.gpu, needs_chromium)}
 
 
 def test_every_program_is_run() -> None:
@@ -70,9 +74,7 @@ def test_every_program_is_run() -> None:
 
 
 @pytest.mark.explores
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.gpu) if name in ON_A_DEVICE else name for name in SMALLEST]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in SMALLEST])
 def test_a_program_runs_at_its_smallest_size(name: str, tmp_path: Path) -> None:
     for arguments in SMALLEST[name]:
         done = subprocess.run(
