@@ -32,7 +32,7 @@ from holoview.captures.camera_model import (
 from holoview.captures.dataset import Captures
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import ActiveEffects, EffectTable, EffectValues
+from holoview.model.effects.registry import ActiveEffects, EffectTable, EffectValues, unmet_by_data
 from holoview.model.plan import Plan, make_plan
 from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
@@ -311,7 +311,7 @@ def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:
     """
     predictor, system = Predictor(captures, cache_mb=1), captures.nominal_system()
     for effect in effects:
-        if effect.needs.unmet_by(captures.data_properties()):
+        if unmet_by_data(effect, captures.data_properties()):
             continue
         _check_prediction(predictor, effect, captures.shape)
         try:

@@ -16,7 +16,7 @@ from holoview.captures.count_bits import bits_error
 from holoview.captures.dataset import Captures
 from holoview.captures.nominal_bench import describe_stops, has_only_stops, stop_attributes
 from holoview.figures import CaptionedTile, contact_sheet, greyscale_pixels
-from holoview.model.effects.registry import listed_effects
+from holoview.model.effects.registry import listed_effects, unmet_by_data
 from holoview.numerics.sample_bits import find_clipping
 from holoview.util.errors import UserError
 
@@ -235,7 +235,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
     saturated = (captures.images >= camera.saturation).mean(axis=(1, 2))
     clip = find_clipping(captures.images)
     clipped = {"level": clip.level, "share": clip.share} if clip and clip.level < camera.saturation else None
-    unmet = {name: effect.needs.unmet_by(properties) for name, effect in listed_effects().items()}
+    unmet = {name: unmet_by_data(effect, properties) for name, effect in listed_effects().items()}
     return {
         "captures": len(captures),
         "modulators": len(captures.slms),

@@ -61,6 +61,7 @@ from holoview.model.effects.registry import (
     listed_effects,
     load_user_effects,
     unmet_by_bench,
+    unmet_by_data,
 )
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress
@@ -424,7 +425,7 @@ def prepare_search(
     if not kept:
         raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
     properties = (captures.subset(kept) if left_out else captures).data_properties()
-    unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
+    unmet = {e.id: unmet_by_data(e, properties) for e in effects}
     visible = {e.id: e for e in effects if not unmet[e.id]}
     others = [e for e in effects if unmet[e.id] and not unmet_by_bench(e, properties)]
     unseen = {e.id: e for e in others if not changes_only_power(e)}

@@ -12,11 +12,13 @@ import pytest
 
 import holoview as hv
 from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor, check_known_effects
+from holoview.captures.predictor import Predictor, check_known_effects, check_user_effects
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
 from holoview.document.editing_session import EditingSession
-from holoview.model.effects.registry import ActiveEffects, listed_effects
+from holoview.model.effects.effect import Effect, Parameter
+from holoview.model.effects.hook_contexts import RelayContext
+from holoview.model.effects.registry import ActiveEffects, listed_effects, unmet_by_data
 from holoview.model.system import System
 from holoview.util.errors import UserError
 
@@ -128,3 +130,35 @@ def _refusal(act: Callable[[], object]) -> str:
     except UserError as error:
         return str(error) if SENTENCE.match(str(error)) else ""
     return ""
+
+
+class _Dust(Effect):
+    """Of a user, who states no `needs`."""
+
+    id, cause, finding = "dust", "There is dust between the modulators.", "Dust takes {share} of the light."
+    parameters = (Parameter("share", "Share of the light.", low=0.0, high=0.9, prior=0.1),)
+    acts_on = ("relay 1",)
+
+    def pupil(self, pupil: Any, context: RelayContext, v: Any) -> Any:
+        return pupil * (1 - v["share"])
+
+
+class _DustBehind(_Dust):
+    acts_on = ("relay 2",)
+
+
+def test_an_effect_whose_place_a_bench_lacks_is_refused_and_no_candidate_there(
+    make_session: Make, make_fourier: Make
+) -> None:
+    """It would change nothing without a word: with one modulator, and the pupil of a relay on a Fourier bench."""
+    for effect, captures, words in (
+        (_Dust(), make_session(1, 1), "acts on relay 1, and this bench has camera, modulator 1, relay 2, source only"),
+        (_DustBehind(), make_fourier(1), "acts on the pupil of a relay, and a Fourier bench has none"),
+    ):
+        with pytest.raises(UserError, match=f"effects.dust: {words}; switch it off"):
+            Predictor(captures, (effect,))([0], {"dust": {"share": 0.1}})
+        assert unmet_by_data(effect, captures.data_properties()) == words
+        check_user_effects(captures, [effect])  # passes it over
+    near = make_session(1)
+    assert not unmet_by_data(_Dust(), near.data_properties())
+    assert Predictor(near, (_Dust(),))([0], {"dust": {"share": 0.1}}).signal.isfinite().all()

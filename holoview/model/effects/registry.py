@@ -358,3 +358,8 @@ def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     if bench.is_fourier and effect.hooks == ("pupil",):
         return "acts on the pupil of a relay, and a Fourier bench has none"
     return ""
+
+
+def unmet_by_data(effect: Effect, properties: DataProperties) -> str:
+    """Why an effect can't be seen in captures, in words, or can't be on their bench; empty when it can."""
+    return effect.needs.unmet_by(properties) or unmet_by_bench(effect, properties)
