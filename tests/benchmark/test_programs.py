@@ -41,6 +41,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
         "--size 48 64 --repeats 1 --threads 1 --seeds 0 --adam-steps 0.1 --rounds 1 --long 2 --convergence-size 48 64"
         " --convergence open --scenes still-life --curves {out}/curves.png --json {out}/optimiser.json",
     ),
+    "padding_errors": ("--size 64x48 --reference 2",),
     "perceptual_scores": (f"--flip {PICTURE} {PICTURE} --vdp {PICTURE}",),
     "propagation_precision": ("",),
     "real_sizes": (
