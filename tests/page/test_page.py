@@ -150,6 +150,7 @@ def test_with_effects_planes_gaps_and_lasers_are_the_nominal_ones(
         "distance": {"distance_error": "0.6 mm"},
         "gap": {"gap_error": "-0.3 mm"},
         "second_line": {"share": 0.3, "offset": "6 nm"},
+        "laser_power": {"exponent": 0.2},
     }
     lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": [[1.0, 1.5, 2.0]]}
     system = hv.load("holochrome-8").edit({"shape": [24, 32], "planes": ["9 mm", "11 mm"], **lasers})
@@ -163,6 +164,8 @@ def test_with_effects_planes_gaps_and_lasers_are_the_nominal_ones(
     _is_equal(page_pixels(page), hologram, system.with_(gap="2.4 mm"), 11e-3)
     set_state(page, gap_m=2e-3, lasers=[True, False, True])
     _is_equal(page_pixels(page), hologram, _laser_off(system, 1), 11e-3)
+    message = page.evaluate("() => window.holoview.set({ powers: [1, 0.5, 1] }).catch(error => String(error))")
+    assert "doesn't rise in proportion" in message
     low = page.evaluate("() => Number(document.getElementById('gap').min)")
     assert 0.3e-3 <= low <= 0.6e-3, "a gap can't be shorter than nothing"
     assert browser.close_pages() == []
