@@ -165,9 +165,12 @@ class Shown:
         return intensity.reshape(len(self.system.wavelengths_m), -1, *intensity.shape[1:]).sum(axis=1)
 
 
-def shown_by(system: System, drive: Any, effect: str) -> Shown:
-    """A bench with an effect, beside what `simulate` shows of it."""
-    system = with_effect(system, effect)
+def shown_by(system: System, drive: Any, effect: str) -> Shown | None:
+    """A bench with an effect, beside what `simulate` shows of it; None where no such bench can be built."""
+    try:
+        system = with_effect(system, effect)
+    except UserError:
+        return None
     try:
         return Shown(system, drive, effect, hv.simulate(system, drive, backend="torch64"))
     except UserError:
@@ -527,7 +530,7 @@ def main(argv: list[str] | None = None) -> int:
             for system, drive in kinds.values():
                 shown = shown_by(system, drive, name)
                 for consumer, function in all_consumers.items():
-                    found = measured(function, shown)
+                    found = None if shown is None else measured(function, shown)
                     if found is not None:
                         row[consumer] = max(found, row[consumer] or 0.0)
             table[name] = row
