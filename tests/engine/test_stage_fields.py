@@ -175,6 +175,16 @@ def test_the_line_of_a_laser_is_its_strongest_and_a_frame_and_a_direction_are_th
         assert off.max() <= 0.1 * np.sqrt(2) * 0.3  # cos φ of the sample of the ripple that is nearest to none
 
 
+@pytest.mark.parametrize("radius", ["0.2 mrad", "1 mrad", "3 mrad"])
+def test_the_light_of_an_extended_source_is_that_of_its_middle(radius: str) -> None:
+    system = _bench(source={"directions": [[0.0, 0.0], ["8 mrad", 0.0]]}, effects={"source_extent": {"radius": radius}})
+    for direction in (0, 1):
+        found = hv.field_at(system, _drive(system), stage="light", source=direction)
+        sine = np.angle((found.values[1:] / found.values[:-1]).mean()) / (2 * np.pi) * found.wavelength_m / 4e-6
+        assert sine == pytest.approx(np.sin(0.008 * direction), abs=1e-9)
+        assert "points of the source" in found.note and found.share <= 1 / 9
+
+
 def test_a_laser_that_is_off_has_fields_too() -> None:
     system = _bench(amplitudes=[[1.0, 0.0]], effects={"second_line": {"share": 0.3, "offset": "6 nm"}})
     assert hv.field_at(system, _drive(system), laser=1).share == 0.5
