@@ -139,6 +139,7 @@ def test_the_place_of_a_sample_by_direction_is_stated_behind_a_displaced_iris() 
         ({}, 1.0, ""),
         ({"second_line": {"share": 0.3, "offset": "6 nm"}}, 0.7, "2 spectral lines"),
         ({"polarisation": {"share": 0.6}}, 0.4, "2 samples of the exposure"),
+        ({"flicker": {"depth": 0.02}}, 1 / 7, "7 samples of the exposure"),
         ({"second_line": {"share": 0.3, "offset": "6 nm"}, "polarisation": {"share": 0.6}}, 0.28, "2 spectral lines ×"),
     ],
 )
