@@ -1,14 +1,14 @@
 """One bench everywhere: each effect as each part of the program shows it, compared with `simulate` in complex128.
 
-    python -m benchmarks.effect_consumers [--effects gap,distance] [--json]
+    python -m benchmarks.effect_consumers [--effects gap,distance,second_line+flicker] [--json]
 
 Consumers are the parts that take a bench and show its light: `simulate` on the other backends, `field_at` at every
 stage, `point_light`, `sections`, the optimiser's model, the predictor of captures, edits of a renderer, and the page.
 The benches are small and have all that effects act on: two directions of the source, two frames, two wavelengths, stops
 in both relays; of two modulators, one, and a field, seen with and without an eye.
 
-The table has the greatest deviation over all benches, relative to the root mean square (of sections and points, to the
-largest value). A bench that can't have the effect can't be built, and isn't in it.
+The table has the greatest deviation over all benches, as a root mean square relative to that of what `simulate` shows;
+nothing where a consumer doesn't take such benches. A bench that can't have an effect must be refused by all.
 """
 
 from __future__ import annotations
@@ -34,12 +34,15 @@ import holoview as hv
 import holoview.page
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
+from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import StageField, TorchExecutor, beam_at_stage
+from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import ActiveEffects, listed_effects
 from holoview.model.plan import Beam, Plan, make_plan
 from holoview.model.system import System
+from holoview.model.validity import check_plan
 from holoview.optics.frame_inputs import FrameInputs
 from holoview.optics.slm import optical_path
 from holoview.optimise.autograd_model import make_forward_model
@@ -55,7 +58,7 @@ VALUES: dict[str, Values] = {
     "aberration1": {"z5": 8e-8, "z7": 5e-8},
     "aberration2": {"z4": 8e-8, "z8": 5e-8},
     "ambient": {"level": 50.0},
-    "bandwidth": {"sigma": 3e-9},
+    "bandwidth": {"sigma": 2e-9},
     "camera_alignment": {"shift_y": 3e-6},
     "camera_black": {"black": 10.0},
     "camera_blur": {"sigma": 1.0},
@@ -124,8 +127,8 @@ def benches() -> dict[str, tuple[System, Any]]:
 
 
 def with_effect(system: System, name: str) -> System:
-    """A bench with an effect."""
-    return system.edit({"effects": {name: dict(values_of(name))}})
+    """A bench with an effect, or with several: "second_line+flicker"."""
+    return system.edit({"effects": {each: dict(values_of(each)) for each in name.split("+")}})
 
 
 def values_of(name: str) -> Values:
@@ -162,9 +165,12 @@ class Shown:
         return intensity.reshape(len(self.system.wavelengths_m), -1, *intensity.shape[1:]).sum(axis=1)
 
 
-def shown_by(system: System, drive: Any, effect: str) -> Shown:
-    """A bench with an effect, beside what `simulate` shows of it."""
-    system = with_effect(system, effect)
+def shown_by(system: System, drive: Any, effect: str) -> Shown | None:
+    """A bench with an effect, beside what `simulate` shows of it; None where no such bench can be built."""
+    try:
+        system = with_effect(system, effect)
+    except UserError:
+        return None
     try:
         return Shown(system, drive, effect, hv.simulate(system, drive, backend="torch64"))
     except UserError:
@@ -178,12 +184,13 @@ def deviation(found: Any, expected: Any) -> float:
     return error if math.isfinite(error) else math.inf
 
 
-def by_backend(shown: Shown, backend: str) -> float:
-    """`simulate` on another backend."""
-    view = hv.simulate(shown.system, shown.drive, backend=backend)
+def by_backend(shown: Shown, open_executor: Callable[[Plan, FrameInputs], Any]) -> float:
+    """`simulate` on another backend, whose executor is given: each `simulate` would open a device of its own."""
+    plan = make_plan(shown.system)
+    intensity, xyz = compute_focal_stack(open_executor(check_plan(plan), FrameInputs(plan, shown.drive)))
     if shown.view is None:
         return math.inf
-    return max(deviation(view.intensity, shown.view.intensity), deviation(view.xyz, shown.view.xyz))
+    return max(deviation(intensity, shown.view.intensity), deviation(xyz, shown.view.xyz))
 
 
 def by_field_at(shown: Shown) -> float:
@@ -356,7 +363,10 @@ async function asked({ document, head, changes }) {
         wavelengths_m: bench.nominal_wavelengths_m,
         eye: bench.eye,
     }
-    for (const change of changes) await live.update({ ...state, ...change })
+    for (const change of changes) {
+        await live.update({ ...state, ...change })
+        work.push(["read"])
+    }
     return work
 }
 """
@@ -372,36 +382,40 @@ class PageReplay:
         scripts = [(folder / name).read_text(encoding="utf-8") for name in ("bench.js", "hologram.js")]
         tab.add_script_tag(content="\n".join([*scripts, _DRIVER]))
 
-    def xyz(self, document: dict[str, Any], head: dict[str, Any], data: bytes, changes: list[Values]) -> NDArray[Any]:
-        """XYZ (y, x, 3) that the page shows after changes of its state."""
-        script = {"steps": head["steps"], "lit": head["lit"], "is_kept": head["is_kept"], "plane_m": head["plane_m"]}
-        script |= {"bind_groups": head["bind_groups"], "buffers": [buffer["label"] for buffer in head["buffers"]]}
+    def xyz(
+        self, document: dict[str, Any], head: dict[str, Any], data: bytes, changes: list[Values]
+    ) -> Iterator[NDArray[Any]]:
+        """XYZ (y, x, 3) that the page shows after each of some changes of its state."""
+        steps = [
+            {**step, "dispatches": step["dispatches"] if step["name"] == "composite" else []} for step in head["steps"]
+        ]
+        script = {name: head[name] for name in ("lit", "is_kept", "plane_m", "bind_groups")}
+        script |= {"steps": steps, "buffers": [buffer["label"] for buffer in head["buffers"]]}
         known = {name: document[name] for name in ("bench", "structs")}
-        given = json.loads(json.dumps({"document": known, "head": script, "changes": changes}))
-        work = self._tab.evaluate("given => asked(given)", given)
+        given = json.dumps({"document": known, "head": script, "changes": changes})
+        work = json.loads(self._tab.evaluate("async given => JSON.stringify(await asked(JSON.parse(given)))", given))
         buffers = [self._buffer(buffer, document["contents"], data) for buffer in head["buffers"]]
         pipelines = [self._pipeline(head, pipeline) for pipeline in head["pipelines"]]
-        groups = [
-            self._gpu.create_bind_group(
-                layout=pipelines[each["pipeline"]].get_bind_group_layout(each["group"]),
-                entries=[
-                    {"binding": b, "resource": {"buffer": buffers[i], "offset": 0, "size": buffers[i].size}}
-                    for b, i in each["entries"]
-                ],
-            )
-            for each in head["bind_groups"]
-        ]
+        groups = [self._group(each, pipelines, buffers) for each in head["bind_groups"]]
+        (result,) = (i for i, buffer in enumerate(head["buffers"]) if buffer["label"] == head["results"]["xyz"])
+        rows, columns = head["shape"]
         for kind, *rest in work:
             if kind == "write":
                 buffer, offset, text = rest
                 self._gpu.queue.write_buffer(buffers[buffer], offset, base64.b64decode(text))
-            else:
+            elif kind == "run":
                 self._run([head["steps"][i] for i in rest[0]], pipelines, groups)
-        label = head["results"]["xyz"]
-        (result,) = (buffers[i] for i, buffer in enumerate(head["buffers"]) if buffer["label"] == label)
-        rows, columns = head["shape"]
-        values = np.frombuffer(self._gpu.queue.read_buffer(result), np.float32)
-        return values[: rows * columns * 4].reshape(rows, columns, 4)[..., :3]
+            else:
+                values = np.frombuffer(self._gpu.queue.read_buffer(buffers[result]), np.float32)
+                yield values[: rows * columns * 4].reshape(rows, columns, 4)[..., :3]
+
+    def _group(self, described: dict[str, Any], pipelines: list[Any], buffers: list[Any]) -> Any:
+        layout = pipelines[described["pipeline"]].get_bind_group_layout(described["group"])
+        entries = [
+            {"binding": binding, "resource": {"buffer": buffers[i], "offset": 0, "size": buffers[i].size}}
+            for binding, i in described["entries"]
+        ]
+        return self._gpu.create_bind_group(layout=layout, entries=entries)
 
     def _buffer(self, described: dict[str, Any], contents: list[dict[str, Any]], data: bytes) -> Any:
         usage = wgpu.BufferUsage.UNIFORM if described["usage"] == "uniform" else wgpu.BufferUsage.STORAGE
@@ -448,20 +462,21 @@ class PageReplay:
 
 
 def by_page(shown: Shown, replay: PageReplay) -> float:
-    """The page, opened at the first plane, then moved to the last and, with a gap, to another gap and back."""
+    """The page, opened at the first plane, then moved to the last and, where there is a gap, to a longer gap."""
     system, planes_m = shown.system, shown.system.planes_m
     ends = float(planes_m.min()), float(planes_m.max())
     document, heads, data = page_document(hv.Hologram(shown.drive, system), "hologram", float(planes_m[0]), ends)
-    other = {} if system.gap_m is None else {"gap_m": system.gap_m * 1.1}
-    first, last = {"plane_m": float(planes_m[0])}, {"plane_m": shown.plane_m}
-    changes = [first, {**last, **other}, last]
-    found = replay.xyz(document, heads[0], data, changes)
+    last = {"plane_m": shown.plane_m}
+    changes: list[Values] = [{"plane_m": float(planes_m[0])}, last]
     if shown.view is None:
         return math.inf
-    moved = system if system.gap_m is None else system.with_(gap=system.gap_m * 1.1)
-    there = replay.xyz(document, heads[0], data, changes[:2]) if other else found
-    expected = hv.simulate(moved, shown.drive, backend="torch64").xyz[-1] if other else shown.view.xyz[-1]
-    return max(deviation(found, shown.view.xyz[-1]), deviation(there, expected))
+    expected = list(shown.view.xyz)
+    if system.gap_m is not None:
+        longer_m = 1.1 * system.gap_m
+        changes.append({**last, "gap_m": longer_m})
+        expected.append(hv.simulate(system.with_(gap=longer_m), shown.drive, backend="torch64").xyz[-1])
+    found = replay.xyz(document, heads[0], data, changes)
+    return max(deviation(xyz, as_it_is) for xyz, as_it_is in zip(found, expected, strict=True))
 
 
 # --- the table --------------------------------------------------------------------------------------------------------
@@ -477,8 +492,8 @@ def consumers() -> Iterator[dict[str, Consumer]]:
     with started_browser() as browser:
         replay = PageReplay(browser.open("about:blank"), device)
         yield {
-            "torch": partial(by_backend, backend="torch"),
-            "wgpu": partial(by_backend, backend="wgpu"),
+            "torch": partial(by_backend, open_executor=TorchExecutor),
+            "wgpu": partial(by_backend, open_executor=partial(WgpuExecutor, device=device)),
             "field_at": by_field_at,
             "point_light": by_point_light,
             "sections": by_sections,
@@ -503,21 +518,19 @@ def measured(consumer: Consumer, shown: Shown) -> float | None:
 def main(argv: list[str] | None = None) -> int:
     """Prints the table; the exit code is 1 if a consumer deviates by more than 1e-3."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--effects", help="ids, with commas between them; all when left out")
+    parser.add_argument("--effects", help="ids, with commas between them, + between those at once; all when left out")
     parser.add_argument("--json", action="store_true", help="print JSON")
     args = parser.parse_args(argv)
     names = args.effects.split(",") if args.effects else list(listed_effects())
     table: dict[str, dict[str, float | None]] = {}
+    kinds = benches()
     with consumers() as all_consumers:
         for name in names:
             row: dict[str, float | None] = dict.fromkeys(all_consumers)
-            for system, drive in benches().values():
-                try:
-                    shown = shown_by(system, drive, name)
-                except UserError:
-                    continue  # a bench that can't have it can't be built, so that no consumer gets one
+            for system, drive in kinds.values():
+                shown = shown_by(system, drive, name)
                 for consumer, function in all_consumers.items():
-                    found = measured(function, shown)
+                    found = None if shown is None else measured(function, shown)
                     if found is not None:
                         row[consumer] = max(found, row[consumer] or 0.0)
             table[name] = row

@@ -28,6 +28,7 @@ from tests.randomness import SeedMover, draw_other_noise
 
 LONGEST = (
     "docs/test_tutorials.py",
+    "test_effect_consumers.py",
     "diagnose/test_hidden.py",
     "captures/records/test_search.py",
     "gui/test_panels.py",

@@ -141,7 +141,11 @@ def directions_per_side(system: System, radius_rad: float) -> int:
 
 
 def spot_directions(side: int, outline: float) -> NDArray[np.float64]:
-    """Points (side², 2) of equal weight for a radius of 1, with a variance of 1/4 along each axis for every outline."""
+    """Points (n, 2) of equal weight for a radius of 1, with a variance of 1/4 along each axis for every outline.
+
+    n is the square of `side`, or of the next odd number: then the middle of the disc is a point, the nominal direction.
+    """
+    side |= 1
     middles = (2 * np.arange(side) + 1) / side - 1
     v, u = (a.ravel() for a in np.meshgrid(middles, middles, indexing="ij"))
     radius = np.maximum(np.abs(u), np.abs(v))

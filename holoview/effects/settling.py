@@ -51,7 +51,7 @@ class Settling(Effect):
         return {"remaining": " and ".join(dict.fromkeys(shares))}
 
 
-_LEAST_SAMPLES = 6
+_LEAST_SAMPLES = 7
 _COUNTED_WAVES = 4  # full drive of both modulators together, in wavelengths, up to which the samples suffice
 
 
@@ -96,6 +96,6 @@ def _amplitude(depth: float, waves: float) -> float:
 
 
 def _sample_count(depth: float) -> int:
-    """The samples of half a cycle; the other half has the same."""
+    """The samples of half a cycle; the other half has the same. Odd: the one in the middle has the nominal phase."""
     amplitude = _amplitude(depth, _COUNTED_WAVES)
-    return max(_LEAST_SAMPLES, math.ceil(amplitude / 2 + 1.7 * amplitude ** (1 / 3) + 1))
+    return max(_LEAST_SAMPLES, math.ceil(amplitude / 2 + 1.7 * amplitude ** (1 / 3) + 1)) | 1

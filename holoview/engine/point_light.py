@@ -139,7 +139,6 @@ def point_steps(
     require_memory("the light of a point", _PADDED_ARRAYS * math.prod(plan.grid.padded) * 16, remedy="lower padding")
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     beams, shape = plan.beams(lasers), plan.grid.shape
-    laser_of = {line: laser for laser, lines in enumerate(plan.lasers) for line in lines.indices}
     intensities, xyz, total = np.zeros(len(system.wavelengths_m)), np.zeros(3), 0.0
     areas = [np.zeros((*shape, 3), np.float32) for _ in plan.system.modulators]
     directions, orders = np.zeros((window, window, 3), np.float32), dict[tuple[int, int], float]()
@@ -147,7 +146,7 @@ def point_steps(
         found = beam_at_point(executor, beam, len(plan.planes) - 1, place)
         colour = plan.colour_weights[beam.wavelength]
         intensity = beam.weight * abs(found.field) ** 2
-        intensities[laser_of[beam.wavelength]] += intensity
+        intensities[plan.laser_of(beam.wavelength)] += intensity
         xyz += intensity * colour
         total += intensity
         for order, part in found.orders.items():

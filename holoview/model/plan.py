@@ -320,6 +320,17 @@ class Plan:
         """
         return [int(frame) for frame in np.flatnonzero(self.weights[:, wavelength])]
 
+    def laser_of(self, wavelength: int) -> int:
+        """The laser of the nominal system that emits a wavelength of `system`, by their indices.
+
+        >>> import holoview as hv
+        >>> effects = {"second_line": {"share": 0.25, "offset": "6 nm"}}
+        >>> plan = hv.make_plan(hv.load("holochrome-8").edit({"effects": effects}))
+        >>> [plan.laser_of(wavelength) for wavelength in range(4)]
+        [0, 0, 1, 1]
+        """
+        return wavelength // len(self.lasers[0].indices)
+
     def beams(self, lasers: Sequence[int]) -> list[Beam]:
         """All beams of some lasers whose |field|² add up to the intensity, by wavelength.
 

@@ -160,8 +160,7 @@ class SampledTransmissions:
     def _laser_number(self, wavelength: int) -> int:
         """The number, from the shortest wavelength, of the nominal laser that emits a wavelength of the plan."""
         nominal_m = self.plan.nominal.wavelengths_m
-        lines = len(self.plan.system.wavelengths_m) // len(nominal_m)
-        return int(np.count_nonzero(nominal_m < nominal_m[wavelength // lines]))
+        return int(np.count_nonzero(nominal_m < nominal_m[self.plan.laser_of(wavelength)]))
 
 
 class FieldTransmissions:
@@ -172,8 +171,7 @@ class FieldTransmissions:
     """
 
     def __init__(self, plan: Plan, field: Tensor | NDArray[np.complexfloating]) -> None:
-        self._field = field
-        self._lines = len(plan.system.wavelengths_m) // len(plan.nominal.wavelengths_m)
+        self._plan, self._field = plan, field
 
     def is_sampled(self, modulator: int) -> bool:
         """Always."""
@@ -181,7 +179,7 @@ class FieldTransmissions:
 
     def sampled_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
         """The field (y, x) complex128 of a frame; a line of a laser's spectrum has the field of its laser."""
-        samples = self._field[frame, wavelength // self._lines]
+        samples = self._field[frame, self._plan.laser_of(wavelength)]
         tensor = samples if isinstance(samples, Tensor) else torch.from_numpy(np.array(samples))
         return tensor.to(torch.complex128)
 

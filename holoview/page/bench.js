@@ -136,6 +136,7 @@ function focusShift(eye, λ) {
 // The true distance where a nominal one is asked for, along straight lines between known ones; known: null without effects.
 function trueDistance(known, nominal) {
     if (!known) return nominal
+    if (known.true_m.length === 1) return known.true_m[0]
     const from = known.nominal_m
     const i = Math.min(Math.max(firstIndex(from.length, j => from[j] > nominal), 1), from.length - 1)
     const share = Math.min(Math.max((nominal - from[i - 1]) / (from[i] - from[i - 1]), 0), 1)

@@ -495,12 +495,12 @@ def bench_numbers(plan: Plan, plane_range_m: tuple[float, float], *, is_sampled:
     transmission is given sample by sample, so that wavelengths can't be moved.
     """
     system, nominal = plan.system, plan.nominal
-    has_pupils, lines = _has_pupils(nominal), plan.lasers
+    has_pupils, count = _has_pupils(nominal), len(system.wavelengths_m)
     gaps_m = gap_range(nominal, plane_range_m)
     return _grid_numbers(plan, is_sampled=is_sampled) | {
         "wavelengths_m": system.wavelengths_m.tolist(),
         "nominal_wavelengths_m": nominal.wavelengths_m.tolist(),
-        "laser_of": [laser for laser, each in enumerate(lines) for _ in each.indices],
+        "laser_of": [plan.laser_of(wavelength) for wavelength in range(count)],
         "weights": plan.weights.tolist(),
         "strokes_m": [modulator.stroke_m for modulator in system.modulators],
         "gap_m": system.gap_m,
@@ -513,7 +513,11 @@ def bench_numbers(plan: Plan, plane_range_m: tuple[float, float], *, is_sampled:
         "relays": [_relay(relay) for relay in plan.relays],
         "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),
         "observer": observer_table(system.observer),
-        "fixed": {"wavelengths": bool(is_sampled or has_pupils or nominal.effects), "pupil": has_pupils},
+        "fixed": {
+            "wavelengths": bool(is_sampled or has_pupils or nominal.effects),
+            "powers": bool(ActiveEffects(nominal.effect_values).with_hooks("laser_power")),
+            "pupil": has_pupils,
+        },
     }
 
 

@@ -39,7 +39,8 @@ function laserRules(bench) {
     const isFixed = bench.fixed.wavelengths
     return {
         lasers: [value => isList(value, each => typeof each === "boolean"), "true or false for each laser"],
-        powers: [value => isList(value, each => isNumber(each, 0, 1e3)), "a factor from 0 to 1000 for each laser"],
+        powers: bench.fixed.powers ? [value => isList(value, each => each === 1), "1: by an effect, light doesn't rise in proportion to powers"]
+            : [value => isList(value, each => isNumber(each, 0, 1e3)), "a factor from 0 to 1000 for each laser"],
         wavelengths_m: isFixed ? [value => String(value) === String(bench.nominal_wavelengths_m), "those of the file: effects or aberrations were computed for them"]
             : [value => isList(value, each => isNumber(each, 390e-9, 830e-9)), "metres from 390e-9 to 830e-9 for each laser"],
     }
@@ -494,6 +495,7 @@ function laserPanel(viewer, change, index) {
         const [powerInput, powerText] = range(power, "Power", 0, 2, 0.01)
         const [waveInput, waveText] = range(wavelength, "Wavelength", Math.max(λ * 1e9 - 30, 390), Math.min(λ * 1e9 + 30, 830), 0.1)
         waveInput.disabled = bench.fixed.wavelengths
+        powerInput.disabled = bench.fixed.powers
         on.addEventListener("change", () => set("lasers", i, on.checked))
         powerInput.addEventListener("input", () => set("powers", i, Number(powerInput.value)))
         waveInput.addEventListener("input", () => {

@@ -211,6 +211,18 @@ def test_a_phase_shifting_set_of_files_shows_its_phase_unwrapped(holoview: Run, 
     assert high - low == pytest.approx(np.ptp(expected), rel=0.02)
 
 
+def test_a_field_that_is_one_sample_of_several_says_so(holoview: Run) -> None:
+    shown = ("render", "holochrome-8", "--set", "shape=[16,24]", "--show", "phase", "--stage", "slm2", "-o", "p.png")
+    assert "one sample" not in holoview(*shown).out
+    effects = ("--effects", "second_line.share=0.25", "second_line.offset=4nm", "flicker.depth=0.1")
+    said = "one sample of 2 spectral lines × "
+    assert said in holoview(*shown, *effects).out
+    (entry,) = json.loads(holoview(*shown, *effects, "--json").out)["planes"]
+    assert said in entry["note"] and entry["wavelength_m"] == hv.load("holochrome-8").wavelengths_m[0]
+    samples = int(entry["note"].split("× ")[1].split()[0])
+    assert entry["share"] == pytest.approx(0.75 / samples)
+
+
 def test_files_are_the_parts_of_one_field(holoview: Run) -> None:
     np.save("re.npy", _lens().real)
     np.save("im.npy", _lens().imag)

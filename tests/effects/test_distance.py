@@ -6,9 +6,12 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 import torch
 
+import holoview as hv
 from holoview.captures.dataset import Captures
+from holoview.model.derived_numbers import info_rows
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -25,3 +28,29 @@ def test_a_fourier_bench_is_defocused_either_way(make_fourier: Make, predicted: 
     found = predicted(captures, {"distance": {"distance_error": -1e-3}})
     torch.testing.assert_close(found, predicted(nearer), rtol=1e-9, atol=0)
     assert not torch.allclose(found, predicted(captures), rtol=0.1)
+
+
+@pytest.mark.parametrize("plane", ["-5 mm", "-0.5 mm", "3 mm"])
+def test_the_planes_of_a_field_move_on_both_sides_of_it(plane: str) -> None:
+    rng = np.random.default_rng(0)
+    hologram = hv.load_field(
+        np.exp(2j * np.pi * rng.random((16, 24))).astype(np.complex64), pitch="8 um", wavelengths="532 nm"
+    )
+    moved = hologram.system.edit({"effects": {"distance": {"distance_error": "1 mm"}}})
+    there = float(plane.removesuffix(" mm")) * 1e-3 + 1e-3
+    found = hv.simulate(moved, hologram.drive, planes=[plane], backend="torch64")
+    expected = hv.simulate(hologram.system, hologram.drive, planes=[there], backend="torch64")
+    # a rounding of the distance by 2⁻⁵³ turns the phase by 1e-16·2π·z/λ
+    np.testing.assert_allclose(found.intensity, expected.intensity, rtol=1e-9)
+    assert found.focus_m.tolist() == pytest.approx([float(plane.removesuffix(" mm")) * 1e-3])
+
+
+def test_what_an_eye_is_focused_on_is_told_by_the_nominal_planes_everywhere() -> None:
+    system = hv.load("holochrome-8").edit(
+        {"shape": [24, 32], "planes": ["9 mm", "11 mm"], "eye": {}, "effects": {"distance": {"distance_error": "1 mm"}}}
+    )
+    told = hv.simulate(system, hv.random_drive(system), backend="torch").accommodation_dpt
+    assert told is not None
+    (row,) = [row for row in info_rows(system) if row.name == "focused at"]
+    assert row.text == f"{', '.join(f'{d:.3g}' for d in told)} D"
+    assert [plane.true_m - plane.nominal_m for plane in hv.make_plan(system).planes] == pytest.approx([1e-3, 1e-3])

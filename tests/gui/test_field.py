@@ -50,6 +50,16 @@ def test_the_field_itself_is_seen_with_its_values(gui: Gui, tmp_path: Path) -> N
     assert min(offsets) <= 2  # the picture is drawn as it is, through XYZ in f32 and sRGB back
 
 
+def test_what_a_field_is_a_sample_of_stands_beside_its_scale(make_gui: Callable[..., Gui]) -> None:
+    effects = {"second_line": {"share": 0.25, "offset": "4 nm"}}
+    gui = make_gui(small_bench(effects=effects), (700, 900), panels=(ViewPanel, ImagePanel))
+    gui.session.edit_view("Look", page="field", stage="slm2", quantity="phase", solo=1)
+    gui.draw_until_idle()
+    seen = gui.context.page_images.seen_field
+    assert seen is not None and seen.scale.startswith("slm2, 530 nm: ")
+    assert seen.scale.endswith("one sample of 2 spectral lines, which add in intensity; it has 75 % of the light")
+
+
 def test_a_field_is_looked_at_from_its_other_side_and_has_nothing_to_optimise(gui: Gui, tmp_path: Path) -> None:
     _open(gui, tmp_path)
     gui.click(gui.item_position("other side"))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+import holoview as hv
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
 from holoview.colour import srgb_encode, xyz_to_linear_srgb
 from holoview.document.file_loader import target_from_pixels
 from holoview.render.tone_mapping import colour_map, compose_comparison, tone_map
 from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
-from tests.gui.conftest import Gui
+from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
@@ -117,6 +119,20 @@ def test_the_values_under_the_pointer_are_those_of_the_image(gui: Gui) -> None:
     assert f"XYZ {x:.3f}  {y:.3f}  {z:.3f}" in line
     intensity = gui.context.side_renderers.now.intensities()[:, rows // 2, columns // 2]
     assert intensity.shape == (3,) and np.all(intensity > 0)
+
+
+def test_lasers_are_summed_over_their_lines(make_gui: Callable[..., Gui]) -> None:
+    effects = {"second_line": {"share": 0.3, "offset": "6 nm"}, "wavelength_offset": {"offset": "5 nm"}}
+    gui = make_gui(small_bench(effects=effects), (700, 900), panels=(ImagePanel,))
+    gui.draw_until_idle()
+    now, xyz = gui.context.side_renderers.now, gui.context.side_renderers.xyz(NOW)
+    intensities, luminances = now.intensities(), now.luminances()
+    assert xyz is not None and intensities is not None and luminances is not None
+    view = hv.simulate(gui.session.system, gui.session.drive, [gui.session.view_settings.plane_m], backend="torch64")
+    by_laser = view.intensity[0].reshape(3, 2, *xyz.shape[:2]).sum(axis=1)
+    # float32: as for whole frames (tests/parity)
+    assert np.linalg.norm(intensities - by_laser) <= 2e-6 * np.linalg.norm(by_laser)
+    assert np.linalg.norm(luminances.sum(axis=0) - xyz[..., 1]) <= 2e-6 * np.linalg.norm(xyz[..., 1])
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------

@@ -345,6 +345,21 @@ def test_extended_sources_and_broad_lines_beyond_their_samples_are_told() -> Non
     assert LIMITS["samples of lines and sources"].measure(hv.make_plan(_broad_bench())) is None
 
 
+def test_samples_of_a_line_are_judged_at_the_planes_that_are_asked_for() -> None:
+    """The phase between the samples of a line grows with the distance, whichever planes the bench has."""
+    system = _broad_bench(**{"planes": ["2 mm"], "gap": "1 mm", "effects.bandwidth.sigma": "5 nm"})
+    limit = LIMITS["samples of lines and sources"]
+    near, far = (limit.measure(hv.make_plan(system, planes)) for planes in (None, ["2 mm", "100 mm"]))
+    assert near is not None and far is not None
+    assert far.value == pytest.approx(limit_of(system.edit({"planes": ["2 mm", "100 mm"]})), rel=1e-12)
+    assert far.value > 10 * near.value
+
+
+def limit_of(system: hv.System) -> float:
+    """The phase between samples of lines and sources at a bench's own planes."""
+    return _value("samples of lines and sources", system)
+
+
 def test_the_phase_between_directions_is_that_of_their_shift() -> None:
     """A direction shifts the picture by z·θ, which turns the edge of the first order, 1/(2p), by 2π·z·θ/(2p)."""
     system = _broad_bench(planes=["10 mm"], gap="2 mm")

@@ -141,6 +141,37 @@ def test_an_eye_sees_on_the_page_what_it_sees_in_render(browser: Browser, writte
 
 
 @needs_chromium
+@pytest.mark.parametrize("eye", [None, EYE], ids=["no eye", "an eye"])
+def test_with_effects_planes_gaps_and_lasers_are_the_nominal_ones(
+    browser: Browser, tmp_path: Path, eye: dict[str, str] | None
+) -> None:
+    """The page names planes, gap and lasers as the bench does, and shows the light where and of what it really is."""
+    effects = {
+        "distance": {"distance_error": "0.6 mm"},
+        "gap": {"gap_error": "-0.3 mm"},
+        "second_line": {"share": 0.3, "offset": "6 nm"},
+        "laser_power": {"exponent": 0.2},
+    }
+    lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": [[1.0, 1.5, 2.0]]}
+    system = hv.load("holochrome-8").edit({"shape": [24, 32], "planes": ["9 mm", "11 mm"], **lasers})
+    system = system.edit({"effects": effects, "eye": eye})
+    hologram = hv.Hologram(_in_8_bits(hv.random_drive(system, seed=6)), system)
+    page = open_page(browser, export_html(tmp_path / "effects.html", hologram, plane_m=9e-3))
+    assert page.inner_text("#gap-value") == "2.000 mm"
+    assert page.locator("#laser-rows .laser").count() == 3
+    _is_equal(page_pixels(page), hologram, system, 9e-3)
+    set_state(page, plane_m=11e-3, gap_m=2.4e-3)
+    _is_equal(page_pixels(page), hologram, system.with_(gap="2.4 mm"), 11e-3)
+    set_state(page, gap_m=2e-3, lasers=[True, False, True])
+    _is_equal(page_pixels(page), hologram, _laser_off(system, 1), 11e-3)
+    message = page.evaluate("() => window.holoview.set({ powers: [1, 0.5, 1] }).catch(error => String(error))")
+    assert "doesn't rise in proportion" in message
+    low = page.evaluate("() => Number(document.getElementById('gap').min)")
+    assert 0.3e-3 <= low <= 0.6e-3, "a gap can't be shorter than nothing"
+    assert browser.close_pages() == []
+
+
+@needs_chromium
 def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
     box = dict(zip(("x", "y", "width", "height"), REGION, strict=True))
