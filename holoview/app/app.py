@@ -512,7 +512,10 @@ def draw_status(context: AppContext) -> None:
 def _draw_limits(context: AppContext) -> None:
     """Says that the model isn't true of the bench, and in a tooltip in what respect."""
     limits = context.limit_notes
-    notes = limits.known if imgui.is_any_item_active() else limits.notes()  # milliseconds for each new bench
+    scene = context.side_renderers.now.full_scene
+    xyz = None if scene is None or not scene.system.is_field else context.side_renderers.now.xyz()
+    picture = None if scene is None or xyz is None else (scene, xyz)
+    notes = limits.known if imgui.is_any_item_active() else limits.notes(picture)  # milliseconds for each new bench
     if not notes:
         return
     imgui.same_line(spacing=20)

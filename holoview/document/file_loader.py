@@ -410,7 +410,13 @@ def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | Non
     opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=most_samples), progress)
     shown, title, path = opened.hologram, paths[0].name, paths[0]
     return FileContent(
-        "field", title, shown.system, shown.drive, path=path, notes=opened.notes, recorded=opened.recorded
+        "field",
+        title,
+        shown.system,
+        shown.drive,
+        path=path,
+        notes=(*opened.notes, *opened.guess_notes),
+        recorded=opened.recorded,
     )
 
 
