@@ -409,9 +409,9 @@ def _field(paths: list[Path], request: ReadRequest, progress: StepCallback | Non
     """A field of another program; the notes name the properties that are guessed."""
     opened = open_hologram(paths, replace(request, accept_guesses=True, most_samples=most_samples), progress)
     shown, title, path = opened.hologram, paths[0].name, paths[0]
-    guesses = (note for note in opened.guess_notes if not note.startswith("sign of the phase"))  # a button is beside it
-    notes = (*opened.notes, *guesses)
-    return FileContent("field", title, shown.system, shown.drive, path=path, notes=notes, recorded=opened.recorded)
+    return FileContent(
+        "field", title, shown.system, shown.drive, path=path, notes=opened.notes, recorded=opened.recorded
+    )
 
 
 def _page(path: Path, state: str) -> FileContent:

@@ -393,9 +393,10 @@ class LimitNotes:
         except UserError as error:  # such as of lasers all of which are muted
             return (str(error),)
         system, plane_m = document.system, document.view_settings.plane_m
-        seen = picture if system.is_field and picture is not None and picture[0].system == system else None
+        seen = picture if system.is_field and picture is not None and picture[0].drive is document.drive else None
+        seen = seen if seen is not None and seen[0].plane_m == plane_m else None
         key = (system, plane_m, None if seen is None else seen[1])
-        if self._known is None or not are_same(self._known, key):
+        if self._known is None or self._known[:2] != key[:2] or self._known[2] is not key[2]:
             self._known, self._notes = key, _notes(system, plane_m, seen)
         return self._notes
 
