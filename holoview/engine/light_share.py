@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model.plan import Plan, walk_off
+from holoview.model.plan import Plan
 from holoview.model.validity import LEAST_IN_PICTURE, Light
 from holoview.wavefield.field_bench import edge_power
+
+_STEEPEST = 0.99  # direction sine of light whose way is bounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.
     """The figures of the light that the limits of the model are measured of.
 
     focus_m: (plane,) the distances that are told. Where the power behind the last element takes transforms, the share
-    is known only if more than a tenth of an evenly lit modulator's light may go past the edges.
+    is known only if more than a tenth of light that is spread evenly goes past the edges.
     """
     at_edge = edge_power(drive) if plan.nominal.is_field and plan.distances_m.any() else None  # at 0 nothing propagates
     if (shares.plain_behind is None and not may_leave(plan)) or not np.isfinite(shares.by_plane).all():
@@ -94,12 +96,20 @@ def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.
 
 
 def may_leave(plan: Plan) -> bool:
-    """Whether more than a tenth of an evenly lit modulator's light may go past the edges of a picture.
+    """Whether more than a tenth of light that fills a modulator and the directions that pass goes past the edges.
 
-    Light of the steepest direction that passes loses the share d/N of each side N, by which it moves sideways.
+    Light of a direction loses the share d/N of each side N, by which it moves sideways; over all directions that pass
+    this is half of that of the steepest.
     """
-    reach = walk_off(plan.system, plan.system.relay2, float(np.abs(plan.distances_m).max()))
-    return sum(reach / n for n in plan.grid.shape) > 1 - LEAST_IN_PICTURE
+    system, pitch_m, ways_m = plan.system, plan.system.modulators[0].pitch_m, []
+    for index, distance_m in enumerate(np.abs(plan.distances_m).max(axis=0).tolist()):
+        λ = float(system.wavelengths_m[index])
+        sine = min(λ / (2 * plan.grid.pitch_m), system.relay2.axis_sine(λ, pitch_m), _STEEPEST)
+        ways_m += [distance_m * sine / math.sqrt(1 - sine * sine)] if plan.lit(index) else []
+    return (
+        sum(float(np.mean(ways_m or [0.0])) / 2 / (n * plan.grid.pitch_m) for n in plan.grid.shape)
+        > 1 - LEAST_IN_PICTURE
+    )
 
 
 def _plain_power(plan: Plan, drive: Any) -> NDArray[np.float64] | None:
