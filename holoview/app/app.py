@@ -26,6 +26,7 @@ from holoview.colour import fitting_stops
 from holoview.document.editing_session import Change, EditingSession, Message, MessageLog
 from holoview.document.file_loader import show_example
 from holoview.document.jobs import format_job
+from holoview.document.measurements import SeenPicture
 from holoview.document.session_store import SessionStore
 from holoview.gpu.device import Device
 from holoview.model import preset
@@ -513,7 +514,7 @@ def draw_status(context: AppContext) -> None:
 def _draw_limits(context: AppContext) -> None:
     """Says that the model isn't true of the bench, and in a tooltip in what respect."""
     limits = context.limit_notes
-    notes = limits.known if imgui.is_any_item_active() else limits.notes()  # milliseconds for each new bench
+    notes = limits.known if imgui.is_any_item_active() else limits.notes(_seen_picture(context))  # milliseconds each
     if not notes:
         return
     imgui.same_line(spacing=20)
@@ -521,6 +522,16 @@ def _draw_limits(context: AppContext) -> None:
     imgui.text_colored(theme.WARNING, text)
     context.record_item_rect("limits")
     tooltip("The picture isn't true in this respect:\n\n" + "\n\n".join(notes))
+
+
+def _seen_picture(context: AppContext) -> SeenPicture | None:
+    """The field that is seen and its picture, once nothing is computed any more."""
+    now = context.side_renderers.now
+    scene = now.full_scene
+    if scene is None or not scene.system.is_field or now.is_busy:
+        return None
+    xyz = now.xyz()
+    return None if xyz is None else (scene, xyz)
 
 
 def _ms(seconds: float) -> str:

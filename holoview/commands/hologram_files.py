@@ -38,7 +38,16 @@ from holoview.wavefield.interpret.remembered import (
     remember,
     request_of_notes,
 )
-from holoview.wavefield.request import MOST_UNASKED, Part, Propagation, Quantity, ReadRequest, RecordingKind, Viewpoint
+from holoview.wavefield.request import (
+    MOST_UNASKED,
+    Part,
+    Propagation,
+    Quantity,
+    ReadRequest,
+    RecordingKind,
+    Viewpoint,
+    WindowRequest,
+)
 
 _COUNT = r"(?:\d++(?:\.\d++)?|\.\d++)"
 _NEGATIVE = re.compile(rf"-{_COUNT}(?:,-?{_COUNT})*+ ?[a-zµ]*+$")
@@ -61,6 +70,9 @@ _OPTIONS = (
     "colour_shift",
     "steps",
     "order",
+    "window_centre",
+    "window_size",
+    "window_pitch",
 )
 
 
@@ -89,6 +101,13 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
         default="auto",
         help="to its distance: asm, the angular spectrum in the field's own window; one transform for far images",
     )
+    group.add_argument(
+        "--window-centre",
+        metavar="X,Y",
+        help="see its image in a window around this place beside the axis: 3,0mm; the axis if absent",
+    )
+    group.add_argument("--window-size", metavar="W[,H]", help="width and height of this window; the field's if absent")
+    group.add_argument("--window-pitch", metavar="LENGTH", help="between its samples; the field's pitch if absent")
     group.add_argument("--conjugate", action="store_true", help="phases were written with the other sign: exp(-iφ)")
     group.add_argument(
         "--file-note",
@@ -170,6 +189,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,
         propagation=args.propagation,
+        window=_window(args),
         decimate=args.decimate or 1,
         most_samples=MOST_UNASKED,
         viewpoint=None if args.viewpoint is None else _only_viewpoint(*args.viewpoint),
@@ -177,6 +197,24 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         **_aperture(args.aperture),
     )
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
+
+
+def _window(args: argparse.Namespace) -> WindowRequest | None:
+    """The window that --window-centre, --window-size and --window-pitch state; None without them.
+
+    Raises UserError for texts that aren't lengths, and for too many of them.
+    """
+    centre, size, pitch = args.window_centre, args.window_size, args.window_pitch
+    if centre is None and size is None and pitch is None:
+        return None
+    place = (0.0, 0.0) if centre is None else tuple(parse_lengths(centre, "--window-centre"))
+    sides = None if size is None else tuple(parse_lengths(size, "--window-size"))
+    if len(place) != 2:
+        raise UserError("--window-centre", f'"{centre}"', expected="x,y with a unit, such as 3,0mm")
+    if sides is not None and len(sides) > 2:
+        raise UserError("--window-size", f'"{size}"', expected="a width and a height, or one length for both")
+    pitch_m = None if pitch is None else units.parse(pitch, "--window-pitch")
+    return WindowRequest((place[1], place[0]), None if sides is None else (sides[-1], sides[0]), pitch_m)
 
 
 def _numbers(text: str) -> Any:
@@ -297,13 +335,17 @@ class Shown:
     """A system and the drive that it shows; None of a preset.
 
     read: the properties that were read of files, for JSON; else empty. other_side: the system and the drive of the
-    conjugate field, where its image is clearly sharper.
+    conjugate field, where its image is clearly sharper. light: the share of a field's light that its window holds.
+    guesses: the properties that were guessed, for JSON; guess_notes: those that no note has told, as sentences.
     """
 
     system: System
     drive: Any
     read: dict[str, Any] = field(default_factory=dict)
     other_side: tuple[System, Any] | None = None
+    light: float = 1.0
+    guesses: list[dict[str, str]] = field(default_factory=list)
+    guess_notes: tuple[str, ...] = ()
 
 
 def shown_by_args(args: argparse.Namespace) -> Shown:
@@ -327,7 +369,9 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
         return system, Hologram(hologram.drive, system).drive
 
     other = None if opened.other_side is None else changed(opened.other_side)
-    return Shown(*changed(opened.hologram), reading_as_json(opened, names), other)
+    guesses = [{"name": known.key, "value": known.value, "reason": known.reason} for known in opened.guesses]
+    read = reading_as_json(opened, names)
+    return Shown(*changed(opened.hologram), read, other, opened.light, guesses, opened.guess_notes)
 
 
 def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:

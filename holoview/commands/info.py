@@ -6,16 +6,23 @@ Cut-offs, sampling, diffraction angles, limits of the model, memory.
 from __future__ import annotations
 
 import argparse
+import math
 from itertools import groupby
 from typing import Any
 
 from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json
-from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
+from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input
 from holoview.model import preset
 from holoview.model.derived_numbers import info_rows
+from holoview.model.focus import focused_planes
+from holoview.model.validity import Light
 from holoview.optimise.memory import peak_bytes
+from holoview.view import simulate
+from holoview.wavefield.field_bench import edge_power
+
+_MOST_SUMMED = 1 << 24  # samples of all wavelengths and frames: about ten seconds
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +43,13 @@ def run(args: argparse.Namespace) -> int:
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
-    rows = info_rows(system, None if system.is_field else peak_bytes(system))
+    light = _light(shown)
+    rows = info_rows(system, None if system.is_field else peak_bytes(system), light)
     if args.json:
-        table: dict[str, Any] = {"read": shown.read} if shown.read else {}
+        table: dict[str, Any] = {}
+        if shown.read:
+            share = None if light.in_picture is None else round(light.in_picture, 9)
+            table = {"read": shown.read, "light_in_picture": share}
         for row in rows:
             table.setdefault(row.heading, {})[row.name] = row.text
         print_json(table)
@@ -53,3 +64,20 @@ def run(args: argparse.Namespace) -> int:
         for row in group:
             print(f"  {row.name:<32}  {row.text}")
     return 0
+
+
+def _light(shown: Shown) -> Light:
+    """The light of a field in the picture of its middle plane, and at the edge of its band; unknown of other benches.
+
+    It takes a simulation of the plane; a field of more than `_MOST_SUMMED` numbers isn't summed.
+    """
+    if not shown.system.is_field:
+        return Light()
+    planes_m = focused_planes(shown.system)
+    plane_m = float(planes_m[len(planes_m) // 2])
+    at_edge = edge_power(shown.drive) if plane_m else None  # at 0 nothing propagates
+    if shown.drive.size > _MOST_SUMMED:
+        return Light(at_edge=at_edge)
+    view = simulate(shown.system, shown.drive, [plane_m], backend="torch")
+    share = math.nan if view.light is None else float(view.light.by_plane[0]) * shown.light
+    return Light(None if math.isnan(share) else share, plane_m, at_edge)

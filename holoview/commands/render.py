@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -157,6 +158,8 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     """The same seen from one place. report: takes what --json prints."""
     shown = _shown(args)
     system, drive = shown.system, shown.drive
+    for note in shown.guess_notes:
+        print_stderr(f"note: {note}")
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
     if args.pupil_path is not None:
@@ -191,8 +194,12 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
         files += [entry | {"other_side": True} for entry in sharper]
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
-        read = {"read": shown.read} if shown.read else {}
-        report(result | {"exposure_stops": round(stops, 3), "notes": view.notes} | read)
+        shares = _light_shares(view, shown)
+        for entry, share in zip(files, shares, strict=False):  # not of pictures of the other side
+            entry["light_in_picture"] = share
+        result |= {"light_in_picture": min((s for s in shares if s is not None), default=None)}
+        result |= {"exposure_stops": round(stops, 3), "notes": view.notes, "guesses": shown.guesses}
+        report(result | ({"read": shown.read} if shown.read else {}))
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         if stops and args.exposure in (None, "auto"):
@@ -203,6 +210,15 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
             side = ", with the other sign of the phase" if "other_side" in entry else ""
             print(f"{entry['plane']}{side}: {entry['file']}{speckle}")
     return saver.exit_code
+
+
+def _light_shares(view: View, shown: Shown) -> list[float | None]:
+    """The share of the light that is in the picture of each plane; None without light.
+
+    Of a field that was brought to its image, in the light of the field itself.
+    """
+    shares = [] if view.light is None else view.light.by_plane.tolist()
+    return [None if math.isnan(share) else round(share * shown.light, 9) for share in shares]
 
 
 def _simulated(
@@ -245,7 +261,8 @@ def _show_field(
         entry |= {"sample": step, "largest_amplitude": most, "wavelength_m": field.wavelength_m}
         files.append(entry | {"share": field.share, "note": field.note})
     if args.json:
-        report({"preset": system.name, "planes": files} | ({"read": shown.read} if shown.read else {}))
+        read = {"read": shown.read} if shown.read else {}
+        report({"preset": system.name, "planes": files, "guesses": shown.guesses} | read)
     for entry in [] if args.json else files:
         note = f"; {entry['note']}" if entry["note"] else ""
         print(f"{entry['stage']} at {entry['plane']}: {entry['file']}  {entry['quantity']}, {entry['scale']}{note}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from holoview.colour import SRGB_TO_XYZ, gamut_map, xyz_to_linear_srgb
 from holoview.document.document import Document
 from holoview.document.editing_session import EditingSession
+from holoview.engine.light_share import luminance_share
 from holoview.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.metrics.speckle import (
     RetinalContrast,
@@ -29,12 +31,16 @@ from holoview.metrics.speckle import (
 )
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.model.validity import exceeded_limits
+from holoview.model.validity import Light, exceeded_limits
+from holoview.render.scene import Scene
 from holoview.render.view_settings import Line, Region
 from holoview.util.errors import UserError
 from holoview.util.processes import LatestTask, are_same
+from holoview.wavefield.field_bench import edge_power
 
 Floats = NDArray[np.float64]
+SeenPicture = tuple[Scene, NDArray[np.floating]]
+"""A scene and its picture XYZ (y, x, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +375,7 @@ class LimitNotes:
 
     def __init__(self, session: EditingSession) -> None:
         self._session = session
-        self._known: tuple[System, float] | None = None
+        self._known: tuple[Any, ...] | None = None
         self._notes: tuple[str, ...] = ()
 
     @property
@@ -377,20 +383,32 @@ class LimitNotes:
         """The notes that were found last, which may be of the bench before it was dragged."""
         return self._notes
 
-    def notes(self) -> tuple[str, ...]:
-        """Each limit as a sentence; for a bench that can't be computed or displayed, only the reason."""
+    def notes(self, picture: SeenPicture | None = None) -> tuple[str, ...]:
+        """Each limit as a sentence; for a bench that can't be computed or displayed, only the reason.
+
+        picture: of a field, by which it is known how much of its light is in the picture.
+        """
         try:
             document = self._session.displayed_document
         except UserError as error:  # such as of lasers all of which are muted
             return (str(error),)
-        key = (document.system, document.view_settings.plane_m)
-        if self._known is None or key != self._known:
-            self._known, self._notes = key, _notes(*key)
+        system, plane_m = document.system, document.view_settings.plane_m
+        seen = picture if system.is_field and picture is not None and picture[0].drive is document.drive else None
+        seen = seen if seen is not None and seen[0].plane_m == plane_m else None
+        key = (system, plane_m, None if seen is None else seen[1])
+        if self._known is None or self._known[:2] != key[:2] or self._known[2] is not key[2]:
+            self._known, self._notes = key, _notes(system, plane_m, seen)
         return self._notes
 
 
-def _notes(system: System, plane_m: float) -> tuple[str, ...]:
+def _notes(system: System, plane_m: float, picture: SeenPicture | None) -> tuple[str, ...]:
     try:
-        return exceeded_limits(make_plan(system, [*system.planes_m, plane_m]))
+        plan = make_plan(system, [*system.planes_m, plane_m])
     except UserError as error:
         return (str(error),)
+    if picture is None:
+        return exceeded_limits(plan)
+    scene, xyz = picture
+    share = luminance_share(make_plan(scene.system, [scene.plane_m]), scene.drive, xyz)
+    at_edge = edge_power(scene.drive) if scene.plane_m else None  # at 0 nothing propagates
+    return exceeded_limits(plan, Light(share, scene.plane_m, at_edge))

@@ -7,29 +7,43 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.io.hologram import FORMAT, Hologram, load_hologram
+from holoview.model.validity import LEAST_IN_PICTURE, band_note
 from holoview.targets.image_reader import file_format
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
+from holoview.wavefield.field_bench import edge_power
 from holoview.wavefield.field_file import FIELD_FORMAT
 from holoview.wavefield.interpret.properties import Question
 from holoview.wavefield.interpret.remembered import notes_path
 from holoview.wavefield.readers.registry import is_readable
 from holoview.wavefield.reading import Reading, ReadRequest, Recording, read_wavefield
-from holoview.wavefield.request import Order, Propagation
+from holoview.wavefield.request import Order, Propagation, WindowRequest
 from holoview.wavefield.wavefield import Provenance, Wavefield, without_checkerboard
+
+if TYPE_CHECKING:
+    from holoview.wavefield.imaging import ImagedField
 
 Length = float | str
 _CORNERS = (
     "its light lay in four pieces at the corners, as of a transform whose zero frequency stands there: "
     "the alternating phase is taken away (--file-note checkerboard=false keeps it)"
+)
+_HALF_TURN = (
+    "its light alternates from {0} to {0}, half a turn a sample, where +1/2 and -1/2 look alike and the image is split "
+    "in two: the alternation is taken away, so that it is seen along its own direction (--file-note checkerboard=false "
+    "keeps it)"
+)
+_HALF_TURN_OF_PHASES = (
+    "most of its light alternates from {0} to {0}, half a turn a sample, where +1/2 and -1/2 look alike: its image is "
+    "split in two, unless the pattern is made so on purpose"
 )
 _CORNERS_OF_PHASES = (
     "most of its light goes to the corners of the spectrum: a double-phase pattern sends the light there that its "
@@ -45,7 +59,7 @@ class OpenedHologram:
     notes: remarks for the user, each a sentence. moved_m: how far the field was brought towards its image, from where
     planes count; 0 for a field in its own plane. other_side: the hologram of the conjugate field, seen in the same way,
     where its image is clearly sharper: the file's phase or distance may have the other sign. recorded: the camera's
-    recording that the field was made of.
+    recording that the field was made of. light: the share of the field's light that is in the window there, 0…1.
     """
 
     hologram: Hologram
@@ -54,6 +68,19 @@ class OpenedHologram:
     moved_m: float = 0.0
     other_side: Hologram | None = None
     recorded: Recorded | None = None
+    light: float = 1.0
+
+    @property
+    def guesses(self) -> tuple[Provenance, ...]:
+        """The properties that were guessed."""
+        return tuple(known for known in self.provenance if known.origin == "guessed")
+
+    @property
+    def guess_notes(self) -> tuple[str, ...]:
+        """The guesses that `notes` don't tell, each as a sentence."""
+        notes = (f"{known.key} {known.value} was guessed: {known.reason}" for known in self.guesses)
+        told = [note.split(" was guessed")[0] for note in self.notes]
+        return tuple(note for note in notes if note.split(" was guessed")[0] not in told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +88,7 @@ class Recorded:
     """A camera's recording that a field was made of, to choose its kind, orders or steps anew.
 
     recording: with its kind, side, steps, and an order for each wavelength of an off-axis one. is_moved: whether the
-    field is brought to its image, from where planes count, by one Fresnel transform.
+    field is brought to its image, from where planes count.
 
     Raises UserError for a recording of unknown kind, and for one without its orders.
     """
@@ -105,7 +132,7 @@ class Recorded:
         from holoview.wavefield.imaging import image_field  # slow start: it imports torch
 
         field = field_of_recording(self.recording).field
-        return Hologram.of_field(image_field(field, "fresnel" if self.is_moved else "asm")[0])
+        return Hologram.of_field(image_field(field, "auto" if self.is_moved else "asm").field)
 
 
 def load_field(
@@ -123,7 +150,9 @@ def load_field(
     pitch: distance between samples, or a pair (y, x); metres or text such as "8 um".
     wavelengths: of each laser, metres or text such as "532 nm", in vacuum.
     distance: from the plane of the field to where its image is expected; negative where it lies before the plane.
-    known: further known properties of a file: other fields of `ReadRequest`, such as quantity="phase".
+    known: further known properties of a file: other fields of `ReadRequest`, such as quantity="phase". An array takes
+    propagation and window, a `holoview.wavefield.request.WindowRequest`, which bring it to its image, from where planes
+    then count; without them it stays in its plane.
 
     Returns a `Hologram` whose system has the plane of the field in place of modulators. Raises UserError for an array
     of another shape or of real numbers, for impossible lengths and lengths that nothing tells, and for a file that
@@ -147,15 +176,21 @@ def load_field(
         request = ReadRequest(pitch_m, wavelengths_m, distance_m, **known)
         return open_hologram(paths, request, finds_distance=False).hologram
     values = np.asarray(source)
-    if known:
-        raise UserError(next(iter(known)), "with an array", expected="it of a file: an array holds the field itself")
+    if others := [key for key in known if key not in ("propagation", "window")]:
+        raise UserError(others[0], "with an array", expected="it of a file: an array holds the field itself")
     if values.dtype.kind != "c":
         remedy = "a phase is np.exp(1j * phase), an intensity np.sqrt(intensity) + 0j"
         raise UserError("field", f"values of type {values.dtype}", expected="complex numbers", remedy=remedy)
     if pitch_m is None or not wavelengths_m:
         missing = "pitch" if pitch_m is None else "wavelengths"
         raise UserError(missing, "is missing", expected="pitch and wavelengths: an array doesn't tell them")
-    return Hologram.of_field(Wavefield.of_array(values, pitch_m, wavelengths_m, distance_m or 0.0))
+    field = Wavefield.of_array(values, pitch_m, wavelengths_m, distance_m or 0.0)
+    if known:
+        from holoview.wavefield.imaging import image_field  # slow start: it imports torch
+
+        asked = ReadRequest(**known)
+        field = image_field(field, asked.propagation, asked.window).field
+    return Hologram.of_field(field)
 
 
 def open_hologram(
@@ -177,12 +212,7 @@ def open_hologram(
     if len(paths) == 1 and format_of(paths[0]) in (FORMAT, FIELD_FORMAT):
         return OpenedHologram(_at_distance(load_hologram(paths[0]), request))
     from holoview.wavefield.focus import is_sharper_on_other_side  # slow start: it imports torch
-    from holoview.wavefield.imaging import (  # slow start: it imports torch
-        has_phases_alone,
-        image_field,
-        is_at_corners,
-        with_square_pitch,
-    )
+    from holoview.wavefield.imaging import image_field, with_square_pitch  # slow start: it imports torch
 
     reading, found = _read(paths, request, progress)
     propagation = request.propagation
@@ -193,15 +223,10 @@ def open_hologram(
         from holoview.wavefield.synthetic_aperture import seen_from  # slow start: it imports torch
 
         field = seen_from(field, request.viewpoint)
-    seen, moved = image_field(field, propagation)
-    if reading.recording is None and reading.request.checkerboard is None and is_at_corners(field, seen):
-        keeps_them = has_phases_alone(field)
-        notes = (*notes, _CORNERS_OF_PHASES if keeps_them else _CORNERS)
-        if not keeps_them:
-            field = replace(field, values=without_checkerboard(field.values))
-            seen, moved = image_field(field, propagation)
-    seen, resampled = with_square_pitch(seen)
-    notes = (*notes, *(note for note in (moved, resampled) if note))
+    may_alternate = reading.recording is None and reading.request.checkerboard is None
+    field, imaged, said = _imaged(field, found.field, propagation, request.window, may_alternate)
+    seen, resampled = with_square_pitch(imaged.field)
+    notes = (*notes, *said, *([resampled] if resampled else []))
     hologram = Hologram.of_field(seen)
     if hologram.system.observer == "mono":
         notes = (
@@ -213,11 +238,42 @@ def open_hologram(
     notes = (*notes, *_scale_notes(field, seen))
     other = None
     if reading.recording is None and is_sharper_on_other_side(field):
-        other = Hologram.of_field(image_field(replace(field, values=np.conj(field.values)), propagation)[0])
+        conjugate = image_field(replace(field, values=np.conj(field.values)), propagation, request.window)
+        other = Hologram.of_field(conjugate.field)
         notes = (*notes, "the image is sharper with the other sign of the phase (--conjugate) or of the distance")
-    recorded = None if found.recording is None else Recorded(found.recording, bool(moved))
-    moved_m = field.distance_m if moved else 0.0
-    return OpenedHologram(hologram, found.provenance, notes, moved_m, other, recorded)
+    recorded = None if found.recording is None else Recorded(found.recording, bool(imaged.note))
+    moved_m = field.distance_m if imaged.note else 0.0
+    return OpenedHologram(hologram, found.provenance, notes, moved_m, other, recorded, imaged.light)
+
+
+def _imaged(
+    field: Wavefield, whole: Wavefield, propagation: Propagation, window: WindowRequest | None, may_alternate: bool
+) -> tuple[Wavefield, ImagedField, list[str]]:
+    """The field without an alternation that splits its image, as a bench can show it, and notes on both.
+
+    whole: the field without a viewpoint. may_alternate: whether such an alternation is looked for.
+    """
+    from holoview.wavefield.imaging import has_phases_alone, image_field, split_axes  # slow start: it imports torch
+
+    imaged, notes = image_field(field, propagation, window, whole), []
+    split = split_axes(whole, imaged) if may_alternate else (False, False)
+    if any(split):
+        keeps_them = has_phases_alone(field)
+        notes.append(_split_note(split, keeps_them))
+        if not keeps_them:
+            field, whole = (replace(f, values=without_checkerboard(f.values, split)) for f in (field, whole))
+            imaged = image_field(field, propagation, window, whole)
+    notes += [note for note in (imaged.note, imaged.note and band_note(edge_power(field.values))) if note]
+    if imaged.light < LEAST_IN_PICTURE:
+        notes.append(f"{100 * imaged.light:.2g}% of its light are in this window")
+    return field, imaged, notes
+
+
+def _split_note(split: tuple[bool, bool], keeps_them: bool) -> str:
+    """What is said of a field whose image is split along some axes."""
+    if all(split):
+        return _CORNERS_OF_PHASES if keeps_them else _CORNERS
+    return (_HALF_TURN_OF_PHASES if keeps_them else _HALF_TURN).format("row" if split[0] else "column")
 
 
 def _scale_notes(field: Wavefield, seen: Wavefield) -> tuple[str, ...]:

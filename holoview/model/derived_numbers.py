@@ -13,7 +13,7 @@ from holoview.model.eye import field_degrees, sample_degrees
 from holoview.model.passband import band_limit
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
-from holoview.model.validity import read_limits, wrap_around
+from holoview.model.validity import Light, read_limits, wrap_around
 from holoview.util import units
 
 _COMPLEX64, _FLOAT32 = 8, 4
@@ -28,10 +28,10 @@ class InfoRow:
     text: str
 
 
-def info_rows(system: System, optimiser_bytes: int | None = None) -> list[InfoRow]:
+def info_rows(system: System, optimiser_bytes: int | None = None, light: Light | None = None) -> list[InfoRow]:
     """The quantities to check before trusting a simulation of a bench, sorted by heading.
 
-    optimiser_bytes: memory that an optimisation takes, for a bench with modulators.
+    optimiser_bytes: memory that an optimisation takes, for a bench with modulators. light: that it shows, if known.
     """
     plan = make_plan(system)
     return [
@@ -40,7 +40,7 @@ def info_rows(system: System, optimiser_bytes: int | None = None) -> list[InfoRo
         *_cut_offs(plan),
         *_sampling(plan),
         *_eye(plan),
-        *_limits(plan),
+        *_limits(plan, light),
         *_memory(plan, optimiser_bytes),
         *_effects(system),
     ]
@@ -204,10 +204,10 @@ def format_wrap_around(plan: Plan) -> str:
     )
 
 
-def _limits(plan: Plan) -> list[InfoRow]:
+def _limits(plan: Plan, light: Light | None) -> list[InfoRow]:
     """The verdict of each limit of the model on a bench."""
     rows = []
-    for reading in read_limits(plan):
+    for reading in read_limits(plan, light):
         text = f"{reading.measured.value:.3g}, true if {reading.limit.threshold}"
         if reading.is_exceeded:
             verdict = "REFUSED" if reading.limit.refuses else "NOT TRUE"

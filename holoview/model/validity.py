@@ -2,7 +2,8 @@
 
 `Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS` are all of them:
 limits of sampling (band limit, wrap-around, samples a pixel, stops and oblique light, single precision), of scalar
-diffraction, of broad lines and extended sources, and of the eye's pupil. docs/physics.md has the table of thresholds.
+diffraction, of broad lines and extended sources, of the eye's pupil, and of the light itself: how much of it is in the
+picture and, of a field, at the edge of its samples' band. docs/physics.md has the table of thresholds.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from holoview.model.plan import Plan, walk_off
 from holoview.util import units
 from holoview.util.errors import UserError
 
+Measure = Callable[..., "Measured | None"]
+"""(plan) or, of the light, (plan, light): the figure, or None where it doesn't apply."""
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -39,22 +43,38 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class Light:
+    """Figures of the light that a plan shows, which its drive decides; None where they aren't known.
+
+    in_picture: the share of the light that is in the picture of a plane, of the plane that has least.
+    plane_m: the distance of this plane. at_edge: of a complex field, the share of its power in the outer tenth of the
+    samples' band, along the axis that has more.
+    """
+
+    in_picture: float | None = None
+    plane_m: float = 0.0
+    at_edge: float | None = None
+
+
+@dataclass(frozen=True)
 class Limit:
     """A limit of the model.
 
     name: a few words. quantity: the measured quantity with its unit. reason: where the threshold comes from.
-    measure: its figure for a plan; None where the limit doesn't apply.
+    measure: its figure for a plan and its light; None where the limit doesn't apply.
     at_least, at_most: the threshold; one of them is given.
     refuses: whether nothing is left to see beyond the threshold, so that the plan isn't rendered.
+    is_of_light: whether it is measured of a plan and its `Light`.
     """
 
     name: str
     quantity: str
     reason: str
-    measure: Callable[[Plan], Measured | None]
+    measure: Measure
     at_least: float | None = None
     at_most: float | None = None
     refuses: bool = False
+    is_of_light: bool = False
 
     @property
     def threshold(self) -> str:
@@ -72,8 +92,6 @@ class Limit:
 LIMITS: dict[str, Limit] = {}
 """All limits by their names, in the order in which they are told."""
 
-Measure = Callable[[Plan], Measured | None]
-
 
 def _limit(
     name: str,
@@ -83,11 +101,12 @@ def _limit(
     at_least: float | None = None,
     at_most: float | None = None,
     refuses: bool = False,
+    is_of_light: bool = False,
 ) -> Callable[[Measure], Measure]:
     """Makes a limit of the function that measures it, and adds it to `LIMITS`; the arguments are those of `Limit`."""
 
     def add(measure: Measure) -> Measure:
-        LIMITS[name] = Limit(name, quantity, reason, measure, at_least, at_most, refuses)
+        LIMITS[name] = Limit(name, quantity, reason, measure, at_least, at_most, refuses, is_of_light)
         return measure
 
     return add
@@ -589,18 +608,78 @@ def _in_samples(plan: Plan) -> Measured | None:
     )
 
 
+# --- the light itself -------------------------------------------------------------------------------------------------
+
+
+LEAST_IN_PICTURE = 0.9
+EDGE_BAND = 0.45
+"""Cycles a sample: beyond it lies the outer tenth of the samples' band."""
+_MOST_AT_EDGE = 0.05
+
+
+@_limit(
+    "light in the picture",
+    quantity="power in the picture of a plane, in that behind the last modulator or field and its stops",
+    reason="what walked off carries detail and brightness of the image: a tenth of the light is 0.15 stops",
+    at_least=LEAST_IN_PICTURE,
+    is_of_light=True,
+)
+def _light_in_picture(plan: Plan, light: Light) -> Measured | None:
+    if light.in_picture is None:
+        return None
+    share = f"{100 * light.in_picture:.2g}%" if light.in_picture >= 1e-3 else "less than 0.1%"
+    return Measured(
+        light.in_picture,
+        f"{share} of the light is in the picture at "
+        f"{units.format_rounded(light.plane_m, 'mm')}, the rest goes past its edges",
+        "planes",
+        "bring the field to its image in a window that holds its light (--propagation auto, --window-centre, "
+        "--window-size), or see a nearer plane"
+        if plan.system.is_field
+        else "shorten the distance, narrow the stops or reduce the angle of the light",
+    )
+
+
+@_limit(
+    "band of the field",
+    quantity="power of a complex field in the outer tenth of its samples' band along an axis, in all its power",
+    reason="half of an even spectrum's tenth: a spectrum that doesn't fall towards its edge was cut there or aliased",
+    at_most=_MOST_AT_EDGE,
+    is_of_light=True,
+)
+def _field_band(plan: Plan | None, light: Light) -> Measured | None:
+    if light.at_edge is None:
+        return None
+    return Measured(
+        light.at_edge,
+        f"{light.at_edge:.0%} of the field's power lies in the outer tenth of its samples' band, where +1/2 and -1/2 "
+        "turn a sample look alike: light beyond was aliased to other directions",
+        "pitch",
+        "sample the field more finely, or take a tilt out of it",
+    )
+
+
 # --- all limits -------------------------------------------------------------------------------------------------------
 
 
-def read_limits(plan: Plan) -> tuple[Reading, ...]:
-    """The verdict of each limit that applies to a plan, in the order of `LIMITS`."""
-    measured = ((limit, limit.measure(plan)) for limit in LIMITS.values())
+def read_limits(plan: Plan, light: Light | None = None) -> tuple[Reading, ...]:
+    """The verdict of each limit that applies to a plan and its light, if that is known, in the order of `LIMITS`."""
+    measured = (
+        (limit, limit.measure(plan, light or Light()) if limit.is_of_light else limit.measure(plan))
+        for limit in LIMITS.values()
+    )
     return tuple(Reading(limit, found) for limit, found in measured if found is not None)
 
 
-def exceeded_limits(plan: Plan) -> tuple[str, ...]:
-    """The limits beyond which the model isn't true of a plan, each as a sentence."""
-    return tuple(reading.text for reading in read_limits(plan) if reading.is_exceeded)
+def band_note(at_edge: float | None) -> str:
+    """The sentence of the limit "band of the field" on a share at the edge, of any field; empty within the limit."""
+    limit, found = LIMITS["band of the field"], None if at_edge is None else _field_band(None, Light(at_edge=at_edge))
+    return "" if found is None or limit.is_kept_by(found.value) else Reading(limit, found).text
+
+
+def exceeded_limits(plan: Plan, light: Light | None = None) -> tuple[str, ...]:
+    """The limits beyond which the model isn't true of a plan and its light, each as a sentence."""
+    return tuple(reading.text for reading in read_limits(plan, light) if reading.is_exceeded)
 
 
 def check_plan(plan: Plan) -> Plan:

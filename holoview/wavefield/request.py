@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -76,6 +77,28 @@ class Viewpoint:
 
 
 @dataclass(frozen=True)
+class WindowRequest:
+    """The window in which the image of a field is seen, at its distance.
+
+    centre_m: (y, x) of its centre beside the axis, m. side_m: height and width, m; the field's own if None. pitch_m:
+    between its samples, m; the field's own if None.
+
+    Raises UserError for lengths that can't be.
+    """
+
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    side_m: tuple[float, float] | None = None
+    pitch_m: float | None = None
+
+    def __post_init__(self) -> None:
+        lengths = [*(self.side_m or ()), *(() if self.pitch_m is None else (self.pitch_m,))]
+        if not all(math.isfinite(length) and length > 0 for length in lengths):
+            raise UserError("window", f"{min(lengths):g} m", expected="a size and a pitch above 0")
+        if not all(abs(place) <= 10 for place in self.centre_m):
+            raise UserError("window", f"{max(self.centre_m, key=abs):g} m beside the axis", expected="at most 10 m")
+
+
+@dataclass(frozen=True)
 class BinaryLayout:
     """The layout of a binary dump: a file of numbers without a description.
 
@@ -119,7 +142,7 @@ class ReadRequest:
     most_samples: of a field with more samples a colour only the middle is read, unless a part or `decimate` is stated.
     decimate: the mean of so many samples in both directions becomes one, which keeps the middle of the spectrum.
     binary: the layout of a file without a description.
-    propagation: how the light goes from the field to its distance.
+    propagation: how the light goes from the field to its distance. window: in which it is seen there.
     accept_guesses: take guesses where nothing tells a necessary property; otherwise these are errors.
 
     Raises UserError for impossible lengths and numbers.
@@ -150,6 +173,7 @@ class ReadRequest:
     binary: BinaryLayout | None = None
     accept_guesses: bool = False
     propagation: Propagation = "auto"
+    window: WindowRequest | None = None
 
     def __post_init__(self) -> None:
         for key, lengths, unit, low, high in (

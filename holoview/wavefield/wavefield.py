@@ -142,9 +142,15 @@ def samples_of_degrees(
     return (rows, columns), (y, x)
 
 
-def without_checkerboard(values: NDArray[Any]) -> NDArray[Any]:
-    """Values (…, y, x) times (−1)^(row + column), which moves their spectrum by half its width along both axes."""
-    rows, columns = (np.where(np.arange(n) % 2, np.float32(-1), np.float32(1)) for n in values.shape[-2:])
+def without_checkerboard(values: NDArray[Any], axes: tuple[bool, bool] = (True, True)) -> NDArray[Any]:
+    """Values (…, y, x) times (−1)^(row + column), which moves their spectrum by half its width along both axes.
+
+    axes: along which (y, x) they are alternated.
+    """
+    rows, columns = (
+        np.where(np.arange(n) % 2 * is_alternated, np.float32(-1), np.float32(1))
+        for n, is_alternated in zip(values.shape[-2:], axes, strict=True)
+    )
     return values * rows[:, None] * columns
 
 

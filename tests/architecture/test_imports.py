@@ -39,6 +39,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.optimise.kernels", "holoview.optimise.compiled_model"): OPTIONAL,
     ("holoview.colour", "colour"): SLOW,
     ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
+    ("holoview.engine.light_share", "holoview.engine.light_behind"): SLOW,
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
     ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
     ("holoview.optics.frame_inputs", "holoview.optics.bench"): SLOW,

@@ -357,3 +357,65 @@ def test_of_phases_without_a_distance_the_far_field_or_the_focus_is_shown_and_sa
     assert done.code == 0 and "15.4 mm" in done.err
     unmoved = hv.load_field("far.png", pitch="8um", wavelengths="532nm", quantity="phase").drive[0, 0]
     np.testing.assert_allclose(np.angle(unmoved), np.angle(np.exp(1j * np.angle(far))), atol=0.02)
+
+
+def _tilted(turns: float) -> NDArray[np.complex64]:
+    """A Gaussian beam of so many turns a sample along x."""
+    y, x = (np.mgrid[:96, :96] - 47.5) * PITCH_M
+    beam = np.exp(-(x**2 + y**2) / (0.1e-3) ** 2 + 2j * np.pi * turns * np.arange(96))
+    return beam.astype(np.complex64)
+
+
+def test_render_and_info_say_how_much_of_the_light_is_in_the_picture(holoview: Run) -> None:
+    np.save("tilted.npy", _tilted(0.2))
+    where = (*KNOWN, "--distance", "4cm", "--propagation", "asm")
+    done = holoview("render", "tilted.npy", *where, *TORCH, "-o", "seen.png", "--json")
+    result = json.loads(done.out)
+    assert result["light_in_picture"] == result["planes"][0]["light_in_picture"] < 0.1
+    assert "note: light in the picture: " in done.err and "--propagation auto" in done.err
+    told = holoview("info", "tilted.npy", *where)
+    assert "light in the picture" in told.out and "NOT TRUE" in told.out
+    known = json.loads(holoview("info", "tilted.npy", *where, "--json").out)
+    assert known["light_in_picture"] == pytest.approx(result["light_in_picture"], rel=1e-4)
+    done = holoview("render", "tilted.npy", *where[:-2], *TORCH, "-o", "seen.png", "--json")
+    assert json.loads(done.out)["light_in_picture"] > 0.95
+    assert "light in the picture" not in done.err and "beside the axis" in done.err
+    preset = holoview("render", "holochrome-8", *TORCH, "-o", "seen.png", "--json")
+    assert 0 < json.loads(preset.out)["light_in_picture"] <= 1
+
+
+def test_a_window_can_be_asked_for(holoview: Run) -> None:
+    np.save("tilted.npy", _tilted(0.2))
+    known = ("render", "tilted.npy", *KNOWN, "--distance", "4cm", *TORCH, "-o", "seen.png", "--json")
+    beside = f"{0.04 * np.tan(np.arcsin(λ * 0.2 / PITCH_M)) * 1e3:.4g},0mm"
+    done = holoview(*known, "--window-centre", beside, "--window-size", "0.8,0.6mm", "--window-pitch", "5um")
+    assert json.loads(done.out)["light_in_picture"] > 0.95
+    with Image.open("seen.png") as picture:
+        assert picture.size == (160, 120)
+    done = holoview(*known, "--window-size", "0.3mm")
+    assert json.loads(done.out)["light_in_picture"] < 0.1 and "are in this window" in done.err
+    for wrong in (("--window-centre", "1mm"), ("--window-size", "1,1,1mm"), ("--window-pitch", "0um")):
+        refused = holoview(*known, *wrong)
+        assert refused.code == 2 and "window" in refused.err
+    refused = holoview("render", "holochrome-8", "--window-size", "1mm", *TORCH, "-o", "seen.png")
+    assert refused.code == 2 and "--window-size" in refused.err
+
+
+def test_render_says_what_it_guessed_as_info_does(holoview: Run) -> None:
+    """A black and white picture, whose two values are guessed to be those of a bilevel hologram."""
+    slit = np.zeros((64, 64), np.uint8)
+    slit[:, 28:36] = 255
+    Image.fromarray(slit).save("slit.png")
+    known = ("slit.png", *KNOWN, "--distance", "1cm")
+    done = holoview("render", *known, *TORCH, "-o", "seen.png", "--json")
+    guesses = {entry["name"]: entry for entry in json.loads(done.out)["guesses"]}
+    info = json.loads(holoview("info", *known, "--json").out)["read"]["properties"]
+    assert {e["name"]: e["value"] for e in info if e["origin"] == "guessed"} == {
+        name: entry["value"] for name, entry in guesses.items()
+    }
+    assert guesses and all(entry["reason"] for entry in guesses.values())
+    for name, entry in guesses.items():
+        assert f"note: {name} {entry['value']} was guessed: " in done.err
+    given = holoview("render", *known, "--quantity", "amplitude", *TORCH, "-o", "seen.png", "--json")
+    assert "quantity" in guesses and "quantity" not in [e["name"] for e in json.loads(given.out)["guesses"]]
+    assert json.loads(holoview("render", "holochrome-8", *TORCH, "-o", "seen.png", "--json").out)["guesses"] == []

@@ -191,7 +191,7 @@ def test_auto_says_that_it_took_torch_and_why(holoview: Run, tmp_path: Path, mon
 
 
 def test_what_the_model_isnt_true_of_is_told_beside_the_picture(holoview: Run) -> None:
-    near = ("render", "holochrome-8", *TORCH, "--plane", "1mm", "-o", "out.png")
+    near = ("render", "holochrome-8", *TORCH, "--plane", "0.5mm", "-o", "out.png")
     assert "note:" not in holoview(*near).err
     outcome = holoview(*near, "--set", "upsample=1")
     assert outcome.code == 0

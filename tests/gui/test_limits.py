@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from holoview.wavefield.reading import ReadRequest
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -63,3 +67,20 @@ def test_limits_are_found_out_once_for_each_bench(
     monkeypatch.setattr("holoview.document.measurements.make_plan", lambda *_: pytest.fail("planned again"))
     gui.draw_frames(3)
     assert gui.context.limit_notes.notes() is notes
+
+
+def test_the_light_of_a_field_that_leaves_the_picture_is_told(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    gui = make_gui()
+    x = np.arange(64) - 31.5
+    beam = np.exp(-(x[:, None] ** 2 + x**2) / 12**2 + 0.3j * np.pi * x)  # tilted: 0.15 turns a sample
+    np.save(tmp_path / "tilted.npy", beam.astype(np.complex64))
+    request = ReadRequest((4e-6, 4e-6), (532e-9,), 8e-3, propagation="asm")
+    gui.context.loader.open(tmp_path / "tilted.npy", request)
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+    gui.draw_frames(2)
+    assert [note for note in gui.context.limit_notes.known if note.startswith("light in the picture: ")]
+    gui.session.edit_view("Plane", plane_m=0.0)
+    gui.draw_until_idle()
+    gui.draw_frames(2)
+    assert not [note for note in gui.context.limit_notes.known if note.startswith("light in the picture: ")]

@@ -31,7 +31,7 @@ def _hologram(distance_m: float, seed: int) -> NDArray[np.complex64]:
     return np.fft.ifft2(spectrum * (np.hypot(fy, fx) < 0.2)).astype(np.complex64)
 
 
-@pytest.mark.parametrize("distance_m", [0.02, 1.5])
+@pytest.mark.parametrize("distance_m", [0.01, 1.5])
 def test_an_image_in_four_corners_is_recognised_and_mended(distance_m: float, tmp_path: Path) -> None:
     values = _hologram(distance_m, seed=1)
     request = ReadRequest((PITCH_M, PITCH_M), (λ,), distance_m)
@@ -83,7 +83,8 @@ def test_an_image_beside_the_window_is_seen_in_that_of_one_transform() -> None:
     lens = np.exp(-1j * np.pi * PITCH_M**2 * (y[:, None] ** 2 + x**2) / (λ * distance_m))
     grating = np.exp(2j * np.pi * x / period)
     field = hv.load_field((lens * grating).astype(np.complex64), pitch=PITCH_M, wavelengths=[λ], distance=distance_m)
-    seen, note = image_field(field.field(), "auto")
+    imaged = image_field(field.field(), "auto")
+    seen, note = imaged.field, imaged.note
     power = np.square(np.abs(seen.values[0, 0]))
     row, column = np.unravel_index(power.argmax(), power.shape)
     place = [(at - (n - 1) / 2) * seen.pitch_m[0] for at, n in zip((row, column), power.shape, strict=True)]
