@@ -202,7 +202,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     """The contexts of a search that may spend a share of the budget."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
-    useless = find_useless_captures(captures)
+    useless = find_useless_captures(captures, request.known)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     with whole.measuring_pace():

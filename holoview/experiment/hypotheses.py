@@ -261,7 +261,7 @@ def loop_context(
     end: when fits have to end. known: effects that the nominal model has.
     """
     cut = searched_part(check_records(captures, known).captures, config)
-    useless = find_useless_captures(cut)
+    useless = find_useless_captures(cut, known)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
     budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))

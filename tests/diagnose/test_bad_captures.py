@@ -125,7 +125,7 @@ def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
 
 def test_a_wrong_black_level_is_no_light(tmp_path: Path) -> None:
     captures = _session(tmp_path, Mishaps(dark=(4,)), Faults(black=30.0))
-    assert [(b.index, b.why) for b in find_useless_captures(captures)] == [(4, "dark")]
+    assert [(b.index, b.why) for b in find_useless_captures(captures, {})] == [(4, "dark")]
 
 
 def test_copies_count_once() -> None:
@@ -151,7 +151,7 @@ def test_a_fifth_may_be_bad_and_no_more(verdict: Verdict, limited: Verdict) -> N
 def test_a_session_without_any_light_is_refused() -> None:
     captures = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=1, seed=5))
     dark = dataclasses.replace(captures, images=np.full_like(captures.images, 64))
-    assert len(find_useless_captures(dark)) == 2
+    assert len(find_useless_captures(dark, {})) == 2
     with pytest.raises(UserError, match="every one is dark"):
         diagnose(dark, [listed_effects()["gap"]])
 

@@ -31,8 +31,6 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm
 
 from holoview.captures.dataset import Captures, Floats
-from holoview.captures.predictor import Predictor
-from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.corrections import (
     COLUMNS,
     Column,
@@ -51,6 +49,7 @@ from holoview.captures.records.corrections import (
     units_of_lengths,
     value_indices,
 )
+from holoview.captures.records.light import measure_light
 from holoview.captures.records.trials import FALSE_ALARMS, Trials, TrialScore, Values, central_captures, central_region
 from holoview.util.errors import UserError
 
@@ -65,8 +64,7 @@ rearrangement inequality). Half is a margin for noise."""
 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
 _STARTS = 256  # of sorting: 16 find every order of 18 powers at three wavelengths, 256 nearly all of 128 at eight
-_CACHE_MB = 64
-_DARK = 0.01  # of the light of most captures: less says nothing about the laser
+_DARK = 0.01  # of the gain of most captures of its wavelength: less says nothing about the laser
 
 
 @dataclass(frozen=True)
@@ -118,13 +116,12 @@ def find_power_order(captures: Captures, corrections: Hypothesis, effects: Value
 
 def _log_gains(captures: Captures, effects: Values) -> Floats:
     """Logarithm of the light seen over the light predicted of each capture; NaN of dark captures."""
-    data = prepare_captures(captures)
-    seen = np.where(data.usable, data.light, 0.0).sum(axis=(1, 2), dtype=np.float64)
-    predictor, expected = Predictor(captures, cache_mb=_CACHE_MB), np.empty(len(captures))
-    for k in range(len(captures)):
-        expected[k] = float(predictor([k], effects).signal[0].numpy()[data.usable[k]].sum(dtype=np.float64))
-    lit = (seen > _DARK * np.median(seen)) & (seen > 0) & (expected > 0)
-    return np.log(np.divide(seen, expected, where=lit, out=np.full(len(captures), np.nan)))
+    gain = measure_light(captures, effects).gain
+    for wavelength in captures.wavelengths_m:
+        same = captures.wavelength_m == wavelength
+        if np.isfinite(gain[same]).any():
+            gain[same & ~(gain > _DARK * np.nanmedian(gain[same]))] = np.nan
+    return np.asarray(np.log(gain))
 
 
 def _spread(values: Floats, groups: NDArray[np.intp]) -> float:

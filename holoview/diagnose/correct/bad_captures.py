@@ -1,19 +1,28 @@
-"""Captures that don't fit their records: dark, saturated, given twice, or unlike the others.
+"""Captures that don't fit their records: dark, saturated, given twice, or unlike what is predicted for them.
+
+What a capture should hold is what the nominal bench predicts for its patterns and settings, up to a gain that the
+captures of a wavelength have in common: the light of a smooth pattern and that of a rough one differ a hundredfold on
+many benches. An error of the bench moves many captures alike. So a capture is blamed only if it also differs from its
+siblings, the captures of its wavelength whose patterns are about as rough.
 
 Dark and saturated pictures show nothing. A picture that is given twice with the same record counts once, because a
-held-out copy would confirm every fit to the other copy. No model is needed to find these (`find_useless_captures`).
+held-out copy would confirm every fit to the other copy. The light that is predicted tells these before any search
+(`find_useless_captures`).
 
-Other bad captures stand out under a model. Captures are judged relative to each other, by medians, so that an error of
-the model, which concerns all captures, blames none. Two tests complement each other.
+Other bad captures stand out under a model. An error of the model concerns all captures, and blames none: captures are
+judged by how much worse than others they fit their own predictions. Two tests complement each other.
 
 - *Excess* (`excess_stands_out`). With excess e = χ²/n − 1 of a capture and δ the excess that ordinary jitter and chance
   leave, log(e + δ) is compared with a straight line over the logarithm of the patterns' roughness (Theil–Sen) and with
   the median of the captures of its wavelength. A capture stands out whose log(e + δ) exceeds both by more than the
   scatter of all captures allows.
-- *Records* (`record_stands_out`). Every picture is correlated with the predictions of all captures. Its peers are the
-  captures with patterns at least as rough. A picture isn't of its record if it resembles its own prediction hardly more
-  than unrelated predictions, while the pictures of its peers resemble their own predictions clearly more. The test
-  works although a large error of the model has decorrelated part of the speckle.
+- *Records* (`record_stands_out`). Every picture is correlated with the predictions of all captures. How much more its
+  own prediction resembles it than the others do, is compared with the same of a picture that is as predicted. Its peers
+  are the captures with patterns at least as rough. A picture isn't of its record if it reaches little of what is
+  predicted, while its peers reach clearly more. The test works although a large error of the model has decorrelated
+  part of the speckle.
+
+Neither test blames a capture whose picture is as predicted within the noise (`exceeds_noise`).
 """
 
 from __future__ import annotations
@@ -27,34 +36,52 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation, norm, theilslopes
 
 from holoview.captures.dataset import Captures
+from holoview.captures.patterns import pattern_roughness
+from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import Images
+from holoview.captures.records.light import CaptureLight, measure_light
+from holoview.captures.records.trials import central_region
+from holoview.diagnose.likelihood import Values
 
 DARK, SATURATED, DUPLICATE = "dark", "saturated", "duplicate"
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 DARK_SIGMAS = 3.0
 """[σ] A capture is dark if its mean light is below so many standard deviations of a dark mean. Evidence: derivation:
 the chance of a dark picture to pass is 0.1 %."""
 
 DARK_SHARE = 0.02
-"""[1] … or, over power × exposure, below this share of the median of its wavelength. Evidence: rough patterns scatter
-some of the light outside the stops, and power laws change it by less than a factor of ten."""
+"""[1] … or if its gain is below this share of the gain of its wavelength and of its siblings. Evidence: jitter of
+exposures and power laws change gains by less than a factor of ten."""
 
 FLAT_VARIANCE = 2.0
 """[1] A picture whose variance is below so many times that of the noise shows no pattern … Evidence: derivation:
 speckle varies by its mean, hundreds of times as much."""
 
 DIM_SHARE = 0.5
-"""[1] … and is dark if it also has less than this share of the usual light of its wavelength: a black level that is
-higher than recorded isn't light. Evidence: flat patterns, which show no speckle either, are brighter."""
+"""[1] … and is dark if its gain is also below this share of the usual one: a black level that is higher than recorded
+isn't light. Evidence: flat patterns, which show no speckle either, are as bright as predicted."""
+
+SIBLINGS = 3
+"""[captures] Nearest in roughness, of the same wavelength, to which a capture is compared. Evidence: derivation: their
+median bears one bad one."""
+
+LIGHT_REGION_PX = 128
+"""[px] Modulator pixels across the middle of the pictures whose light is compared. Evidence: the cost, as for the
+check of records."""
 
 SATURATED_SHARE = 0.05
 """[1] A capture is saturated if more of its pixels are … Evidence: derivation: speckle has an exponential distribution;
 exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times that exposure."""
 
 SATURATED_FACTOR = 5.0
-"""[1] … and so many times the median share of all captures. Evidence: where the zero order or every capture is
-saturated, one capture isn't to blame; the value: none recorded."""
+"""[1] … and so many times the share that is predicted, that of its siblings, and the median of all captures. Evidence:
+where the zero order or every capture is saturated, one capture isn't to blame; the value: none recorded."""
+
+COPY_BY_CHANCE = 1e-6
+"""[1] Equal pictures are copies if noise leaves them equal less often. Evidence: the chance that a verdict blames
+captures of a right model (`judge.FALSE_ALARM`)."""
 
 MIN_CAPTURES = 3
 """[captures] Captures are judged against each other from so many on. Evidence: derivation: a bad capture spoils the
@@ -79,8 +106,8 @@ MIN_PEERS = 2
 
 MIN_REACH = 0.5
 """[1] A picture isn't of its record if its correlation with its own prediction, less its correlation with other
-captures' predictions, is below this share of its peers'. Evidence: halfway between another pattern and a good
-capture."""
+captures' predictions, is a smaller share of the predicted one than this share of its peers'. Evidence: halfway between
+another pattern and a good capture."""
 
 REACH_SIGMAS = 5.0
 """[σ] … if the peers' exceeds so many standard deviations. Evidence: derivation: else the model resembles nothing."""
@@ -106,16 +133,23 @@ class BadCapture:
     sentence: str
 
 
-def find_useless_captures(captures: Captures) -> tuple[BadCapture, ...]:
-    """Captures that are dark, saturated, or copies of an earlier one, by index."""
+def find_useless_captures(captures: Captures, known: Values) -> tuple[BadCapture, ...]:
+    """Captures that are dark, saturated, or copies of an earlier one, by index. known: effects of the nominal bench."""
     found: dict[int, BadCapture] = {}
-    light = captures.images.mean(axis=(1, 2)) - captures.camera.black_level
-    for k in np.flatnonzero(_is_dark(captures, light)).tolist():
-        found[k] = BadCapture(k, DARK, f"Its mean light is {light[k]:.2g} counts above black.")
+    siblings = siblings_of(captures)
+    light = measure_light(central_region(captures, LIGHT_REGION_PX), known)
+    least = DARK_SIGMAS * captures.camera.dark_noise / np.sqrt(np.maximum(light.pixels, 1.0))
+    usual = _usual_gain(captures, light, light.seen >= least)
+    for k in np.flatnonzero(_is_dark(captures, light, least, usual, siblings)).tolist():
+        expected = light.predicted[k] * usual[k]
+        sentence = f"Its mean light is {light.seen[k]:.2g} counts above black"
+        found[k] = BadCapture(k, DARK, sentence + (f"; {expected:.2g} were expected." if expected > 0 else "."))
     saturated = np.array([float((image >= captures.camera.saturation).mean()) for image in captures.images])
-    limit = max(SATURATED_SHARE, SATURATED_FACTOR * float(np.median(saturated)))
-    for k in np.flatnonzero(saturated > limit).tolist():
-        found.setdefault(k, BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated."))
+    for k in np.flatnonzero(saturated > max(SATURATED_SHARE, SATURATED_FACTOR * float(np.median(saturated)))).tolist():
+        ordinary = [saturated[j] for j in siblings[k]]
+        expected = _predicted_saturation(captures, k, known, float(usual[k]))
+        if saturated[k] > SATURATED_FACTOR * max(expected, float(np.median(ordinary)) if ordinary else 0.0):
+            found.setdefault(k, BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated."))
     for first, *copies in equal_pictures(captures):
         for k in copies:
             if has_same_record(captures, first, k):
@@ -123,12 +157,32 @@ def find_useless_captures(captures: Captures) -> tuple[BadCapture, ...]:
     return tuple(found[k] for k in sorted(found))
 
 
+def siblings_of(captures: Captures) -> list[list[int]]:
+    """For each capture the `SIBLINGS` others of its wavelength whose patterns are most nearly as rough."""
+    roughness = np.log(np.maximum(pattern_roughness(captures), 1e-12))
+    found = []
+    for k in range(len(captures)):
+        others = [j for j in np.flatnonzero(captures.wavelength_m == captures.wavelength_m[k]).tolist() if j != k]
+        found.append(sorted(others, key=lambda j: abs(float(roughness[j] - roughness[k])))[:SIBLINGS])
+    return found
+
+
 def equal_pictures(captures: Captures) -> list[list[int]]:
-    """Groups of two or more captures whose pictures are equal, count by count."""
+    """Groups of two or more captures whose pictures are equal, count by count, and not by chance.
+
+    Two readings of a pixel with noise of standard deviation σ counts are equal with a chance of at most 1/(2√π·σ).
+    """
     groups: dict[bytes, list[int]] = {}
     for k, image in enumerate(captures.images):
         groups.setdefault(sha256(image.tobytes()).digest(), []).append(k)
-    return [group for group in groups.values() if len(group) > 1]
+    return [group for group in groups.values() if len(group) > 1 and not _is_equal_by_chance(captures, group[0])]
+
+
+def _is_equal_by_chance(captures: Captures, k: int) -> bool:
+    camera = captures.camera
+    variance = camera.noise_variance(captures.images[k].astype(np.float64) - camera.black_level)
+    chance = np.minimum(1.0, 1.0 / np.sqrt(4 * np.pi * variance[captures.images[k] < camera.saturation]))
+    return float(np.log(chance).sum()) > float(np.log(COPY_BY_CHANCE))
 
 
 def has_same_record(captures: Captures, first: int, second: int) -> bool:
@@ -143,22 +197,38 @@ def bad_share(bad: Sequence[BadCapture], count: int) -> float:
     return (len(bad) - copies) / max(count - copies, 1)
 
 
-def _is_dark(captures: Captures, light: Floats) -> NDArray[np.bool_]:
-    """Whether each capture has no light, or less light than others and no structure: noise at a black level."""
-    variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
-    is_flat = variance < FLAT_VARIANCE * captures.camera.noise_variance(light)
-    noise = captures.camera.dark_noise / np.sqrt(captures.images[0].size)
-    dark = light < DARK_SIGMAS * noise
-    response = light / (captures.power * captures.exposure_s)
+def _usual_gain(captures: Captures, light: CaptureLight, is_lit: Flags) -> Floats:
+    """The median gain of the lit captures of each capture's wavelength, (capture,); 0 where there are none."""
+    usual = np.zeros(len(captures))
     for wavelength in captures.wavelengths_m:
         same = captures.wavelength_m == wavelength
-        usual = float(np.median(response[same]))
-        dark |= same & (response < DARK_SHARE * usual)
-        dark |= same & is_flat & (response < DIM_SHARE * usual)
-    return np.asarray(dark, dtype=bool)
+        gains = light.gain[same & is_lit & np.isfinite(light.gain)]
+        usual[same] = float(np.median(gains)) if len(gains) else 0.0
+    return usual
 
 
-Flags = NDArray[np.bool_]
+def _is_dark(
+    captures: Captures, light: CaptureLight, least: Floats, usual: Floats, siblings: Sequence[Sequence[int]]
+) -> Flags:
+    """Whether each capture has no light, or little of it, or less and no structure, where light is predicted.
+
+    least: mean counts of light that aren't noise. usual: gain.
+    """
+    variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
+    is_flat = variance < FLAT_VARIANCE * captures.camera.noise_variance(light.seen)
+    gain = np.nan_to_num(light.gain)
+    around = [float(np.median(gain[list(near)])) if near else np.inf for near in siblings]
+    relative = gain / np.maximum(np.minimum(usual, around), 1e-300)
+    is_little = (relative < DARK_SHARE) | (is_flat & (relative < DIM_SHARE)) | (light.seen < least)
+    return np.asarray((is_little & (light.predicted * usual >= least)) | ((light.seen < least) & (usual <= 0)))
+
+
+def _predicted_saturation(captures: Captures, k: int, known: Values, gain: float) -> float:
+    """The share of a picture's pixels whose predicted light reaches saturation. gain: counts per predicted unit."""
+    prediction, camera = Predictor(captures, cache_mb=1)([k], known), captures.camera
+    dark = prediction.counts_without_lasers(camera.black_level)
+    counts = gain * prediction.signal[0].numpy() + dark + camera.black_level
+    return float((counts >= camera.saturation).mean())
 
 
 def excess_stands_out(
@@ -218,6 +288,33 @@ def record_correlations(light: Images, usable: Flags, predicted: Images) -> Floa
     return np.asarray(covariance / count[:, None] / np.maximum(scale, 1e-30))
 
 
+def exceeds_noise(excess: Floats, ordinary: Floats) -> Flags:
+    """Whether pictures differ from their predictions beyond the noise, (capture,).
+
+    excess: χ²/n − 1. ordinary: the excess that jitter and chance leave. Where most captures scatter less than their
+    records say, the noise is what the median capture leaves.
+    """
+    floor = min(0.0, float(np.median(excess)))
+    return np.asarray(1.0 + excess > (1.0 + floor) * (1.0 + ordinary))
+
+
+def predicted_reach(expected: Images, usable: Flags, noise_variance: Images) -> Floats:
+    """The reach (`reach_of_records`) that each picture has if it is as predicted, (capture,).
+
+    Predictions resemble each other where their light has the same outlines, as about the axis of a Fourier bench; and
+    noise lowers every correlation. expected, noise_variance: (capture, y, x), counts and counts². usable: which pixels
+    count.
+    """
+    alike, _ = reach_of_records(record_correlations(expected, usable, expected))
+    pixels = np.maximum(usable.sum(axis=(1, 2)), 1)
+    mean, square, noise = (
+        np.einsum("kyx,kyx->k", usable, values, dtype=np.float64) / pixels
+        for values in (expected, np.square(expected, dtype=np.float64), noise_variance)
+    )
+    signal = np.maximum(square - np.square(mean), 0.0)
+    return np.asarray(alike * np.sqrt(signal / np.maximum(signal + noise, 1e-30)))
+
+
 def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
     """How much more each picture correlates with its own record than with other records, and the scatter of the
     correlations with other records.
@@ -231,23 +328,27 @@ def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
     return np.diag(correlations) - unrelated, scatter
 
 
-def record_stands_out(correlations: Floats, roughness: Floats, *, max_sigmas: float = np.inf) -> Flags:
+def record_stands_out(
+    correlations: Floats, predicted: Floats, roughness: Floats, *, max_sigmas: float = np.inf
+) -> Flags:
     """Whether each picture isn't of its own record, (capture,).
 
-    correlations: (picture, record). max_sigmas: a capture stands out only if its correlation with its own record
-    exceeds its correlations with others by at most so many of their standard deviations.
+    correlations: (picture, record). predicted: the reach of pictures that are as predicted, (capture,). max_sigmas: a
+    capture stands out only if its correlation with its own record exceeds its correlations with others by at most so
+    many of their standard deviations.
     """
     count = len(correlations)
     if count < MIN_CAPTURES:
         return np.zeros(count, dtype=bool)
     reach, scatter = reach_of_records(correlations)
+    share = reach / np.maximum(predicted, 1e-9)
     flags = np.zeros(count, dtype=bool)
     for k in range(count):
         peers = np.flatnonzero(roughness >= ROUGHNESS_SHARE * roughness[k])
         peers = peers[peers != k]
         if len(peers) < MIN_PEERS:
             continue
-        usual = float(np.median(reach[peers]))
+        usual = float(np.median(share[peers])) * predicted[k]
         limit = min(MIN_REACH * usual, max_sigmas * scatter)
         flags[k] = usual > REACH_SIGMAS * scatter and reach[k] < limit
     return flags

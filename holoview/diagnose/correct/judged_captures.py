@@ -29,8 +29,10 @@ from holoview.diagnose.correct.bad_captures import (
     DUPLICATE,
     BadCapture,
     equal_pictures,
+    exceeds_noise,
     excess_stands_out,
     has_same_record,
+    predicted_reach,
     record_correlations,
     record_stands_out,
     without_planes,
@@ -81,10 +83,13 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     few = _spread_pixels(captures.shape, CORRELATED_PIXELS)
     data = context.data
     correlations = record_correlations(data.light[few][judged], data.usable[few][judged], every[few][judged])
-    unlike = record_stands_out(correlations, roughness)
-    bad = record_stands_out(correlations, roughness, max_sigmas=UNRELATED_SIGMAS)
+    expected = every[few][judged]
+    reach = predicted_reach(expected, data.usable[few][judged], captures.camera.noise_variance(expected))
+    unlike = record_stands_out(correlations, reach, roughness)
+    bad = record_stands_out(correlations, reach, roughness, max_sigmas=UNRELATED_SIGMAS)
     wavelength, plane = captures.wavelength_m[judged], None if is_final else captures.distance_m[judged]
     bad |= excess_stands_out(excess, ordinary, roughness, wavelength, min_ratio, plane)
+    bad &= exceeds_noise(excess, np.array([jitter_excess(n) for n in pixels]))
     if plane is not None:
         bad = without_planes(bad, plane, correlations)
     bad |= _is_copy_of_better(context, judged, correlations)
@@ -173,7 +178,7 @@ REASON_MAX_SHARE = 0.5
 """[1] A reason must leave less than this share of a capture's excess. Evidence: none recorded."""
 
 DEFOCUS_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-"""[depths] Distances, in depths of field λ/NA², by which a capture may be out of focus, either way. Evidence:
+"""[depths] Distances, in depths of field, by which a capture may be out of focus, either way. Evidence:
 derivation: speckle decorrelates within one depth, so that steps of half a depth miss nothing; for small errors, a step
 that is off by half leaves a quarter of the excess."""
 
@@ -238,7 +243,8 @@ class _Examination:
         self._own = suspects.predicted[k]
         prediction = self._comparison.predictor(np.array([k]), self._values)
         self._dark = prediction.counts_without_lasers(self._captures.camera.black_level)
-        self._limit = REASON_MAX_SHARE * self._excess(self._own[None])[0]
+        floor = min(0.0, suspects.median_excess)
+        self._limit = floor + REASON_MAX_SHARE * (float(self._excess(self._own[None])[0]) - floor)
 
     def reason(self, is_examined: bool) -> _Reason:
         """The first kind of change that explains the picture. is_examined: compute further predictions."""
@@ -283,9 +289,8 @@ class _Examination:
 
     def _defocused(self) -> list[tuple[float, _Reason]]:
         wavelength_m, distance_m = (c[self._k] for c in (self._captures.wavelength_m, self._captures.distance_m))
-        sine = self._captures.relay2.first_order_sine(wavelength_m, self._captures.slms[0].pitch_m)
         depths = np.array(DEFOCUS_DEPTHS)
-        offsets = np.concatenate([depths, -depths]) * wavelength_m / sine**2
+        offsets = np.concatenate([depths, -depths]) * _depth_of_field_m(self._captures, wavelength_m)
         if not self._captures.is_fourier:
             offsets = offsets[distance_m + offsets > 0]
         records = self._captures.subset([self._k] * len(offsets))
@@ -327,6 +332,16 @@ class _Examination:
     def _weighted_light(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         weight = self._comparison.weight[0]
         return weight, np.asarray(weight * (self._comparison.light - self._dark)[0], dtype=np.float64)
+
+
+def _depth_of_field_m(captures: Captures, wavelength_m: float) -> float:
+    """λ/NA²: on a Fourier bench of the light from the edge of the modulator, else of the first order that stops pass."""
+    pitch_m = captures.slms[0].pitch_m
+    if captures.focal_length_m is not None:
+        sine = max(captures.levels.shape[2:]) * pitch_m / (2 * captures.focal_length_m)
+    else:
+        sine = captures.relay2.first_order_sine(wavelength_m, pitch_m)
+    return float(wavelength_m / sine**2)
 
 
 def _shows(record: int) -> _Reason:
