@@ -16,17 +16,17 @@ import argparse
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.common import append_line, count_of, lines_or_summary, markdown_table, read_lines
-from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.effects.effect import Effect
 from holoview.model.system import System
 
 ARRANGEMENTS = ("near field, one modulator", "near field, two modulators", "Fourier bench")
@@ -80,7 +80,9 @@ def draw(seed: int, largest: int = LARGEST) -> tuple[Bench, System, AcquisitionS
     levels, bits = int(rng.choice(LEVELS)), int(rng.choice(BITS))
     planes = (1.0,) if rng.random() < 0.7 or lasers > 3 else (1.0, float(rng.uniform(0.8, 0.95)))
     depth_m = float(wavelengths.min()) * (length_m / (max(shape) * pitch_m)) ** 2
-    panel = Modulator(pitch_m=pitch_m, shape=shape, stroke_m=float(rng.uniform(0.9, 1.2) * wavelengths.max()), levels=levels)
+    panel = Modulator(
+        pitch_m=pitch_m, shape=shape, stroke_m=float(rng.uniform(0.9, 1.2) * wavelengths.max()), levels=levels
+    )
     system = System(
         wavelengths_m=wavelengths,
         amplitudes=np.ones((1, lasers)),
@@ -97,17 +99,26 @@ def draw(seed: int, largest: int = LARGEST) -> tuple[Bench, System, AcquisitionS
         captures_per_condition=max(3 if conditions > 2 else 6, min(12, MAX_CAPTURES // conditions)),
         blur_sigmas_px=BLURS_PX[patterns],
         power_range=(0.5, 1.0) if rng.random() < 0.7 else (1.0, 1.0),
-        camera_pitch_m=None if rng.random() < 0.5 else float(rng.choice([2.4e-6, 3.45e-6, 5.5e-6])) if is_fourier else pitch_m,
+        camera_pitch_m=None
+        if rng.random() < 0.5
+        else float(rng.choice([2.4e-6, 3.45e-6, 5.5e-6]))
+        if is_fourier
+        else pitch_m,
         camera_shape=None if rng.random() < 0.5 else (shape[0] + 8, shape[1] + 8),
         bit_depth=bits,
         full_well=_log_uniform(rng, 2e3, 5e4),
         read_noise=float(rng.uniform(1.0, 6.0)),
         black_level=float(np.rint(black)),
         focal_length_m=length_m if is_fourier else None,
-        planes_m=tuple((p - 1) * 10 * depth_m for p in planes) if is_fourier else None,
+        planes_m=tuple((p - 1) * min(10 * depth_m, 2 * length_m) for p in planes) if is_fourier else None,
         seed=seed,
     )
-    drawn: dict[str, object] = {"shape": shape, "pitch_um": pitch_m * 1e6, "lasers": lasers, "length_mm": length_m * 1e3}
+    drawn: dict[str, object] = {
+        "shape": shape,
+        "pitch_um": pitch_m * 1e6,
+        "lasers": lasers,
+        "length_mm": length_m * 1e3,
+    }
     drawn |= {"gap_mm": gap_m * 1e3} if count == 2 else {}
     drawn |= {"iris_na": iris_na, "levels": levels, "bits": bits, "planes": len(planes)}
     drawn |= {"full_well": settings.full_well, "read_noise": settings.read_noise, "camera": settings.camera_shape}
@@ -115,17 +126,15 @@ def draw(seed: int, largest: int = LARGEST) -> tuple[Bench, System, AcquisitionS
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return float(np.exp(rng.uniform(np.log(min(low, high)), np.log(high))))
 
 
-def solve(
-    seed: int, largest: int = LARGEST, make: Callable[[System, AcquisitionSettings], Captures] | None = None
-) -> Bench:
-    """A drawn bench, measured and diagnosed. make: measures it; None: `make_captures`."""
+def solve(seed: int, largest: int = LARGEST, among: Sequence[Effect] | None = None) -> Bench:
+    """A drawn bench, measured and diagnosed. among: the candidates; None: all effects."""
     bench, system, settings = draw(seed, largest)
-    captures = make(system, settings) if make else make_captures(system, {}, settings)
+    captures = make_captures(system, {}, settings)
     began = time.process_time()
-    found = diagnose(captures, workers=1, free_maps=False, time_s=TIME_S)
+    found = diagnose(captures, among, workers=1, free_maps=False, time_s=TIME_S)
     bench.seconds = time.process_time() - began
     bench.captures, bench.verdict = len(captures), str(found.verdict)
     bench.blamed = {bad.index: bad.why for bad in found.bad_captures}
@@ -171,7 +180,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--benches", type=count_of, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the first bench")
-    parser.add_argument("--size", type=count_of, default=LARGEST, help=f"most modulator pixels along a side, from {SMALLEST}")
+    parser.add_argument(
+        "--size", type=count_of, default=LARGEST, help=f"most modulator pixels along a side, from {SMALLEST}"
+    )
     args = lines_or_summary(parser, "fault-free", _print_summary)
     if args.size < SMALLEST:
         parser.error(f"--size {args.size}: from {SMALLEST}")

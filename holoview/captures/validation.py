@@ -37,6 +37,8 @@ _UNITS = {1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres", 1e-2: "c
 _MAX_SPREAD_WIDTHS = 10.0  # modulator widths by which light may spread sideways: beyond, the image is empty
 _USUAL_MAX_DISTANCE_M = 0.05  # a hint suggests the unit in which a distance would be at most this
 _MIN_LIGHT_SIGMAS = 0.5  # of a pixel's dark noise, for the mean signal of the brightest image
+_WHITE_QUANTILE = 0.999  # of the pixels are darker than light that is shown white
+_BRIGHT_SIGMAS = 8.0  # … above black: noise alone brings a thousandth of the pixels to 3
 _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 
 
@@ -184,7 +186,8 @@ def _check_images(captures: Captures) -> None:
     error = bits_error(images, camera.bit_depth)
     if error is not None:
         raise error
-    if float(images.mean(axis=(1, 2)).max()) - camera.black_level < _MIN_LIGHT_SIGMAS * camera.dark_noise:
+    is_dim = float(images.mean(axis=(1, 2)).max()) - camera.black_level < _MIN_LIGHT_SIGMAS * camera.dark_noise
+    if is_dim and not _has_bright_pixels(captures):
         raise UserError(
             "camera/images",
             "all are dark",
@@ -193,6 +196,13 @@ def _check_images(captures: Captures) -> None:
         )
     if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > _MAX_SATURATED:
         raise UserError("camera/images", "all are saturated", expected="a shorter exposure or less laser power")
+
+
+def _has_bright_pixels(captures: Captures) -> bool:
+    """Whether the light of a picture is gathered in a few pixels, as near the axis of a Fourier bench."""
+    camera = captures.camera
+    bright = max(float(np.quantile(image, _WHITE_QUANTILE)) for image in captures.images)
+    return bright - camera.black_level > _BRIGHT_SIGMAS * camera.dark_noise
 
 
 def _check_orientation(captures: Captures) -> None:
@@ -216,7 +226,6 @@ def _check_orientation(captures: Captures) -> None:
 
 
 _DARK_SIGMAS = 3.0  # an image is dark if its mean signal is less than this many standard deviations of a dark mean
-_WHITE_QUANTILE = 0.999  # of the pixels, shown white
 _SATURATED_COLOUR = (230, 40, 40)
 _TILE_WIDTH_PX = 420
 

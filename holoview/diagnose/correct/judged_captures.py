@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import Images
 from holoview.diagnose.capture_split import MAX_SET_PIXELS, split_captures
@@ -177,7 +178,7 @@ not grow with the square of the number of captures; the value: none recorded."""
 REASON_MAX_SHARE = 0.5
 """[1] A reason must leave less than this share of a capture's excess. Evidence: none recorded."""
 
-DEFOCUS_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+DEFOCUS_DEPTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """[depths] Distances, in depths of field, by which a capture may be out of focus, either way. Evidence:
 derivation: speckle decorrelates within one depth, so that steps of half a depth miss nothing; for small errors, a step
 that is off by half leaves a quarter of the excess."""
@@ -245,6 +246,7 @@ class _Examination:
         self._dark = prediction.counts_without_lasers(self._captures.camera.black_level)
         floor = min(0.0, suspects.median_excess)
         self._limit = floor + REASON_MAX_SHARE * (float(self._excess(self._own[None])[0]) - floor)
+        self._by_noise = floor + (1.0 + floor) * jitter_excess(self._comparison.pixel_count)
 
     def reason(self, is_examined: bool) -> _Reason:
         """The first kind of change that explains the picture. is_examined: compute further predictions."""
@@ -260,11 +262,12 @@ class _Examination:
     def _candidates(self) -> Iterator[list[tuple[float, _Reason]]]:
         """The kinds of change, the cheapest first: (excess, reason) of each."""
         yield self._other_records()
-        yield self._moved()
+        moved = self._moved()
+        yield [one for one in moved if one[0] <= self._by_noise]
         if self._k in self._suspects.not_of_their_record:
             yield self._other_patterns([j for j in self._suspects.indices if j != self._k])
             yield self._other_patterns([j for j in range(len(self._captures)) if j not in self._suspects.indices])
-        yield self._defocused() + self._blurred()
+        yield moved + self._defocused() + self._blurred()
 
     def _other_records(self) -> list[tuple[float, _Reason]]:
         excess = self._excess(self._suspects.predicted)
@@ -291,8 +294,11 @@ class _Examination:
         wavelength_m, distance_m = (c[self._k] for c in (self._captures.wavelength_m, self._captures.distance_m))
         depths = np.array(DEFOCUS_DEPTHS)
         offsets = np.concatenate([depths, -depths]) * _depth_of_field_m(self._captures, wavelength_m)
-        if not self._captures.is_fourier:
-            offsets = offsets[distance_m + offsets > 0]
+        focal_length_m = self._captures.focal_length_m
+        at_m = distance_m + offsets
+        offsets = offsets[at_m > 0] if focal_length_m is None else offsets[np.abs(at_m) < focal_length_m]
+        if not len(offsets):
+            return []
         records = self._captures.subset([self._k] * len(offsets))
         records = dataclasses.replace(records, distance_m=distance_m + offsets)
         predicted = self._context.predictor.create(captures=records)(np.arange(len(offsets)), self._values)
@@ -335,7 +341,7 @@ class _Examination:
 
 
 def _depth_of_field_m(captures: Captures, wavelength_m: float) -> float:
-    """λ/NA²: on a Fourier bench of the light from the edge of the modulator, else of the first order that stops pass."""
+    """λ/NA²: on a Fourier bench of light from the modulator's edge, else of the first order that stops pass."""
     pitch_m = captures.slms[0].pitch_m
     if captures.focal_length_m is not None:
         sine = max(captures.levels.shape[2:]) * pitch_m / (2 * captures.focal_length_m)
