@@ -39,7 +39,6 @@ DISTANCES_M = (0.02, 0.4)
 WAVELENGTHS_M = (405e-9, 850e-9)
 MAX_CAPTURES = 24
 MOST_SPREAD = 9.0  # modulator widths by which light may spread sideways: with 10 a capture file is refused
-TIME_S = 120.0
 
 
 @dataclass
@@ -134,7 +133,7 @@ def solve(seed: int, largest: int = LARGEST, among: Sequence[Effect] | None = No
     bench, system, settings = draw(seed, largest)
     captures = make_captures(system, {}, settings)
     began = time.process_time()
-    found = diagnose(captures, among, workers=1, free_maps=False, time_s=TIME_S)
+    found = diagnose(captures, among, workers=1, free_maps=False)
     bench.seconds = time.process_time() - began
     bench.captures, bench.verdict = len(captures), str(found.verdict)
     bench.blamed = {bad.index: bad.why for bad in found.bad_captures}
