@@ -31,7 +31,7 @@ from holoview.util.progress import StepCallback
 
 _DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
 _BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
-_MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-4, 10.0
+_MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-5, 10.0
 _LEVEL_BYTES, _IMAGE_BYTES = 6, 5  # of a pixel of a pattern and of a picture: themselves, and while they are checked
 _FRAME_RATE_HZ = 60  # the first exposure of a wavelength is one frame time, within about 30 %
 

@@ -145,6 +145,15 @@ def test_light_that_a_long_exposure_saturates_as_predicted_is_no_fault(tmp_path:
     assert [(bad.index, bad.why) for bad in find_useless_captures(told, {})] == [(5, "saturated")]
 
 
+def test_a_picture_that_is_saturated_all_over_shows_nothing_though_it_is_predicted(tmp_path: Path) -> None:
+    captures = _measured(tmp_path, LONG)
+    images, exposure = captures.images.copy(), captures.exposure_s.copy()
+    images[5], exposure[5] = captures.camera.saturation, 1e4 * exposure[5]
+    found = _diagnosed(dataclasses.replace(captures, images=images, exposure_s=exposure))
+    assert [(bad.index, bad.why) for bad in found.bad_captures] == [(5, "saturated")]
+    assert found.verdict is Verdict.CONSISTENT
+
+
 def test_pictures_that_noise_leaves_equal_are_no_copies(tmp_path: Path) -> None:
     """Eight bits of dark pixels mostly read the same; a picture with light never does."""
     captures = _measured(tmp_path, FourierLaboratory(bits=8, black=3.0))

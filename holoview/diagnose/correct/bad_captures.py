@@ -79,6 +79,9 @@ SATURATED_FACTOR = 5.0
 """[1] … and so many times the share that is predicted, that of its siblings, and the median of all captures. Evidence:
 where the zero order or every capture is saturated, one capture isn't to blame; the value: none recorded."""
 
+USELESS_SHARE = 0.99
+"""[1] … or more than this share, whatever is predicted. Evidence: a reason: hardly a pixel is left to compare."""
+
 COPY_BY_CHANCE = 1e-6
 """[1] Equal pictures are copies if noise leaves them equal less often. Evidence: the chance that a verdict blames
 captures of a right model (`judge.FALSE_ALARM`)."""
@@ -145,11 +148,15 @@ def find_useless_captures(captures: Captures, known: Values) -> tuple[BadCapture
         sentence = f"Its mean light is {light.seen[k]:.2g} counts above black"
         found[k] = BadCapture(k, DARK, sentence + (f"; {expected:.2g} were expected." if expected > 0 else "."))
     saturated = np.array([float((image >= captures.camera.saturation).mean()) for image in captures.images])
-    for k in np.flatnonzero(saturated > max(SATURATED_SHARE, SATURATED_FACTOR * float(np.median(saturated)))).tolist():
-        ordinary = [saturated[j] for j in siblings[k]]
-        expected = _predicted_saturation(captures, k, known, float(usual[k]))
-        if saturated[k] > SATURATED_FACTOR * max(expected, float(np.median(ordinary)) if ordinary else 0.0):
-            found.setdefault(k, BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated."))
+    common = float(np.median(saturated))
+    for k in np.flatnonzero(saturated > SATURATED_SHARE).tolist():
+        is_useless = saturated[k] > USELESS_SHARE or light.pixels[k] < 1
+        if not is_useless and saturated[k] > SATURATED_FACTOR * common:
+            ordinary = float(np.median(saturated[siblings[k]])) if siblings[k] else 0.0
+            expected = _predicted_saturation(captures, k, known, float(usual[k]))
+            is_useless = saturated[k] > SATURATED_FACTOR * max(expected, ordinary)
+        if is_useless:
+            found[k] = BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated.")
     for first, *copies in equal_pictures(captures):
         for k in copies:
             if has_same_record(captures, first, k):
@@ -220,7 +227,8 @@ def _is_dark(
     around = [float(np.median(gain[list(near)])) if near else np.inf for near in siblings]
     relative = gain / np.maximum(np.minimum(usual, around), 1e-300)
     is_little = (relative < DARK_SHARE) | (is_flat & (relative < DIM_SHARE)) | (light.seen < least)
-    return np.asarray((is_little & (light.predicted * usual >= least)) | ((light.seen < least) & (usual <= 0)))
+    is_without_any = (light.seen < least) & ((usual <= 0) | (light.pixels < 1))
+    return np.asarray((is_little & (light.predicted * usual >= least)) | is_without_any)
 
 
 def _predicted_saturation(captures: Captures, k: int, known: Values, gain: float) -> float:
