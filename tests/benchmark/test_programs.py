@@ -31,6 +31,10 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "diagnosis": ("--families singles --only gap --sizes large --shape 24 32 --each 2 --workers 1",),
     "effect_consumers": ("--effects gap",),
     "eye_costs": ("--size 64x48 --repeats 1",),
+    "fault_free": (
+        "--benches 1 --size 24 -o {out}/fault-free.jsonl",
+        "--summary {out}/fault-free.jsonl",
+    ),
     "fft_time": ("--sizes 64x48 --repeats 1",),
     "frame_time": ("--size 64x48 --repeats 1",),
     "fuzz": ("--minutes 0.01",),
