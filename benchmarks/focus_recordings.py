@@ -1,24 +1,23 @@
-"""Recordings of six kinds, made by a program of its own, and the distances at which `holoview focus` finds their objects.
+"""Recordings of six kinds, made by a program of its own, and the distances that `holoview focus` finds in them.
 
     python -m benchmarks.focus_recordings --count 200 --seed 1 -o out/focus.jsonl
     python -m benchmarks.focus_recordings --count 6 --samples 96 -o out/smallest.jsonl     # the smallest size
     python -m benchmarks.focus_recordings --summary out/focus.jsonl
 
-The light is computed with numpy and SciPy alone: exact transfer functions on twice finer samples over twice the side of
-the camera, discs by their Bessel transform. The camera adds up the light over the area of its pixels and cuts the pattern
-off at its window; photons are drawn, counts have 8 bits. Wavelengths are 400 to 800 nm, pitches 0.3 to 8 µm, distances
-0.1 mm to 1 m; of an object so near that its fringes are undersampled, and so far that the camera's side limits the
-aperture. Nothing of holoview takes part but the search that is measured, over its own range.
+The light is computed with numpy and SciPy alone: exact transfer functions on twice finer samples over twice the side
+of the camera, discs by their Bessel transform. The camera adds up the light over the area of its pixels and cuts the
+pattern off at its window; photons are drawn, counts have 8 bits. Wavelengths are 400 to 800 nm, pitches 0.3 to 8 µm,
+distances 0.1 mm to 1 m: from objects so near that their fringes are undersampled to those so far that the camera's side
+limits the aperture. Nothing of holoview takes part but the search that is measured, over its own range.
 
-A distance is right within a depth of focus λ/NA², NA the smaller of λ times the band (half a cycle a pixel; of
-an off-axis order its radius) and side/(2z). Of objects at several
-depths all have to be listed, and nothing else. "Said" is a recording of which the program says that no focus is clear.
+A distance is right within a depth of focus λ/NA², NA the smaller of λ times the band (half a cycle a pixel; of an
+off-axis order its radius) and side/(2z). Of objects at several depths all have to be listed, and nothing else. "Said"
+is a recording of which the program says that no focus is clear.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from dataclasses import dataclass, field
@@ -32,7 +31,7 @@ from scipy import fft
 from scipy.ndimage import gaussian_filter
 from scipy.special import j1
 
-from benchmarks.common import count_of, lines_or_summary, markdown_table
+from benchmarks.common import append_line, count_of, lines_or_summary, markdown_table, read_lines
 from holoview.wavefield.demodulation import field_of_recording
 from holoview.wavefield.focus import default_range_m, find_focus
 from holoview.wavefield.reading import Recording
@@ -50,7 +49,7 @@ FINE, WIDE = 2, 2  # samples a pixel, and sides of the camera
 class Scene:
     """A camera of n × n pixels, and the light that reaches it, on samples of half a pixel over twice its side.
 
-    distance_m: of the nearest object. depths_m: of all objects. band: cycles a pixel that the recording keeps, to a side.
+    distance_m: of the nearest object. depths_m: of all objects. band: cycles a pixel that the recording keeps.
     """
 
     n: int
@@ -362,7 +361,7 @@ def measure(kind: str, seed: int, n: int) -> dict[str, Any]:
 
 def summarise(path: Path) -> None:
     """Prints the table by kind."""
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = read_lines(path)
     rows = []
     for kind in (*KINDS, "all"):
         mine = [line for line in lines if kind in (line["kind"], "all")]
@@ -379,12 +378,10 @@ def main() -> None:
     parser.add_argument("--samples", type=count_of, default=SAMPLES, help="rows and columns of the camera")
     parser.add_argument("--kind", choices=KINDS, help="of one kind alone")
     args = lines_or_summary(parser, "focus", summarise)
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    with args.output.open("w") as stream:
-        for index in range(args.count):
-            kind = args.kind or KINDS[index % len(KINDS)]
-            line = measure(kind, 10_000 * args.seed + index, args.samples)
-            print(json.dumps(line), file=stream, flush=True)
+    args.output.unlink(missing_ok=True)
+    for index in range(args.count):
+        kind = args.kind or KINDS[index % len(KINDS)]
+        append_line(args.output, measure(kind, 10_000 * args.seed + index, args.samples))
     summarise(args.output)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from holoview.commands.arguments import parse_range
 from holoview.commands.console import print_json, print_stderr, progress_bar
-from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json
+from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json, request_from_args
 from holoview.commands.output_files import add_input
+from holoview.io.load_field import field_of_files
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.focus import MEASURES, FocusCurve, FoundFocus, default_range_m, find_focus
@@ -41,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     if not opened.hologram.system.is_field:
         raise UserError(args.names[0], "patterns of modulators", expected="a field: their planes stand in the file")
     field = opened.hologram.field()
+    if any(known.key == "radius of the reference" for known in opened.provenance):
+        field = field_of_files(args.names, request_from_args(args)).field  # not yet lit by the reference
     low_m, high_m = limits or default_range_m(field)
     with progress_bar("distances") as progress:
         found = find_focus(field, low_m, high_m, progress)

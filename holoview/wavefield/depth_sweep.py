@@ -1,10 +1,10 @@
 """How sparse the edges of a field are at each distance, in each part of the picture.
 
-Out of focus the light of an edge lies beside it. Σ|∇u|² of the whole picture is the same at every distance, and in focus
-it stands on the fewest samples. In a tile of the picture, the sparsity ⟨|∇u|²⟩/⟨|∇u|⟩² and the kurtosis ⟨|∇u|⁴⟩/⟨|∇u|²⟩²
-are therefore largest where edges are sharp: those of opaque objects, of particles, of steps in phase. The twin image of
-an in-line recording, noise and light out of focus are spread, and add values that change little from one distance to the
-next: 4/π and 2 of speckle.
+Out of focus the light of an edge lies beside it. Σ|∇u|² of the whole picture is the same at every distance, and in
+focus it stands on the fewest samples. In a tile of the picture, the sparsity ⟨|∇u|²⟩/⟨|∇u|⟩² and the kurtosis
+⟨|∇u|⁴⟩/⟨|∇u|²⟩² are therefore largest where edges are sharp: those of opaque objects, of particles, of steps in phase.
+The twin image of an in-line recording, noise and light out of focus are spread, and add values that change little from
+one distance to the next: 4/π and 2 of speckle.
 
 The range is swept in levels. Each has the middle of the field's band that makes the depth of focus λ/NA² about a
 twentieth of the distance, or a fifth, where noise hides fine edges. A level of half the samples covers four times the
@@ -45,8 +45,8 @@ class Level:
 
     samples: of the band along the longer side. distances_m: (n,), rising. own: the distances (first, last) that count;
     the others are those of the next levels. kurtosis, sparsity: (n, rows, columns) ⟨|∇u|⁴⟩/⟨|∇u|²⟩² and ⟨|∇u|²⟩/⟨|∇u|⟩²
-    of each tile. edge_sparsity, variance: (n,) the measures of `holoview.wavefield.focus`. tile: samples along a side of a
-    tile, of the band; rim: those left out at the picture's edges (y, x).
+    of each tile. edge_sparsity, variance: (n,) the measures of `holoview.wavefield.focus`. tile: samples along a side
+    of a tile, of the band; rim: those left out at the picture's edges (y, x).
     """
 
     samples: int
@@ -152,7 +152,7 @@ class Swept:
         band = self.band(samples)
         top, left = (n // 2 - k // 2 for n, k in zip(self.spectrum.shape, band, strict=True))
         cut = self.spectrum[top : top + band[0], left : left + band[1]]
-        coarse = torch.fft.ifft2(torch.fft.ifftshift(cut))
+        coarse = torch.fft.ifft2(torch.fft.ifftshift(cut)) * (math.prod(band) / math.prod(self.spectrum.shape))
         farthest_m = float(np.abs(distances_m).max())
         padded = [
             next_fast_length(math.ceil(n * (1 + min(0.5 * farthest_m * self.wavelength_m * n / side_m**2, 1.0))))

@@ -96,13 +96,13 @@ class FocusCurve:
 class FoundFocus:
     """The distances at which a field is in focus.
 
-    range_m: that was searched; on both sides if both are above 0. objects: what is clearly in focus, the clearest first;
-    none where no focus is clear. whole: of the curves, how many cover the range together, the first. nearest_sampled_m: of an
-    in-line recording the distance from which on all fringes within the frame are sampled; nearest_searchable_m: that from
-    which on some are, two depths of focus.
+    range_m: that was searched; on both sides if both are above 0. objects: what is clearly in focus, the clearest
+    first; none where no focus is clear. whole: of the curves, how many cover the range together, the first.
+    nearest_sampled_m: of an in-line recording the distance from which on all fringes within the frame are sampled;
+    nearest_searchable_m: that from which on enough of them are, two depths of focus.
     distances_m: by each measure. other_side_m: the best distance on the other side of the plane, by each measure; None
-    where it wasn't searched. other_side_share: the measure there, over that at the best distance. curves: a coarse
-    curve over the whole range, and finer curves.
+    where it wasn't searched. other_side_share: the measure there, over that at the best distance. curves: coarse
+    curves that cover the whole range, and finer curves.
     """
 
     distances_m: dict[Measure, float]
@@ -162,9 +162,9 @@ def normalised_variance(field: Tensor) -> float:
 def default_range_m(field: Wavefield) -> tuple[float, float]:
     """Distances between which an image is looked for.
 
-    Half to one and a half times the expected distance, or the reference's radius. Without these, of an in-line recording
-    from four depths of focus to 8·N·dx²/λ, where the field's side limits the aperture; of others from a hundredth of
-    4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
+    Half to one and a half times the expected distance, or the reference's radius. Without these, of an in-line
+    recording from four depths of focus to 8·N·dx²/λ, where the field's side limits the aperture; of others from a
+    hundredth of 4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
     """
     expected = abs(field.distance_m) or abs(field.reference_radius_m or 0.0)
     if is_in_line(field) and not field.distance_m:
@@ -267,8 +267,8 @@ def is_in_line(field: Wavefield) -> bool:
 def _in_line_range_m(field: Wavefield) -> tuple[float, float]:
     swept, radius_m = _swept(field), field.reference_radius_m
     coarsest_m = swept.side_m / min(swept.most_samples, MOST_SAMPLES)
-    far_m = 8 * swept.nearest_sampled_m
-    return tuple(_real_m(z, radius_m) for z in (16 * coarsest_m**2 / swept.wavelength_m, far_m))  # type: ignore[return-value]
+    near_m = 16 * coarsest_m**2 / swept.wavelength_m
+    return _real_m(near_m, radius_m), _real_m(8 * swept.nearest_sampled_m, radius_m)
 
 
 def _swept(field: Wavefield) -> Swept:

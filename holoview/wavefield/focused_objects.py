@@ -1,10 +1,10 @@
 """The objects of an in-line recording, each at the distance at which its edges are sharp.
 
-The picture is divided into tiles. Each tile has two curves over the distance (`holoview.wavefield.depth_sweep`), and votes
-for every maximum that rises above both its flanks by more than noise does. A baseline, towards an end of the range or
-around an object beside the tile, has no such maximum. An object is where votes of both measures meet within a depth of
-focus; light that an edge or a lens-like object gathers elsewhere has few. Then finer bands move the distance, in the tiles
-that voted for it.
+The picture is divided into tiles. Each tile has two curves over the distance (`holoview.wavefield.depth_sweep`), and
+votes for every maximum that rises above both its flanks by more than noise does. A baseline, towards an end of the
+range or around an object beside the tile, has no such maximum. An object is where votes of both measures meet within a
+depth of focus; light that an edge or a lens-like object gathers elsewhere has few. Then finer bands move the distance,
+in the tiles that voted for it.
 
 Without a place that gathers a good part of the votes no focus is clear.
 """
@@ -21,16 +21,21 @@ from numpy.typing import NDArray
 from holoview.wavefield.depth_sweep import MOST_SAMPLES, RELATIVE_DEPTHS, Level, Swept, squared_slopes
 
 _NOISE = (2.2 * math.sqrt(2), 0.4 * math.sqrt(2))
-"""Standard deviation of ln kurtosis and ln sparsity of speckle, times the square root of a tile's samples, every second of
-which is independent."""
+"""Standard deviation of ln kurtosis and ln sparsity of speckle, times the square root of a tile's samples, every second
+of which is independent."""
 _ABOVE_NOISE = 5.0  # standard deviations of a maximum that votes
 _FULL = (1.0, 0.3)  # rise above it of a full vote
 _TOGETHER = 1.5  # depths of focus over which votes meet
 _APART = 2.5  # depths of focus between objects
 _LEAST_VOTES = 1.5
-_LEAST_SHARE, _LEAST_TOGETHER = 0.4, 0.8  # of all votes: those of the first object, or else those of all objects
-_BESIDE, _LEAST_BESIDE = 6.0, 0.5  # an object nearer to another than so many depths of focus needs so many of its votes
-_BRIGHT = 2.0  # times the incident light
+_LEAST_SHARES, _LEAST_TOGETHER = (0.4, 0.75), 0.8
+"""Of all votes: those of the first object, with each depth of focus, or else those of all objects."""
+_LEAST_IN_TILE = 0.8  # votes of each of a further object's tiles, of two
+_NEAR, _LEAST_NEAR = 10.0, 0.75
+"""Objects nearer than so many depths of focus, and bright ones alone, need so many of all votes."""
+_BESIDE, _LEAST_BESIDE = 6.0, 0.7  # an object nearer to another than so many depths of focus needs so many of its votes
+_BRIGHT, _DARK, _MANY_OF_FIRST = 1.2, 0.8, 0.3
+"""Most of the incident light at the edges of an object; and of one with few of the first one's votes."""
 _MOST_OBJECTS = 12
 _LEAST_OF_FIRST = 0.08  # votes of a further object, over those of the first
 _LEAST_FURTHER = 2.0
@@ -41,8 +46,8 @@ _AROUND = 5  # distances on each side of an object, in a finer band
 class FocusedObject:
     """A distance at which a part of the picture is sharp.
 
-    depth_of_focus_m: λ/NA² there, within which the distance holds. share: of all votes. centre_m: (y, x) from the middle
-    of the field, m, of what is sharp, None if it isn't known.
+    depth_of_focus_m: λ/NA² there, of the light that stands above the noise. share: of all votes. centre_m: (y, x) from
+    the middle of the field, m, of what is sharp, None if it isn't known.
     """
 
     distance_m: float
@@ -53,8 +58,10 @@ class FocusedObject:
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """The maxima (k,) of tiles: distance, weight 0 … 1, depth of focus, measure, and the tile's centre and side as parts
-    of the picture (k, 2), (k,)."""
+    """The maxima (k,) of tiles.
+
+    weight: 0 … 1. depth_m: λ/NA² of the level. place, side: the tile's centre (k, 2) and side, as parts of the picture.
+    """
 
     distance_m: NDArray[np.float64]
     weight: NDArray[np.float64]
@@ -92,10 +99,10 @@ def search_objects(
             progress(done, total, f"{distance_m * 1e3:.4g} mm")
 
     first: list[Level] = []
-    for plan in plans:
+    for plan, least_share in zip(plans, _LEAST_SHARES, strict=True):
         levels = [swept.level(samples, own, told, nodes) for samples, own, nodes in plan]
         first = first or levels
-        objects = find_objects(swept, levels)
+        objects = find_objects(swept, levels, least_share)
         if objects:
             break
     return objects, first
@@ -124,8 +131,11 @@ def votes_of(swept: Swept, levels: list[Level]) -> Votes:
     return Votes(distance, weight, depth, measure_of.astype(np.int64), np.array(place_of).T, side)
 
 
-def find_objects(swept: Swept, levels: list[Level]) -> list[FocusedObject]:
-    """The objects that are clearly in focus somewhere, the one with most votes first; none if no focus is clear."""
+def find_objects(swept: Swept, levels: list[Level], least_share: float) -> list[FocusedObject]:
+    """The objects that are clearly in focus somewhere, the one with most votes first; none if no focus is clear.
+
+    least_share: of all votes, that the first object needs.
+    """
     votes = votes_of(swept, levels)
     if not len(votes.weight):
         return []
@@ -142,24 +152,33 @@ def find_objects(swept: Swept, levels: list[Level]) -> list[FocusedObject]:
         mine = near & (left > 0)
         distance_m = float(np.average(votes.distance_m[mine], weights=left[mine]))
         beside = [votes_of_it for at, votes_of_it, *_ in found if abs(at - distance_m) < _BESIDE * depth_m]
-        if met[best] < _LEAST_BESIDE * max(beside, default=0.0):
+        is_weak = bool(found) and float(left[mine].sum()) < _LEAST_IN_TILE * len(np.unique(votes.place[mine], axis=0))
+        if is_weak or met[best] < _LEAST_BESIDE * max(beside, default=0.0):
             left = np.where(near, 0.0, left)
             continue
         found.append((distance_m, float(met[best]), float(left[mine].sum()) / total, mine))
         left = np.where(near, 0.0, left * _unowned(votes, mine))
     shares = [share for _, _, share, _ in found]
-    if not found or (shares[0] < _LEAST_SHARE and sum(shares) < _LEAST_TOGETHER):
+    if not found or (shares[0] < least_share and sum(shares) < _LEAST_TOGETHER):
         return []
-    bright = [_brightness(swept, votes, distance_m, mine) > _BRIGHT for distance_m, _, _, mine in found]
-    passive = [thing for thing, is_bright in zip(found, bright, strict=True) if not is_bright]
+    if found[0][0] < _NEAR * float(votes.depth_m[found[0][3]].min()) and sum(shares) < _LEAST_NEAR:
+        return []
+    bright = [_brightness(swept, votes, distance_m, mine) for distance_m, _, _, mine in found]
+    passive = [
+        thing
+        for thing, light in zip(found, bright, strict=True)
+        if light <= (_BRIGHT if thing[1] >= _MANY_OF_FIRST * found[0][1] else _DARK)
+    ]
+    if not passive and sum(shares) < _LEAST_NEAR:
+        return []
     return [_refined(swept, votes, distance_m, share, mine) for distance_m, _, share, mine in passive or found]
 
 
 def _brightness(swept: Swept, votes: Votes, distance_m: float, mine: NDArray[np.bool_]) -> float:
     """The mean intensity at sharp edges of an object, over the incident light's.
 
-    Objects absorb or delay light, and are no brighter than it; light that a round edge or a lens-like object gathers is.
-    0 where the incident light isn't known.
+    Objects absorb or delay light, and are no brighter than it; light that a round edge or a lens-like object gathers
+    is. 0 where the incident light isn't known.
     """
     if swept.incident == 0:
         return 0.0
@@ -201,17 +220,28 @@ def _refined(swept: Swept, votes: Votes, distance_m: float, share: float, mine: 
     samples = min(most, round(2 * swept.side_m / math.sqrt(swept.wavelength_m * float(votes.depth_m[mine].min()))))
     depth_m = float(votes.depth_m[mine].max())
     finest_m = swept.depth_of_focus_m(distance_m, most)
+    is_seen = False
     while True:
         reach_m = 0.9 * depth_m
         nodes = distance_m + np.linspace(-1, 1, 2 * _AROUND + 1) * min(reach_m, 0.9 * distance_m)
-        values = _sparsity_in(swept, nodes, samples, _tiles(votes, mine, swept.band(samples)))
+        tiles = _tiles(votes, mine, swept.band(samples))
+        values = _sparsity_in(swept, nodes, samples, tiles)
+        noise = (_NOISE[0] + 2 * _NOISE[1]) / math.sqrt(sum(_area(tile) for tile in tiles))
+        if is_seen and float(np.ptp(values)) < _ABOVE_NOISE * noise:
+            break  # the finer edges are hidden by noise
+        is_seen = True
         distance_m = _top(nodes, values)
         depth_m = swept.depth_of_focus_m(distance_m, samples)
         if samples >= most or depth_m <= 1.05 * finest_m:
             break
         samples = min(2 * samples, most)
     y, x = ((float(part) - 0.5) * side for part, side in zip(centre, swept.sides_m, strict=True))
-    return FocusedObject(distance_m, swept.depth_of_focus_m(distance_m), share, (y, x))
+    return FocusedObject(distance_m, depth_m, share, (y, x))
+
+
+def _area(tile: tuple[slice, slice]) -> int:
+    """Samples of a tile."""
+    return int((tile[0].stop - tile[0].start) * (tile[1].stop - tile[1].start))
 
 
 def _sparsity_in(
