@@ -239,10 +239,11 @@ def _one_depth(rng: np.random.Generator, n: int) -> tuple[Scene, Complexes]:
 
 def _several(rng: np.random.Generator, n: int) -> tuple[Scene, Complexes]:
     scene = _scene(rng, n, 0.06, 2.0)
-    depths = [scene.distance_m]
+    depths, most_m = [scene.distance_m], 6 * scene.side_m * scene.pitch_m / scene.wavelength_m
     for _ in range(int(rng.integers(1, 3))):
         farther = depths[-1] * rng.uniform(1.25, 2.5)
-        depths.append(max(farther, depths[-1] + 8 * scene.depth_of_focus_m(farther)))
+        farther = max(farther, depths[-1] + 8 * scene.depth_of_focus_m(farther))
+        depths += [farther] * (farther < most_m)
     light = np.ones((scene.samples, scene.samples), np.complex128)
     for z, towards in zip(depths[::-1], [*depths[-2::-1], 0.0], strict=True):
         if rng.random() < 0.3:

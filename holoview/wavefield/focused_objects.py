@@ -30,15 +30,15 @@ _APART = 2.5  # depths of focus between objects
 _LEAST_VOTES = 1.5
 _LEAST_SHARES, _LEAST_TOGETHER = (0.4, 0.75), 0.8
 """Of all votes: those of the first object, with each depth of focus, or else those of all objects."""
-_LEAST_IN_TILE = 0.8  # votes of each of a further object's tiles, of two
+_LEAST_IN_TILE, _LEAST_IN_ONE = 0.3, 1.9  # votes of each of a further object's tiles, of two, and of a single tile
 _NEAR, _LEAST_NEAR = 10.0, 0.75
 """Objects nearer than so many depths of focus, and bright ones alone, need so many of all votes."""
 _BESIDE, _LEAST_BESIDE = 6.0, 0.7  # an object nearer to another than so many depths of focus needs so many of its votes
-_BRIGHT, _DARK, _MANY_OF_FIRST = 1.2, 0.8, 0.3
+_BRIGHT, _DARK, _MANY_OF_FIRST = 1.4, 0.7, 0.3
 """Most of the incident light at the edges of an object; and of one with few of the first one's votes."""
-_MOST_OBJECTS = 12
-_LEAST_OF_FIRST = 0.08  # votes of a further object, over those of the first
-_LEAST_FURTHER = 2.0
+_MOST_OBJECTS = 8
+_LEAST_OF_FIRST = 0.04  # votes of a further object, over those of the first
+_LEAST_FURTHER = 1.0
 _AROUND = 5  # distances on each side of an object, in a finer band
 
 
@@ -152,26 +152,32 @@ def find_objects(swept: Swept, levels: list[Level], least_share: float) -> list[
         mine = near & (left > 0)
         distance_m = float(np.average(votes.distance_m[mine], weights=left[mine]))
         beside = [votes_of_it for at, votes_of_it, *_ in found if abs(at - distance_m) < _BESIDE * depth_m]
-        is_weak = bool(found) and float(left[mine].sum()) < _LEAST_IN_TILE * len(np.unique(votes.place[mine], axis=0))
+        tiles = len(np.unique(votes.place[mine], axis=0))
+        is_weak = bool(found) and float(left[mine].sum()) < (_LEAST_IN_TILE if tiles > 1 else _LEAST_IN_ONE) * tiles
         if is_weak or met[best] < _LEAST_BESIDE * max(beside, default=0.0):
             left = np.where(near, 0.0, left)
             continue
         found.append((distance_m, float(met[best]), float(left[mine].sum()) / total, mine))
         left = np.where(near, 0.0, left * _unowned(votes, mine))
-    shares = [share for _, _, share, _ in found]
-    if not found or (shares[0] < least_share and sum(shares) < _LEAST_TOGETHER):
-        return []
-    if found[0][0] < _NEAR * float(votes.depth_m[found[0][3]].min()) and sum(shares) < _LEAST_NEAR:
+    if not found:
         return []
     bright = [_brightness(swept, votes, distance_m, mine) for distance_m, _, _, mine in found]
-    passive = [
-        thing
-        for thing, light in zip(found, bright, strict=True)
-        if light <= (_BRIGHT if thing[1] >= _MANY_OF_FIRST * found[0][1] else _DARK)
-    ]
-    if not passive and sum(shares) < _LEAST_NEAR:
+    passive = [i for i, light in enumerate(bright) if light <= _BRIGHT]
+    leading = passive[0] if passive else 0
+    is_dark = bright[leading] <= _DARK
+    kept = [found[leading]]
+    for i in passive[1:]:
+        many = not is_dark and found[i][1] >= _MANY_OF_FIRST * found[leading][1]
+        kept += [found[i]] * (bright[i] <= _DARK or many)
+    if is_dark:  # beside opaque objects what is brighter is light that they gather, and has no say
+        votes_of_objects = 1 - sum(thing[2] for thing, light in zip(found, bright, strict=True) if light > _DARK)
+        kept = [(at, met_there, share / votes_of_objects, mine) for at, met_there, share, mine in kept]
+    first_m, _, share, mine = kept[0]
+    together = sum(share for _, met_there, share, _ in kept if met_there >= _LEAST_VOTES)
+    is_doubtful = not passive or first_m < _NEAR * float(votes.depth_m[mine].min())
+    if together < (_LEAST_NEAR if is_doubtful else _LEAST_TOGETHER) and (is_doubtful or share < least_share):
         return []
-    return [_refined(swept, votes, distance_m, share, mine) for distance_m, _, share, mine in passive or found]
+    return [_refined(swept, votes, distance_m, share, mine) for distance_m, _, share, mine in kept]
 
 
 def _brightness(swept: Swept, votes: Votes, distance_m: float, mine: NDArray[np.bool_]) -> float:

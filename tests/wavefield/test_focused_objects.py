@@ -68,7 +68,7 @@ def test_a_large_opaque_disc_is_found_within_a_depth_of_focus(distance_m: float)
     field = _field(_recorded([(radius, y, x, distance_m)], 400, rng))
     found = find_focus(field, *default_range_m(field))
     assert found.clear
-    assert len(found.objects) == 1
+    assert found.objects[0].share > 0.5
     assert abs(found.distance_m - distance_m) < _depth_of_focus(distance_m)
     assert found.objects[0].centre_m == pytest.approx((y, x), abs=radius)
 
