@@ -103,8 +103,8 @@ def test_noise_has_no_clear_focus_nor_has_a_range_without_the_object() -> None:
 
 
 def test_a_point_source_moves_the_focus_by_fresnels_scaling() -> None:
-    """Behind an object z from the camera, a point source R away makes the fringes that a plane wave makes over z·R/(R − z),
-    of an object that is M = R/(R − z) times as large: here both are known, and z and the place follow."""
+    """With a point source at R from the camera, an object at z makes the fringes of an object M = R/(R − z) times as
+    large in a plane wave over z·M: here these are known, and z and the place follow."""
     rng = np.random.default_rng(4)
     radius_m, equivalent_m = 5e-3, 0.6 * FAR_M
     distance_m = equivalent_m * radius_m / (radius_m + equivalent_m)
