@@ -73,6 +73,7 @@ _AGREE = 0.05
 _OTHER_SIDE = {True: 0.95, False: 0.9}
 """[2] The most of a measure that the other side may have, if the measures agree and if they don't. Of 24 drawn off-axis
 recordings and fields it is 0.53 to 0.87 where the image was found, 1.00 where it was not."""
+_LEAST_DEPTHS = 3.0  # of focus between the plane and a clear focus
 _REAL = 1e-5  # of the largest value: imaginary parts of float32
 _EVEN = 1e-5  # the same of amplitudes
 _SAMPLES_COMPARED = 256
@@ -590,7 +591,7 @@ def _stands_out(found: FoundFocus, depth_m: float, inside: dict[Measure, bool]) 
     first, second = (found.distances_m[name] for name in MEASURES)
     agree = abs(first - second) <= max(_AGREE * abs(found.distance_m), 2 * depth_m)
     named = [name for name in MEASURES if found.distances_m[name] == found.distance_m and inside[name]]
-    if not named:
+    if not named or abs(found.distance_m) < _LEAST_DEPTHS * depth_m:
         return False
     if found.other_side_m[named[0]] is None:
         return agree

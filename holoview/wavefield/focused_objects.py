@@ -27,9 +27,8 @@ _ABOVE_NOISE = 5.0  # standard deviations of a maximum that votes
 _FULL = (1.0, 0.3)  # rise above it of a full vote
 _TOGETHER = 1.5  # depths of focus over which votes meet
 _APART = 2.5  # depths of focus between objects
-_LEAST_VOTES = 1.5
-_LEAST_SHARES, _LEAST_TOGETHER = (0.4, 0.75), 0.8
-"""Of all votes: those of the first object, with each depth of focus, or else those of all objects."""
+_LEAST, _LEAST_TOGETHER = ((1.5, 0.4), (3.0, 0.75)), 0.8
+"""Votes of the first object and their share, with each depth of focus; or else the share of all objects."""
 _LEAST_IN_TILE, _LEAST_IN_ONE = 0.3, 1.9  # votes of each of a further object's tiles, of two, and of a single tile
 _NEAR, _LEAST_NEAR = 10.0, 0.75
 """Objects nearer than so many depths of focus, and bright ones alone, need so many of all votes."""
@@ -99,10 +98,10 @@ def search_objects(
             progress(done, total, f"{distance_m * 1e3:.4g} mm")
 
     first: list[Level] = []
-    for plan, least_share in zip(plans, _LEAST_SHARES, strict=True):
+    for plan, least in zip(plans, _LEAST, strict=True):
         levels = [swept.level(samples, own, told, nodes) for samples, own, nodes in plan]
         first = first or levels
-        objects = find_objects(swept, levels, least_share)
+        objects = find_objects(swept, levels, least)
         if objects:
             break
     return objects, first
@@ -131,10 +130,10 @@ def votes_of(swept: Swept, levels: list[Level]) -> Votes:
     return Votes(distance, weight, depth, measure_of.astype(np.int64), np.array(place_of).T, side)
 
 
-def find_objects(swept: Swept, levels: list[Level], least_share: float) -> list[FocusedObject]:
+def find_objects(swept: Swept, levels: list[Level], least: tuple[float, float]) -> list[FocusedObject]:
     """The objects that are clearly in focus somewhere, the one with most votes first; none if no focus is clear.
 
-    least_share: of all votes, that the first object needs.
+    least: votes that the first object needs, and their share of all.
     """
     votes = votes_of(swept, levels)
     if not len(votes.weight):
@@ -144,8 +143,7 @@ def find_objects(swept: Swept, levels: list[Level], least_share: float) -> list[
     while len(found) < _MOST_OBJECTS:
         met = votes.met(left)
         best = int(np.argmax(met))
-        least = max(_LEAST_FURTHER, _LEAST_OF_FIRST * found[0][1]) if found else _LEAST_VOTES
-        if met[best] < least:
+        if met[best] < (max(_LEAST_FURTHER, _LEAST_OF_FIRST * found[0][1]) if found else least[0]):
             break
         depth_m = float(votes.depth_m[best])
         near = np.abs(votes.distance_m - votes.distance_m[best]) < _APART * depth_m
@@ -173,9 +171,9 @@ def find_objects(swept: Swept, levels: list[Level], least_share: float) -> list[
         votes_of_objects = 1 - sum(thing[2] for thing, light in zip(found, bright, strict=True) if light > _DARK)
         kept = [(at, met_there, share / votes_of_objects, mine) for at, met_there, share, mine in kept]
     first_m, _, share, mine = kept[0]
-    together = sum(share for _, met_there, share, _ in kept if met_there >= _LEAST_VOTES)
+    together = sum(share for _, met_there, share, _ in kept if met_there >= least[0])
     is_doubtful = not passive or first_m < _NEAR * float(votes.depth_m[mine].min())
-    if together < (_LEAST_NEAR if is_doubtful else _LEAST_TOGETHER) and (is_doubtful or share < least_share):
+    if together < (_LEAST_NEAR if is_doubtful else _LEAST_TOGETHER) and (is_doubtful or share < least[1]):
         return []
     return [_refined(swept, votes, distance_m, share, mine) for distance_m, _, share, mine in kept]
 

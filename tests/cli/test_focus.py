@@ -80,8 +80,7 @@ def test_where_nothing_is_sharp_no_distance_is_named(tmp_path: Path, capsys: pyt
 def test_the_object_of_an_in_line_recording_is_told_with_its_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Dark bars 8 mm before the camera, around its middle; 8 mm are a quarter of N·pitch²/λ = 5 mm and more: all fringes
-    are sampled."""
+    """Dark bars 8 mm before the camera, around its middle; from N·pitch²/λ = 5 mm on all fringes are sampled."""
     intensity = np.abs(_object_wave()) ** 2
     Image.fromarray((intensity / intensity.max() * 255).astype(np.uint8)).save(tmp_path / "bars.png")
     line = ["focus", str(tmp_path / "bars.png"), *KNOWN, "--recording", "in-line", "--range", "4,16mm"]
@@ -90,7 +89,7 @@ def test_the_object_of_an_in_line_recording_is_told_with_its_place(
     assert "around x" in seen.out.splitlines()[0]
     assert "undersampled" not in seen.err
     assert main([*line, "--json"]) == 0
-    (focus,) = (json.loads(capsys.readouterr().out)["focus"],)
+    focus = json.loads(capsys.readouterr().out)["focus"]
     first = focus["objects"][0]
     assert focus["clear"]
     depth_m = 633e-9 / (SIDE * PITCH_M / (2 * 8e-3)) ** 2  # the side of the camera limits the aperture: 0.25 mm
