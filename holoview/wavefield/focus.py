@@ -73,7 +73,7 @@ _AGREE = 0.05
 _OTHER_SIDE = {True: 0.95, False: 0.9}
 """[2] The most of a measure that the other side may have, if the measures agree and if they don't. Of 24 drawn off-axis
 recordings and fields it is 0.53 to 0.87 where the image was found, 1.00 where it was not."""
-_LEAST_DEPTHS = 3.0  # of focus between the plane and a clear focus
+_LEAST_DEPTHS = 2.0  # of focus between the plane and a clear focus
 _REAL = 1e-5  # of the largest value: imaginary parts of float32
 _EVEN = 1e-5  # the same of amplitudes
 _SAMPLES_COMPARED = 256

@@ -29,15 +29,16 @@ _TOGETHER = 1.5  # depths of focus over which votes meet
 _APART = 2.5  # depths of focus between objects
 _LEAST, _LEAST_TOGETHER = ((1.5, 0.4), (3.0, 0.75)), 0.8
 """Votes of the first object and their share, with each depth of focus; or else the share of all objects."""
+_SHADED, _SHADOW_SAMPLES = 0.7, 256  # of the incident light, within a large opaque object; of the band
 _LEAST_IN_TILE, _LEAST_IN_ONE = 0.3, 1.9  # votes of each of a further object's tiles, of two, and of a single tile
 _NEAR, _LEAST_NEAR = 10.0, 0.75
 """Objects nearer than so many depths of focus, and bright ones alone, need so many of all votes."""
 _BESIDE, _LEAST_BESIDE = 6.0, 0.7  # an object nearer to another than so many depths of focus needs so many of its votes
-_BRIGHT, _DARK, _MANY_OF_FIRST = 1.4, 0.7, 0.3
+_BRIGHT, _DARK, _MANY_OF_FIRST = 1.4, 0.85, 0.3
 """Most of the incident light at the edges of an object; and of one with few of the first one's votes."""
 _MOST_OBJECTS = 8
 _LEAST_OF_FIRST = 0.04  # votes of a further object, over those of the first
-_LEAST_FURTHER = 1.0
+_LEAST_FURTHER = 0.7
 _AROUND = 5  # distances on each side of an object, in a finer band
 
 
@@ -165,6 +166,8 @@ def find_objects(swept: Swept, levels: list[Level], least: tuple[float, float]) 
     is_dark = bright[leading] <= _DARK
     kept = [found[leading]]
     for i in passive[1:]:
+        if _light_in(swept, votes, found[leading][0], found[i][3]) < _SHADED:
+            continue
         many = not is_dark and found[i][1] >= _MANY_OF_FIRST * found[leading][1]
         kept += [found[i]] * (bright[i] <= _DARK or many)
     if is_dark:  # beside opaque objects what is brighter is light that they gather, and has no say
@@ -195,6 +198,19 @@ def _brightness(swept: Swept, votes: Votes, distance_m: float, mine: NDArray[np.
     for part in _tiles(votes, mine, swept.band(samples)):
         inside[part] = True
     return float((light * squared)[inside].sum() / max(float(squared[inside].sum()), 1e-300))
+
+
+def _light_in(swept: Swept, votes: Votes, distance_m: float, tiles_of: NDArray[np.bool_]) -> float:
+    """The mean intensity at a distance in the tiles of some votes, over the incident light's; 1 where this isn't known.
+
+    Light gathers behind a large opaque object; another object in its shadow isn't seen.
+    """
+    if swept.incident == 0:
+        return 1.0
+    samples = min(swept.most_samples, _SHADOW_SAMPLES)
+    (field,) = swept.seen(np.array([distance_m]), samples)
+    light = (field / swept.incident + 1).abs().square().numpy()
+    return float(np.mean([light[part].mean() for part in _tiles(votes, tiles_of, swept.band(samples))]))
 
 
 def _tiles(votes: Votes, mine: NDArray[np.bool_], band: tuple[int, int]) -> list[tuple[slice, slice]]:
