@@ -164,7 +164,7 @@ def default_range_m(field: Wavefield) -> tuple[float, float]:
     """Distances between which an image is looked for.
 
     Half to one and a half times the expected distance, or the reference's radius. Without these, of an in-line
-    recording from six depths of focus to 8·N·dx²/λ, where the field's side limits the aperture; of others from a
+    recording from four depths of focus to 8·N·dx²/λ, where the field's side limits the aperture; of others from a
     hundredth of 4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
     """
     expected = abs(field.distance_m) or abs(field.reference_radius_m or 0.0)
@@ -268,7 +268,7 @@ def is_in_line(field: Wavefield) -> bool:
 def _in_line_range_m(field: Wavefield) -> tuple[float, float]:
     swept, radius_m = _swept(field), field.reference_radius_m
     coarsest_m = swept.side_m / min(swept.most_samples, MOST_SAMPLES)
-    near_m = 24 * coarsest_m**2 / swept.wavelength_m
+    near_m = 16 * coarsest_m**2 / swept.wavelength_m
     return _real_m(near_m, radius_m), _real_m(8 * swept.nearest_sampled_m, radius_m)
 
 
