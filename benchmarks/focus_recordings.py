@@ -344,6 +344,9 @@ def measure(kind: str, seed: int, n: int) -> dict[str, Any]:
     took_s = time.perf_counter() - started
     listed = [abs(focus.distance_m) for focus in found.objects]
     off = [min((abs(z - at) for at in listed), default=math.inf) / scene.depth_of_focus_m(z) for z in scene.depths_m]
+    first_off = min(
+        (abs(z - listed[0]) / scene.depth_of_focus_m(z) for z in scene.depths_m if listed), default=math.inf
+    )
     beside = [at for at in listed if min(abs(z - at) / scene.depth_of_focus_m(z) for z in scene.depths_m) > 1]
     right = max(off) <= 1 and not beside
     return {
@@ -355,6 +358,7 @@ def measure(kind: str, seed: int, n: int) -> dict[str, Any]:
         "depths_m": scene.depths_m,
         "found_m": listed,
         "off": off,
+        "first_off": first_off,
         "verdict": "right" if right and found.clear else "said" if not found.clear else "wrong",
         "seconds": took_s,
     }
@@ -368,8 +372,11 @@ def summarise(path: Path) -> None:
         mine = [line for line in lines if kind in (line["kind"], "all")]
         counts = [sum(line["verdict"] == verdict for line in mine) for verdict in ("right", "said", "wrong")]
         if mine:
-            rows.append([kind, str(len(mine)), *map(str, counts), f"{(counts[0] + counts[1]) / len(mine):.1%}"])
-    print(markdown_table(["kind", "recordings", "right", "said", "wrong", "right or said"], rows))
+            clearest = sum(line["verdict"] == "said" or line["first_off"] <= 1 for line in mine)
+            shares = [f"{count / len(mine):.0%}" for count in (clearest, counts[0] + counts[1])]
+            rows.append([kind, str(len(mine)), *map(str, counts), *shares])
+    header = ["kind", "recordings", "all right", "said", "wrong", "clearest right or said", "all right or said"]
+    print(markdown_table(header, rows))
 
 
 def main() -> None:
