@@ -9,12 +9,15 @@ import numpy as np
 
 from holoview.commands.arguments import parse_range
 from holoview.commands.console import print_json, print_stderr, progress_bar
-from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json
+from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json, request_from_args
 from holoview.commands.output_files import add_input
+from holoview.io.load_field import field_of_files
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.focus import MEASURES, FocusCurve, FoundFocus, default_range_m, find_focus
+from holoview.wavefield.focused_objects import FocusedObject
 
+_UNDERSAMPLED = 0.25  # of the distance from which on all fringes are sampled: nearer, many aren't
 _ROWS, _BAR = 21, 28  # of the curve as text; width of its longest bar
 
 
@@ -39,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     if not opened.hologram.system.is_field:
         raise UserError(args.names[0], "patterns of modulators", expected="a field: their planes stand in the file")
     field = opened.hologram.field()
+    if any(known.key == "radius of the reference" for known in opened.provenance):
+        field = field_of_files(args.names, request_from_args(args)).field  # not yet lit by the reference
     low_m, high_m = limits or default_range_m(field)
     with progress_bar("distances") as progress:
         found = find_focus(field, low_m, high_m, progress)
@@ -46,9 +51,11 @@ def run(args: argparse.Namespace) -> int:
         print_json(_as_json(found) | {"read": reading_as_json(opened, args.names)})
         return 0
     print("\n".join(_format(found)))
-    print_stderr(
-        f"note: view or render it with --plane {units.format_rounded(found.distance_m, 'mm').replace(' ', '')}"
-    )
+    if found.clear:
+        plane = units.format_rounded(found.distance_m, "mm").replace(" ", "")
+        print_stderr(f"note: view or render it with --plane {plane}")
+    for sentence in _sampling(found):
+        print_stderr(f"note: {sentence}")
     return 0
 
 
@@ -63,17 +70,42 @@ def _as_json(found: FoundFocus) -> dict[str, Any]:
     ]
     measures = {
         name.replace(" ", "_"): {
-            "distance_m": found.distances_m[name],
-            "other_side_m": found.other_side_m[name],
+            "distance_m": found.distances_m[name] if found.clear else None,
+            "other_side_m": found.other_side_m[name] if found.clear else None,
             "other_side_share": found.other_side_share[name],
         }
         for name in MEASURES
     }
-    return {"distance_m": found.distance_m, "measures": measures, "curves": curves}
+    objects = [
+        {
+            "distance_m": thing.distance_m,
+            "depth_of_focus_m": thing.depth_of_focus_m,
+            "share": thing.share,
+            "centre_m": thing.centre_m,
+        }
+        for thing in found.objects
+    ]
+    focus = {"clear": found.clear, "range_m": found.range_m, "objects": objects}
+    return {
+        "distance_m": found.distance_m if found.clear else None,
+        "focus": focus,
+        "measures": measures,
+        "curves": curves,
+    }
 
 
 def _format(found: FoundFocus) -> list[str]:
+    bars = ["", *_bars(found.curves[: found.whole])]
+    if not found.clear:
+        low, high = (units.format_rounded(z, "mm") for z in found.range_m)
+        sides = " on either side" if found.range_m[0] > 0 else ""
+        return [f"no clear focus between {low} and {high}{sides}", *bars]
     lines = []
+    if found.whole > 1:
+        twin = "; its twin image on the other side is as sharp"
+        lines = [_of_object(thing) for thing in found.objects]
+        lines[0] = f"sharpest at {lines[0]}{twin}"
+        return ["\n    also at ".join(lines), *bars]
     for name in MEASURES:
         distance_m, other_m = found.distances_m[name], found.other_side_m[name]
         text = f"sharpest at {units.format_rounded(distance_m, 'mm')} by {name}"
@@ -83,19 +115,56 @@ def _format(found: FoundFocus) -> list[str]:
         lines.append(text)
     if abs(found.distances_m[MEASURES[0]] - found.distances_m[MEASURES[1]]) > 0.1 * abs(found.distance_m):
         lines.append("the measures differ: look at both")
-    return [*lines, "", *_bars(found.curves[0])]
+    lines.append(f"depth of focus {units.format_rounded(found.objects[0].depth_of_focus_m, 'mm')}")
+    return [*lines, *bars]
 
 
-def _bars(curve: FocusCurve) -> list[str]:
-    """The coarse curve as text: the best of each of some equal shares of its distances."""
+def _of_object(thing: FocusedObject) -> str:
+    """The distance, place and share of an object in words."""
+    words = f"{units.format_rounded(thing.distance_m, 'mm')} ± {units.format_rounded(thing.depth_of_focus_m / 2, 'mm')}"
+    if thing.centre_m is not None:
+        y, x = (units.format_rounded(part, "mm") for part in thing.centre_m)
+        words += f", around x {x}, y {y}"
+    return f"{words} ({thing.share:.0%} of what is sharp)"
+
+
+def _sampling(found: FoundFocus) -> list[str]:
+    """What the samples don't hold of an in-line recording's fringes."""
+    nearest = units.format_rounded(found.nearest_sampled_m, "mm")
+    if not found.clear:
+        least = units.format_rounded(found.nearest_searchable_m, "mm")
+        return [f"an object nearer than {least} has fringes finer than the pixels: nearer ones aren't searched"] * (
+            found.nearest_searchable_m > 0
+        )
+    near_m = abs(found.distance_m)
+    if not near_m < _UNDERSAMPLED * found.nearest_sampled_m:
+        return []
+    share = near_m / found.nearest_sampled_m
+    return [
+        f"of an object so near, fringes farther from it than {share / 2:.0%} of the picture's side are finer than the "
+        f"pixels (undersampled); from {nearest} on all are sampled"
+    ]
+
+
+def _bars(curves: tuple[FocusCurve, ...]) -> list[str]:
+    """The curves that cover the range as text: the best of each of some equal shares of their distances.
+
+    Each curve is scaled by its own least and largest value: the measures depend on the samples that were used.
+    """
     lines = [f"{'distance':>12}  {MEASURES[0]:<{_BAR}}  {MEASURES[1]}"]
+    order = np.argsort(np.concatenate([curve.distances_m for curve in curves]))
+    distances_m = np.concatenate([curve.distances_m for curve in curves])[order]
     scaled = {}
-    for name, values in curve.measures.items():
-        span = float(np.ptp(values))
-        scaled[name] = (values - values.min()) / span if span > 0 else np.zeros(len(values))
-    for part in np.array_split(np.arange(len(curve.distances_m)), min(_ROWS, len(curve.distances_m))):
+    for name in MEASURES:
+        parts = []
+        for curve in curves:
+            values = curve.measures[name]
+            span = float(np.ptp(values))
+            parts.append((values - values.min()) / span if span > 0 else np.zeros(len(values)))
+        scaled[name] = np.concatenate(parts)[order]
+    for part in np.array_split(np.arange(len(distances_m)), min(_ROWS, len(distances_m))):
         best = part[np.argmax(scaled[MEASURES[0]][part])]
         bars = ["#" * round(_BAR * float(values[part].max())) for values in scaled.values()]
-        distance = units.format_rounded(float(curve.distances_m[best]), "mm")
+        distance = units.format_rounded(float(distances_m[best]), "mm")
         lines.append(f"{distance:>12}  {bars[0]:<{_BAR}}  {bars[1]}".rstrip())
     return lines

@@ -1,7 +1,8 @@
 """The complex field of a camera's recording: off-axis, in-line, and sets of shifted reference phases.
 
-A camera records I = |O + R|² of an object wave O and a reference R, a plane wave. Each function returns O·R*, the
-object wave times the reference's amplitude, in the plane of the camera, with the findings that led to it.
+A camera records I = |O + R|² of an object wave O and a reference R, a plane wave or that of a point source. Each
+function returns O·R*, the object wave times the reference's amplitude, in the plane of the camera, with the findings
+that led to it; of a point source it has to be lit by its spherical wave (`Wavefield.reference_radius_m`).
 """
 
 from __future__ import annotations
@@ -490,5 +491,10 @@ def unwrapped_phase(values: Complexes) -> NDArray[np.float64]:
 
 def _wavefield(recording: Recording, values: Complexes) -> Wavefield:
     return Wavefield(
-        values, recording.pitch_m, recording.wavelengths_m, distance_m=recording.distance_m, name=recording.name
+        values,
+        recording.pitch_m,
+        recording.wavelengths_m,
+        recording.distance_m,
+        recording.reference_radius_m,
+        recording.name,
     )

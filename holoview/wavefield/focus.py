@@ -13,8 +13,10 @@ in focus, while the light that it scatters is most compact there.
 
 Causes other than focus raise the measures slowly: speckle, the field's finite frame, the far field. They act alike on
 both sides of the plane, so that 2·ln m(z) − ln m(−z) is searched for its most prominent maximum: the maximum that rises
-highest above the valleys beside it. For an in-line recording, which has its twin on the other side, ln m(z) is
-searched.
+highest above the valleys beside it.
+
+An in-line recording is real, so that its image has a twin on the other side: its objects are found by
+`holoview.wavefield.focused_objects`.
 
 The range is first searched with the middle of the field's band, whose depth of focus λ/NA² is long, in steps of half
 this depth; then finer bands move the best distances.
@@ -36,7 +38,10 @@ from torch import Tensor
 from holoview.numerics.sampling import frequency_indices, next_fast_length, taper
 from holoview.optics.free_space import first_order_window, fresnel_propagate
 from holoview.optics.propagate import free_space
+from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.wavefield.depth_sweep import MOST_SAMPLES, Level, Swept
+from holoview.wavefield.focused_objects import FocusedObject, search_objects
 from holoview.wavefield.propagation import choose_method, farthest_by_spectrum
 from holoview.wavefield.wavefield import Wavefield
 
@@ -65,6 +70,12 @@ equal on both sides, 0.998 to 1.005; of a diffuse photograph, which has no edges
 amplitudes with smooth phases, which act as lenses, the measures are 1.37 to 1.73 and 0.92 to 4.3 times; at 0.3 to 4
 times their distance, where neither side is in focus, the wrong side has at most 1.06 times the right one's sparsity."""
 _AGREE = 0.05
+_OTHER_SIDE = {True: 0.95, False: 0.9}
+"""[2] The most of a measure that the other side may have, if the measures agree and if they don't. Of 24 drawn off-axis
+recordings and fields it is 0.53 to 0.87 where the image was found, 1.00 where it was not."""
+_LEAST_DEPTHS = 2.0  # of focus between the plane and a clear focus
+_REAL = 1e-5  # of the largest value: imaginary parts of float32
+_EVEN = 1e-5  # the same of amplitudes
 _SAMPLES_COMPARED = 256
 _TINY = 1e-30  # where a picture is dark
 _MOST_COMPARED = 1 << 24  # samples of a field both sides of which are compared unasked
@@ -86,19 +97,36 @@ class FocusCurve:
 class FoundFocus:
     """The distances at which a field is in focus.
 
+    range_m: that was searched; on both sides if both are above 0. objects: what is clearly in focus, the clearest
+    first; none where no focus is clear. whole: of the curves, how many cover the range together, the first.
+    nearest_sampled_m: of an in-line recording the distance from which on all fringes within the frame are sampled;
+    nearest_searchable_m: that from which on enough of them are, two depths of focus.
     distances_m: by each measure. other_side_m: the best distance on the other side of the plane, by each measure; None
-    where it wasn't searched. other_side_share: the measure there, over that at the best distance. curves: a coarse
-    curve over the whole range, and finer curves.
+    where it wasn't searched. other_side_share: the measure there, over that at the best distance. curves: coarse
+    curves that cover the whole range, and finer curves.
     """
 
     distances_m: dict[Measure, float]
     other_side_m: dict[Measure, float | None]
     other_side_share: dict[Measure, float]
     curves: tuple[FocusCurve, ...]
+    range_m: tuple[float, float]
+    objects: tuple[FocusedObject, ...] = ()
+    whole: int = 1
+    nearest_sampled_m: float = 0.0
+    nearest_searchable_m: float = 0.0
+
+    @property
+    def clear(self) -> bool:
+        """Whether a focus stands out of the range."""
+        return bool(self.objects)
 
     @property
     def distance_m(self) -> float:
-        """By the first measure; by the second if it alone is larger on the side that it names than on the other."""
+        """Of the clearest object. Where none is clear by the first measure; by the second if it alone is larger on the
+        side that it names than on the other."""
+        if self.objects:
+            return self.objects[0].distance_m
         first, second = MEASURES
         return self.distances_m[second if self.other_side_share[second] < 1 < self.other_side_share[first] else first]
 
@@ -135,10 +163,13 @@ def normalised_variance(field: Tensor) -> float:
 def default_range_m(field: Wavefield) -> tuple[float, float]:
     """Distances between which an image is looked for.
 
-    Half to one and a half times the expected distance, or the reference's radius. Without these, from a hundredth of
-    4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
+    Half to one and a half times the expected distance, or the reference's radius. Without these, of an in-line
+    recording from four depths of focus to 8·N·dx²/λ, where the field's side limits the aperture; of others from a
+    hundredth of 4·N·dx²/λ up to it, or to where light at the edge of the band moves sideways by two sides of the field.
     """
     expected = abs(field.distance_m) or abs(field.reference_radius_m or 0.0)
+    if is_in_line(field) and not field.distance_m:
+        return _in_line_range_m(field)
     if expected > 0:
         return 0.5 * expected, 1.5 * expected
     farthest = 2 * farthest_by_spectrum(field)
@@ -185,6 +216,8 @@ def find_focus(
     """
     if not (math.isfinite(low_m) and math.isfinite(high_m) and low_m < high_m):
         raise UserError("range", f"{low_m:g} to {high_m:g} m", expected="two finite distances, the smaller first")
+    if is_in_line(field):
+        return _in_line_focus(field, low_m, high_m, progress)
     view = _View.of(field, low_m, high_m)
     samples = next(
         (n for n in _FIRST_SAMPLES if len(view.nodes(low_m, high_m, min(n, view.side))) <= _MOST_STEPS),
@@ -220,7 +253,108 @@ def find_focus(
         samples = min(2 * samples, view.side, _MOST_SAMPLES)
         curves.append(measured(np.unique(np.clip(np.concatenate(around), sides[-1][0], high_m)), samples))
         kept = [_refined(curves[-1], peak, reach) for peak, reach in zip(kept, around, strict=True)]
-    return _found(kept, tuple(curves))
+    return _found(kept, tuple(curves), (low_m, high_m), view)
+
+
+def is_in_line(field: Wavefield) -> bool:
+    """Whether the field is real, and no pattern of the phases 0 and π: an image has its twin on the other side."""
+    values = field.values[0]
+    if float(np.abs(values.imag).max()) > _REAL * float(np.abs(values.real).max()):
+        return False
+    sizes = np.abs(values.real)
+    return float(np.ptp(sizes)) > _EVEN * float(sizes.max())
+
+
+def _in_line_range_m(field: Wavefield) -> tuple[float, float]:
+    swept, radius_m = _swept(field), field.reference_radius_m
+    coarsest_m = swept.side_m / min(swept.most_samples, MOST_SAMPLES)
+    near_m = 16 * coarsest_m**2 / swept.wavelength_m
+    return _real_m(near_m, radius_m), _real_m(8 * swept.nearest_sampled_m, radius_m)
+
+
+def _swept(field: Wavefield) -> Swept:
+    index = int(np.argmin(np.abs(field.wavelengths_m - _SEEN_BEST_M)))
+    return Swept.of(torch.from_numpy(field.values[0, index].copy()), field.pitch_m, float(field.wavelengths_m[index]))
+
+
+def _equivalent_m(distance_m: float, radius_m: float | None) -> float:
+    """The distance z·R/(R − z) over which light of a plane wave does what that of a point at R does over z."""
+    return distance_m if radius_m is None else distance_m * abs(radius_m) / (abs(radius_m) - distance_m)
+
+
+def _real_m(distance_m: float, radius_m: float | None) -> float:
+    """The inverse of `_equivalent_m`."""
+    return distance_m if radius_m is None else distance_m * abs(radius_m) / (abs(radius_m) + distance_m)
+
+
+def _in_line_focus(
+    field: Wavefield, low_m: float, high_m: float, progress: Callable[[int, int, str], None] | None
+) -> FoundFocus:
+    """The objects of an in-line recording, before the plane of the camera or, as twins, behind it."""
+    swept, radius_m = _swept(field), field.reference_radius_m
+    sign = -1.0 if high_m <= 0 else 1.0
+    nearest_m, farthest_m = sorted((abs(low_m), abs(high_m))) if low_m * high_m > 0 else (0.0, max(-low_m, high_m))
+    if radius_m is not None and farthest_m >= abs(radius_m):
+        found = f"up to {units.format_rounded(farthest_m, 'mm')}"
+        raise UserError("range", found, expected=f"below the radius of {units.format_rounded(abs(radius_m), 'mm')}")
+    least_m = 2 * swept.depth_of_focus_m(0.0)
+    first_m, last_m = (max(_equivalent_m(z, radius_m), least_m) for z in (nearest_m, farthest_m))
+    if not first_m < last_m:
+        supported = units.format_rounded(_real_m(least_m, radius_m), "mm")
+        raise UserError(
+            "range",
+            f"up to {units.format_rounded(farthest_m, 'mm')}",
+            expected=f"some of it beyond {supported}",
+            remedy="nearer fringes are finer than the pixels",
+        )
+    objects, levels = search_objects(swept, first_m, last_m, progress)
+    scaled = [_in_space(thing, sign, radius_m) for thing in objects]
+    curves = tuple(_curve_of(level, sign, radius_m) for level in levels)
+    by_measure = {name: _nearest_top(curves, name, scaled) for name in MEASURES}
+    return FoundFocus(
+        by_measure,
+        {name: -z for name, z in by_measure.items()},
+        dict.fromkeys(MEASURES, 1.0),
+        curves,
+        (low_m, high_m),
+        tuple(scaled),
+        len(curves),
+        _real_m(swept.nearest_sampled_m, radius_m),
+        _real_m(least_m, radius_m),
+    )
+
+
+def _in_space(thing: FocusedObject, sign: float, radius_m: float | None) -> FocusedObject:
+    """An object of equivalent distance, seen with a point source, at its own distance and size."""
+    distance_m = _real_m(thing.distance_m, radius_m)
+    smaller = distance_m / thing.distance_m  # 1/M, M = R/(R − z)
+    y, x = thing.centre_m or (0.0, 0.0)
+    centre_m = y * smaller, x * smaller
+    return FocusedObject(sign * distance_m, thing.depth_of_focus_m * smaller**2, thing.share, centre_m)
+
+
+def _curve_of(level: Level, sign: float, radius_m: float | None) -> FocusCurve:
+    """A level's own part, rising."""
+    own = (level.distances_m >= level.own[0]) & (level.distances_m <= level.own[1])
+    order = slice(None, None, int(sign))
+    distances_m = np.array([sign * _real_m(z, radius_m) for z in level.distances_m[own]])[order]
+    return FocusCurve(
+        level.samples,
+        distances_m,
+        {"edge sparsity": level.edge_sparsity[own][order], "normalised variance": level.variance[own][order]},
+    )
+
+
+def _nearest_top(curves: tuple[FocusCurve, ...], name: Measure, found: list[FocusedObject]) -> float:
+    """The distance of a measure's largest value: within six depths of focus of the clearest object, if there is one."""
+    best_m, height = (found[0].distance_m if found else 0.0), -math.inf
+    for curve in curves:
+        rises = np.log(curve.measures[name]) - float(np.median(np.log(curve.measures[name])))
+        for distance_m, rise in zip(curve.distances_m, rises, strict=True):
+            near = not found or abs(distance_m - found[0].distance_m) < 6 * found[0].depth_of_focus_m
+            if near and rise > height:
+                best_m, height = float(distance_m), float(rise)
+    return best_m
 
 
 @dataclass(frozen=True)
@@ -430,7 +564,7 @@ def _refined(curve: FocusCurve, peak: _Peak, around_m: NDArray[np.float64]) -> _
     return replace(peak, distance_m=distance_m, value=value)
 
 
-def _found(peaks: list[_Peak], curves: tuple[FocusCurve, ...]) -> FoundFocus:
+def _found(peaks: list[_Peak], curves: tuple[FocusCurve, ...], range_m: tuple[float, float], view: _View) -> FoundFocus:
     """The most prominent peak of each measure, and that of the other side."""
     best: dict[Measure, float] = {}
     other: dict[Measure, float | None] = {}
@@ -440,7 +574,28 @@ def _found(peaks: list[_Peak], curves: tuple[FocusCurve, ...]) -> FoundFocus:
         best[name] = first.distance_m
         other[name] = rest[0].distance_m if rest else None
         share[name] = rest[0].value / first.value if rest and first.value > 0 else 0.0
-    return FoundFocus(best, other, share, curves)
+    found = FoundFocus(best, other, share, curves, range_m)
+    depth_m = 2 * view.step(found.distance_m, view.side)
+    is_clear = _stands_out(found, depth_m, {name: _is_inside(best[name], curves[0]) for name in MEASURES})
+    return replace(found, objects=(FocusedObject(found.distance_m, depth_m, 1.0),)) if is_clear else found
+
+
+def _is_inside(distance_m: float, curve: FocusCurve) -> bool:
+    """Whether a distance lies inside the range of its side, by more than a step of the coarse curve."""
+    side = np.sort(np.abs(curve.distances_m[curve.distances_m * distance_m > 0]))
+    return len(side) > 2 and bool(side[1] < abs(distance_m) < side[-2])
+
+
+def _stands_out(found: FoundFocus, depth_m: float, inside: dict[Measure, bool]) -> bool:
+    """Whether a focus is clear [2]."""
+    first, second = (found.distances_m[name] for name in MEASURES)
+    agree = abs(first - second) <= max(_AGREE * abs(found.distance_m), 2 * depth_m)
+    named = [name for name in MEASURES if found.distances_m[name] == found.distance_m and inside[name]]
+    if not named or abs(found.distance_m) < _LEAST_DEPTHS * depth_m:
+        return False
+    if found.other_side_m[named[0]] is None:
+        return agree
+    return found.other_side_share[named[0]] <= _OTHER_SIDE[agree]
 
 
 def _peak(distances_m: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:

@@ -154,9 +154,9 @@ def image_field(
         window = _asked_window(field, asked)
         return _moved(field, choose_method(field, distance_m, propagation, window))
     choice, exact = choose_method(whole or field, distance_m, propagation), None
-    if propagation == "auto" and distance_m != 0 and choice.method != "fourier":
+    if propagation == "auto" and distance_m != 0 and field.reference_radius_m is None:
         choice, exact = _holding_choices(whole or field, choice)
-    if choice.method == "asm" and choice.window == own_window(field):
+    if choice.method == "asm" and (propagation == "asm" or choice.window == own_window(field)):
         return ImagedField(field)
     moved = None if exact is None else _moved(field, exact)
     if moved is not None and (exact is choice or moved.light >= LEAST_IN_PICTURE):

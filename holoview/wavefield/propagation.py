@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from holoview.numerics.fourier import phasor_of_turns
 from holoview.optics.free_space import AngularSpectrum, Window, first_order_window, fresnel_propagate, tilted_propagate
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
@@ -60,7 +61,7 @@ def choose_method(
     """The method for a distance and a window, and the window where None is given.
 
     "auto" takes
-    - "fourier" where the field has a reference radius;
+    - where the field has a reference radius R "fourier", and "asm" where its one transform would alias, near the field;
     - without a window, "asm" as long as 99 % of the light moves sideways by no more than the field's own side, so that
       its own window shows the image: up to |z| = 2·N·dx²/λ whatever the light, and further where it fills a part of the
       samples' band only (`farthest_by_light`); "fresnel" beyond, where the first order, λz/dx, exceeds two fields;
@@ -69,10 +70,12 @@ def choose_method(
 
     "asm" shows the field's own window. "fresnel" and "fourier" show one first order of the shortest wavelength, which
     is the window that one FFT fills. Within half the field's side of its edge it also holds light of the next order.
+    "asm" of a field with a reference radius shows its own window, which shrinks by (R − z)/R towards the centre of the
+    wave.
 
     Raises UserError for an unknown method, for "fresnel" so near that the first order is narrower than the field (where
-    the chirp would alias), for "asm" of a field that has to be lit by a spherical wave, for "fourier" at z = 0, and for
-    a tilted window by another method than "asm".
+    the chirp would alias), for "asm" of a field with a reference radius beyond the wave's centre, for "fourier" at
+    z = 0, and for a tilted window by another method than "asm".
     """
     methods = get_args(Method)
     if method not in methods:
@@ -89,12 +92,8 @@ def choose_method(
         return MethodChoice("asm", "a tilted window is seen by the angular spectrum alone", window)
     if method == "auto":
         method, reason = _automatic(field, distance_m, window)
-    if method == "asm" and field.reference_radius_m is not None:
-        raise UserError(
-            "propagation", "asm of a field with a spherical reference wave", expected="auto or fourier for its image"
-        )
     if method == "asm":
-        return MethodChoice(method, reason, window or own_window(field))
+        return MethodChoice(method, reason, window or _shrunk(own_window(field), _shrinking(field, distance_m)))
     _check_transform(field, distance_m, method)
     shortest = float(field.wavelengths_m.min())
     return MethodChoice(method, reason, window or first_order_window(field.shape, field.pitch_m, shortest, distance_m))
@@ -141,14 +140,53 @@ def propagate_field(
         if choice.window.tilt_rad != (0.0, 0.0):
             planes.append(tilted_propagate(values[:, index], field.pitch_m, wavelength_m, distance_m, choice.window))
         elif choice.method == "asm":
-            path = AngularSpectrum.make(field.shape, field.pitch_m, wavelength_m, distance_m, choice.window)
-            planes.append(path.propagate(values[:, index]))
+            planes.append(_by_spectrum(field, values[:, index], wavelength_m, distance_m, choice.window))
         else:
             radius_m = _reference_radius(field, distance_m) if choice.method == "fourier" else None
             planes.append(
                 fresnel_propagate(values[:, index], field.pitch_m, wavelength_m, distance_m, choice.window, radius_m)
             )
     return PropagatedField(torch.stack(planes, dim=1), choice)
+
+
+def _by_spectrum(field: Wavefield, values: Tensor, wavelength_m: float, distance_m: float, window: Window) -> Tensor:
+    """The field in a window, (frame, rows, columns), by angular spectrum.
+
+    A field that is lit by a spherical wave, exp(−πi·x²/(λR)), is, with m = (R − z)/R, seen at the equivalent distance
+    z/m on a scale 1/m, in the light of a plane wave (Fresnel's scaling):
+
+        u(X; z) = u'(X/m; z/m)/m · exp(πi·X²/(λ(z − R)))
+    """
+    shrinking = _shrinking(field, distance_m)
+    seen_m, plane = distance_m / shrinking, _shrunk(window, 1 / shrinking)
+    path = AngularSpectrum.make(field.shape, field.pitch_m, wavelength_m, seen_m, plane)
+    seen = path.propagate(values)
+    if field.reference_radius_m is None:
+        return seen
+    curvature = 1 / (2 * wavelength_m * (distance_m - field.reference_radius_m))
+    y, x = (phasor_of_turns(torch.from_numpy(window.positions_m(axis)).square() * curvature) for axis in (0, 1))
+    return seen * (y[:, None] * x / shrinking).to(seen.dtype)
+
+
+def _shrinking(field: Wavefield, distance_m: float) -> float:
+    """(R − z)/R: the size of what is seen over its size in the light of a plane wave. Raises UserError beyond R."""
+    radius_m = field.reference_radius_m
+    shrinking = 1.0 if radius_m is None else 1 - distance_m / radius_m
+    if shrinking > 0:
+        return shrinking
+    raise UserError(
+        "propagation",
+        f"asm over {units.format_rounded(distance_m, 'mm')}, beyond the centre of the spherical reference wave",
+        expected="auto or fourier for its image",
+    )
+
+
+def _shrunk(window: Window, by: float) -> Window:
+    """A window with lengths of another scale."""
+    if by == 1:
+        return window
+    pitch_m, centre_m = ((y * by, x * by) for y, x in (window.pitch_m, window.centre_m))
+    return Window(window.shape, pitch_m, centre_m, window.tilt_rad)
 
 
 def farthest_by_spectrum(field: Wavefield) -> float:
@@ -160,7 +198,11 @@ def farthest_by_spectrum(field: Wavefield) -> float:
 def _automatic(field: Wavefield, distance_m: float, window: Window | None) -> tuple[Method, str]:
     """The method and its reason."""
     if field.reference_radius_m is not None:
-        return "fourier", f"lit by a spherical wave of radius {units.format_rounded(field.reference_radius_m, 'mm')}"
+        lit = f"lit by a spherical wave of radius {units.format_rounded(field.reference_radius_m, 'mm')}"
+        aliases = distance_m == 0 or _chirp(field, distance_m, "fourier") > 1
+        if aliases and distance_m / field.reference_radius_m < 1:
+            return "asm", f"{lit}, and too near for one transform"
+        return "fourier", lit
     if window is not None:
         return _for_window(field, distance_m, window)
     limit_m = farthest_by_spectrum(field)
@@ -206,18 +248,27 @@ def _reference_radius(field: Wavefield, distance_m: float) -> float:
     return distance_m if field.reference_radius_m is None else field.reference_radius_m
 
 
+def _longest_m(field: Wavefield) -> float:
+    """N·pitch²/λ along the longer side, at the shortest wavelength."""
+    shortest = float(field.wavelengths_m.min())
+    return max(n * pitch**2 / shortest for n, pitch in zip(field.shape, field.pitch_m, strict=True))
+
+
+def _chirp(field: Wavefield, distance_m: float, method: Method) -> float:
+    """Half turns between the outermost samples of one transform's chirp."""
+    curvature = 1 / distance_m
+    if method == "fourier":
+        curvature -= 1 / _reference_radius(field, distance_m)
+    return abs(curvature) * _longest_m(field)
+
+
 def _check_transform(field: Wavefield, distance_m: float, method: Method) -> None:
     """Raises UserError where the chirp of one transform isn't sampled."""
     if distance_m == 0:
         raise UserError("propagation", f"{method} over 0 m", expected="asm for a plane so near")
-    curvature = 1 / distance_m
-    if method == "fourier":
-        curvature -= 1 / _reference_radius(field, distance_m)
-    longest_m = max(
-        n * pitch**2 / float(field.wavelengths_m.min()) for n, pitch in zip(field.shape, field.pitch_m, strict=True)
-    )
-    if abs(curvature) * longest_m <= 1:
+    if _chirp(field, distance_m, method) <= 1:
         return
+    longest_m = _longest_m(field)
     raise UserError(
         "propagation",
         f"{method} at {units.format_rounded(distance_m, 'mm')}, where neighbouring samples of its chirp differ by more "

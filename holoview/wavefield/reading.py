@@ -67,7 +67,7 @@ class Recording:
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
     background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels. kind: as
     given, None if unknown. conjugated: whether the conjugate of its field is wanted; None if unknown. steps, orders: as
-    of `ReadRequest`.
+    of `ReadRequest`. reference_radius_m: as in `Wavefield`; of a point source its distance.
     """
 
     pictures: NDArray[np.float32]
@@ -79,6 +79,7 @@ class Recording:
     conjugated: bool | None = None
     steps: Steps = "equal"
     orders: tuple[Order, ...] = ()
+    reference_radius_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +192,9 @@ def _read(known: Known, arrangement: Arrangement, findings: Findings, progress: 
         field = Wavefield(final, coarse, in_medium, distance, radius, name)
     else:
         chosen = request.steps or "equal", request.orders
-        recording = Recording(values, coarse, in_medium, distance, request.recording, name, request.conjugated, *chosen)
+        recording = Recording(
+            values, coarse, in_medium, distance, request.recording, name, request.conjugated, *chosen, radius
+        )
     return Reading(
         field,
         recording,

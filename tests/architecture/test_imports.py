@@ -72,6 +72,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.document.optimisation_job", "holoview.optimise.parallel"): SLOW,
     ("holoview.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.wavefield.focus", "scipy.signal"): SLOW,
+    ("holoview.wavefield.focused_objects", "scipy.signal"): SLOW,
     ("holoview.wavefield.readers.matlab5", "scipy.io"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,

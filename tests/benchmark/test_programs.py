@@ -36,6 +36,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
         "--summary {out}/fault-free.jsonl",
     ),
     "fft_time": ("--sizes 64x48 --repeats 1",),
+    "focus_recordings": ("--count 6 --samples 96 -o {out}/focus.jsonl", "--summary {out}/focus.jsonl"),
     "frame_time": ("--size 64x48 --repeats 1",),
     "fuzz": ("--minutes 0.01",),
     "gallery": ("--only gamut --docs {out} -o {out}/jobs",),

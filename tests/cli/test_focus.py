@@ -62,6 +62,41 @@ def test_without_json_it_is_a_sentence_and_bars(files, capsys: pytest.CaptureFix
     assert "--plane -8" in seen.err
 
 
+def test_where_nothing_is_sharp_no_distance_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Photons alone, in an in-line recording."""
+    counts = np.random.default_rng(4).poisson(100, (SIDE, SIDE)).astype(np.uint8)
+    Image.fromarray(counts).save(tmp_path / "noise.png")
+    line = ["focus", str(tmp_path / "noise.png"), *KNOWN, "--recording", "in-line", "--range", "1,4mm"]
+    assert main(line) == 0
+    seen = capsys.readouterr()
+    assert seen.out.splitlines()[0] == "no clear focus between 1 mm and 4 mm on either side"
+    assert "--plane" not in seen.err
+    assert main([*line, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["focus"] == {"clear": False, "range_m": [0.001, 0.004], "objects": []}
+    assert found["distance_m"] is None
+
+
+def test_the_object_of_an_in_line_recording_is_told_with_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Dark bars 8 mm before the camera, around its middle; from N·pitch²/λ = 5 mm on all fringes are sampled."""
+    intensity = np.abs(_object_wave()) ** 2
+    Image.fromarray((intensity / intensity.max() * 255).astype(np.uint8)).save(tmp_path / "bars.png")
+    line = ["focus", str(tmp_path / "bars.png"), *KNOWN, "--recording", "in-line", "--range", "4,16mm"]
+    assert main(line) == 0
+    seen = capsys.readouterr()
+    assert "around x" in seen.out.splitlines()[0]
+    assert "undersampled" not in seen.err
+    assert main([*line, "--json"]) == 0
+    focus = json.loads(capsys.readouterr().out)["focus"]
+    first = focus["objects"][0]
+    assert focus["clear"]
+    depth_m = 633e-9 / (SIDE * PITCH_M / (2 * 8e-3)) ** 2  # the side of the camera limits the aperture: 0.25 mm
+    assert abs(first["distance_m"] - 8e-3) < depth_m
+    assert np.hypot(*first["centre_m"]) < 80 * PITCH_M
+
+
 def test_a_recording_is_opened_as_its_field(files) -> None:
     request = ReadRequest(pitch_m=(PITCH_M, PITCH_M), wavelengths_m=(WAVELENGTH,), recording="off-axis")
     opened = open_hologram([files["fringes.png"]], request)

@@ -114,4 +114,4 @@ def test_progress_is_told_and_a_range_is_checked() -> None:
     with pytest.raises(UserError):
         find_focus(field, 0.02, 0.01)
     with pytest.raises(UserError):
-        find_focus(_wavefield(_spots(4), reference_radius_m=0.3), 1e-3, 2e-3)
+        find_focus(_wavefield(1j * _spots(4), reference_radius_m=0.3), 1e-3, 2e-3)

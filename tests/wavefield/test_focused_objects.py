@@ -1,0 +1,127 @@
+"""In-line recordings of objects at known distances: the objects are found there, listed, or said not to be clear.
+
+The light behind opaque discs is known in closed form: 1 minus the inverse transform of a·J₁(2πaf)/f times the transfer
+function of free space, for discs of any depth as long as one doesn't shade another. The camera counts photons.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import j1
+
+from holoview.wavefield.demodulation import in_line_field
+from holoview.wavefield.focus import default_range_m, find_focus
+from holoview.wavefield.reading import Recording
+from holoview.wavefield.wavefield import Wavefield
+
+SIDE, PITCH_M, WAVELENGTH = 192, 2e-6, 500e-9
+FINE = 2  # samples a pixel
+NYQUIST_DEPTH_M = 4 * PITCH_M**2 / WAVELENGTH  # λ/NA² of NA = λ/(2·pitch), 32 µm
+FAR_M = SIDE * PITCH_M**2 / WAVELENGTH  # 1.5 mm: beyond, the side of the camera limits the aperture
+
+Disc = tuple[float, float, float, float]  # radius, y, x, distance, m
+
+
+def _depth_of_focus(distance_m: float) -> float:
+    return WAVELENGTH / min(WAVELENGTH / (2 * PITCH_M), SIDE * PITCH_M / (2 * distance_m)) ** 2
+
+
+def _recorded(discs: list[Disc], photons: float, rng: np.random.Generator) -> np.ndarray:
+    """Counts (y, x) of a camera whose window is the middle half of what is computed."""
+    n, step = 2 * SIDE * FINE, PITCH_M / FINE
+    f = np.fft.fftfreq(n, step)
+    radial = np.hypot(f[:, None], f[None, :])
+    shadow = np.zeros((n, n), complex)
+    for radius, y, x, distance in discs:
+        spectrum = radius * j1(2 * np.pi * radius * radial) / np.maximum(radial, 1e-9)
+        spectrum[0, 0] = np.pi * radius**2
+        phase = 2 * np.pi * distance / WAVELENGTH * (np.sqrt(np.maximum(1 - (WAVELENGTH * radial) ** 2, 0)) - 1)
+        middle = n / 2 * step
+        place = np.exp(-2j * np.pi * (f[:, None] * (y + middle) + f[None, :] * (x + middle)))
+        shadow += spectrum * np.exp(1j * phase) * place
+    light = np.abs(1 - np.fft.ifft2(shadow) / step**2) ** 2
+    first = (n - SIDE * FINE) // 2
+    cut = light[first : first + SIDE * FINE, first : first + SIDE * FINE]
+    return rng.poisson(photons * cut.reshape(SIDE, FINE, SIDE, FINE).mean(axis=(1, 3)))
+
+
+def _field(counts: np.ndarray, reference_radius_m: float | None = None) -> Wavefield:
+    recording = Recording(
+        counts[None, None].astype(np.float32),
+        (PITCH_M, PITCH_M),
+        np.array([WAVELENGTH]),
+        0.0,
+        "in-line",
+        "",
+        reference_radius_m=reference_radius_m,
+    )
+    return in_line_field(recording).field
+
+
+@pytest.mark.parametrize("distance_m", [0.4 * FAR_M, 1.5 * FAR_M])
+def test_a_large_opaque_disc_is_found_within_a_depth_of_focus(distance_m: float) -> None:
+    """Its shadow is wider than the first Fresnel zone, so that no small peak stands where it is in focus."""
+    rng = np.random.default_rng(1)
+    radius = rng.uniform(1.4, 1.8) * np.sqrt(WAVELENGTH * distance_m)
+    y, x = rng.uniform(-0.15, 0.15, 2) * SIDE * PITCH_M
+    field = _field(_recorded([(radius, y, x, distance_m)], 400, rng))
+    found = find_focus(field, *default_range_m(field))
+    assert found.clear
+    assert found.objects[0].share > 0.5
+    assert abs(found.distance_m - distance_m) < _depth_of_focus(distance_m)
+    assert found.objects[0].centre_m == pytest.approx((y, x), abs=radius)
+
+
+def test_particles_at_two_depths_are_both_listed_with_their_places() -> None:
+    """Those of each depth lie in one half of the picture."""
+    rng = np.random.default_rng(2)
+    depths = 0.3 * FAR_M, 0.7 * FAR_M
+    discs = [
+        (rng.uniform(1.5, 2.5) * PITCH_M, rng.uniform(-0.3, 0.3) * SIDE * PITCH_M, half * side, depth)
+        for depth, half in zip(depths, (-1, 1), strict=True)
+        for side in rng.uniform(0.12, 0.35, 8) * SIDE * PITCH_M
+    ]
+    field = _field(_recorded(discs, 2000, rng))
+    found = find_focus(field, *default_range_m(field))
+    listed = sorted(found.objects, key=lambda thing: thing.distance_m)
+    assert len(listed) == 2
+    for thing, depth, half in zip(listed, depths, (-1, 1), strict=True):
+        assert abs(thing.distance_m - depth) < _depth_of_focus(depth)
+        assert thing.centre_m is not None
+        assert half * thing.centre_m[1] > 0.05 * SIDE * PITCH_M
+    assert sum(thing.share for thing in listed) > 0.8
+
+
+def test_noise_has_no_clear_focus_nor_has_a_range_without_the_object() -> None:
+    rng = np.random.default_rng(3)
+    field = _field(rng.poisson(300, (SIDE, SIDE)))
+    assert not find_focus(field, *default_range_m(field)).clear
+    distance_m = 0.5 * FAR_M
+    field = _field(_recorded([(1.5 * np.sqrt(WAVELENGTH * distance_m), 0.0, 0.0, distance_m)], 1000, rng))
+    assert not find_focus(field, 1.5 * distance_m, 3 * distance_m).clear
+
+
+def test_a_point_source_moves_the_focus_by_fresnels_scaling() -> None:
+    """With a point source at R from the camera, an object at z makes the fringes of an object M = R/(R − z) times as
+    large in a plane wave over z·M: here these are known, and z and the place follow."""
+    rng = np.random.default_rng(4)
+    radius_m, equivalent_m = 5e-3, 0.6 * FAR_M
+    distance_m = equivalent_m * radius_m / (radius_m + equivalent_m)
+    y, x = 0.2 * SIDE * PITCH_M, -0.1 * SIDE * PITCH_M
+    discs = [(2 * PITCH_M, y, x, equivalent_m), (2.5 * PITCH_M, y, x + 20 * PITCH_M, equivalent_m)]
+    field = _field(_recorded(discs, 2000, rng), radius_m)
+    found = find_focus(field, *default_range_m(field))
+    shrunk = (radius_m - distance_m) / radius_m
+    assert found.clear
+    assert abs(found.distance_m - distance_m) < _depth_of_focus(equivalent_m) * shrunk**2
+    assert found.objects[0].centre_m == pytest.approx((y * shrunk, (x + 10 * PITCH_M) * shrunk), abs=16 * PITCH_M)
+
+
+def test_the_range_may_lie_before_the_plane() -> None:
+    rng = np.random.default_rng(5)
+    distance_m = 0.5 * FAR_M
+    field = _field(_recorded([(2 * PITCH_M, 0.0, 0.0, distance_m)], 2000, rng))
+    found = find_focus(field, -2 * distance_m, -0.4 * distance_m)
+    assert found.distance_m == pytest.approx(-distance_m, abs=_depth_of_focus(distance_m))
+    assert found.other_side_m["edge sparsity"] == -found.distances_m["edge sparsity"]
