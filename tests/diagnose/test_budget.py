@@ -45,11 +45,11 @@ def test_fields_are_counted_for_captures_wavelengths_directions_and_moments(make
     context.predictor(np.array([0]), {})  # kept, and counted all the same
     assert context.predictor.fields_requested == 3
     flicker = {"flicker": {"depth": 0.1}}
-    assert field_count(context, flicker) == 6
+    assert field_count(context, flicker) == 7  # an odd number, so that one shows the nominal phase
     assert largest_field_count(context, listed_effects()["flicker"]) == 11  # at the end of its scan, a depth of 0.3
     before = context.predictor.fields_requested
     context.predictor(np.array([0]), flicker)
-    assert context.predictor.fields_requested == before + 6
+    assert context.predictor.fields_requested == before + 7
 
 
 def test_the_budget_is_spent_beyond_its_fields(make_context: MakeContext) -> None:
