@@ -143,6 +143,9 @@ from holoview.effects import Effect, Parameter
 class Haze(Effect):
     id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)
     parameters = (Parameter("share", "Of the mean.", low=0.0, prior=0.05),)
+
+    def image(self, image, context, v):
+        return image + v["share"] * image.mean()
 """
 
 
