@@ -83,8 +83,8 @@ class View:
 
         >>> import holoview as hv, numpy as np
         >>> field = hv.load_field(np.ones((32, 32)) + 0j, pitch="8 um", wavelengths=["532 nm"])
-        >>> hv.simulate(field, backend="torch64").light_in_picture.round(6)
-        array([[1.]])
+        >>> hv.simulate(field, backend="torch64").light_in_picture.round(6).tolist()
+        [[1.0]]
         """
         unknown: NDArray[np.float64] = np.full(self.intensity.shape[:2], np.nan)
         return unknown if self.light is None else self.light.by_wavelength

@@ -195,11 +195,15 @@ def _reply(connection: socket.socket, answer: Answer, request: Any) -> None:
 
 
 def _portable(error: BaseException) -> BaseException:
-    """The error, or one with its text if it can't be pickled."""
+    """The error alone, or one with its text if it can't be pickled.
+
+    Libraries such as dask's make an error's cause a part of its pickle, and causes of decoders can't be restored.
+    """
+    error.__cause__ = error.__context__ = None
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+    except Exception as problem:
+        return RuntimeError(f"{type(error).__name__}: {error} (which can't be sent on: {problem})")
     return error
 
 

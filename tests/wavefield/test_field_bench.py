@@ -178,9 +178,8 @@ def test_what_needs_patterns_refuses_a_field() -> None:
 
 
 def test_effects_on_a_modulator_are_refused() -> None:
-    system = _field_system().edit({"effects.crosstalk.sigma": 0.4})
     with pytest.raises(UserError, match=r"crosstalk.*a field has none"):
-        make_plan(system)
+        _field_system().edit({"effects.crosstalk.sigma": 0.4})
 
 
 @pytest.mark.parametrize(
