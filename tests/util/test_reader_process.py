@@ -71,6 +71,29 @@ def test_a_crash_is_a_sentence(path: Path, number: signal.Signals) -> None:
 
 
 @needs_fork
+class Unrestorable(Exception):
+    """As those of decoders: it takes more arguments than its pickle holds."""
+
+    def __init__(self, function: str, code: int) -> None:
+        super().__init__(f"{function} returned {code}")
+
+
+def test_an_error_is_sent_without_its_cause(path: Path) -> None:
+    """Dask's workers pickle an error with its cause, from when on they are loaded."""
+    support = pytest.importorskip("tblib.pickling_support")
+
+    def work() -> None:
+        try:
+            raise Unrestorable("decode", 7)
+        except Unrestorable as error:
+            wrong = UserError("a.tif", "is damaged")
+            support.install(wrong)
+            raise wrong from error
+
+    with pytest.raises(UserError, match="is damaged"):
+        call_in_child(str(path), path, work)
+
+
 def test_a_real_crash_is_a_sentence(path: Path) -> None:
     with pytest.raises(UserError, match="SIGSEGV"):
         call_in_child("f", path, lambda: ctypes.string_at(0))
