@@ -381,7 +381,16 @@ def summarise(path: Path) -> None:
             needless = sum(line["verdict"] == "right" and line["unclear"] > 0 for line in mine)
             shares = [f"{sum(counts[:3]) / len(mine):.0%}"]
             rows.append([kind, str(len(mine)), *map(str, [*counts, needless]), *shares])
-    header = ["kind", "recordings", "all right", "said", "said in part", "wrong", "right, with a doubt", "right or said"]
+    header = [
+        "kind",
+        "recordings",
+        "all right",
+        "said",
+        "said in part",
+        "wrong",
+        "right, doubted",
+        "right or said",
+    ]
     print(markdown_table(header, rows))
 
 

@@ -34,6 +34,7 @@ _BEYOND, _BEYOND_DEPTHS = 1.5, 8.0
 """A level is swept up to so many times beyond its range, or depths of focus: a maximum has to have both its flanks."""
 RIM = 0.06  # of a side, over which the picture is faded out
 _SMOOTH = 1 / 8  # of a side: light that is smoother is the beam
+_SMOOTH_SAMPLES = 256  # of a side, at least, from which the beam is taken
 _TILE = 24  # samples of the band, at least
 _MOST_TILES = 12
 TINY = 1e-30  # where a picture is dark
@@ -78,7 +79,7 @@ class Swept:
     def of(values: Tensor, pitch_m: tuple[float, float], wavelength_m: float) -> Swept:
         """The field (y, x) complex of an in-line recording: 1 + o + o*, beside a beam that may vary smoothly."""
         real = values.real.numpy()
-        beam = scipy.ndimage.gaussian_filter(real, [n * _SMOOTH for n in real.shape], mode="nearest", truncate=3.0)
+        beam = _smooth(real)
         fading = [taper(n, RIM) for n in real.shape]
         flat = ((real - beam) * fading[0][:, None] * fading[1]).astype(np.complex64)
         scattered = torch.from_numpy(flat)
@@ -207,6 +208,15 @@ class Swept:
             told(float(distance_m))
         tiles = np.array(kurtosis), np.array(sparsity)
         return Level(samples, distances_m, own, *tiles, np.array(edge_sparsity), np.array(variance), tile, rim)
+
+
+def _smooth(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Values (y, x) without what is finer than the beam, of means over blocks where there are many samples."""
+    blocks = [max(1, n // _SMOOTH_SAMPLES) for n in values.shape]
+    coarse = torch.nn.functional.avg_pool2d(torch.from_numpy(values)[None, None], blocks, ceil_mode=True)[0, 0].numpy()
+    blurred = scipy.ndimage.gaussian_filter(coarse, [n * _SMOOTH for n in coarse.shape], mode="nearest", truncate=3.0)
+    fine = torch.nn.functional.interpolate(torch.from_numpy(blurred)[None, None], values.shape, mode="bilinear")
+    return np.asarray(fine[0, 0].numpy())
 
 
 def squared_slopes(field: Tensor) -> Tensor:

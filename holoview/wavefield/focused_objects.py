@@ -6,7 +6,9 @@ range or around an object beside the tile, has no such maximum. An object is whe
 depth of focus; light that an edge or a lens-like object gathers elsewhere has few. Then finer bands move the distance,
 in the tiles that voted for it.
 
-Without a place that gathers a good part of the votes no focus is clear.
+Without a place that gathers a good part of the votes no focus is clear. The objects that are found are then taken out
+of the recording (`holoview.wavefield.remaining_light`): those that go with another's light were its rings, and where
+votes are left something else stands, without a clear focus.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ _ABOVE_NOISE = 5.0  # standard deviations of a maximum that votes
 _FULL = (1.0, 0.3)  # rise above it of a full vote
 _TOGETHER = 1.5  # depths of focus over which votes meet
 _APART = 2.5  # depths of focus between objects
-_LEAST, _LEAST_TOGETHER = ((3.0, 0.4), (3.0, 0.75)), 0.8
+_LEAST, _LEAST_TOGETHER = ((2.0, 0.4), (3.0, 0.75)), 0.8
 """Votes of the first object and their share, with each depth of focus; or else the share of all objects."""
 _SHADED, _SHADOW_SAMPLES = 0.7, 256  # of the incident light, within a large opaque object; of the band
 _LEAST_IN_TILE, _LEAST_IN_ONE = 0.3, 1.9  # votes of each of a further object's tiles, of two, and of a single tile
@@ -40,10 +42,12 @@ _BRIGHT, _DARK, _MANY_OF_FIRST = 1.4, 0.85, 0.3
 _MOST_OBJECTS = 8
 _LEAST_OF_FIRST = 0.04  # votes of a further object, over those of the first
 _LEAST_FURTHER = 0.7
-_EXAMINED_SAMPLES = 512  # of the band, where objects are taken away
+_EXAMINED_SAMPLES = 256  # of the band, where objects are taken away
 _LEAST_TWICE = 3.0  # votes of a further object, and its votes once the first one's light is taken away, together
 _LEAST_LEFT = 2.0  # votes of something without a clear focus, once the light of all objects is taken away
-_MOST_LEFT = 0.3  # of the power, without the light of all objects
+_MOST_LEFT, _LEAST_ALONE = 0.3, 5.0
+"""Most of the power without the light of all objects, if the first one has few votes: the beam may have its own pattern
+beside clear objects."""
 _AROUND = 5  # distances on each side of an object, in a finer band
 
 
@@ -125,10 +129,10 @@ def search_objects(
 def examined(
     swept: Swept, low_m: float, high_m: float, objects: list[FocusedObject]
 ) -> tuple[list[FocusedObject], list[Unclear]]:
-    """The objects that are clear, seen with and without the first one's light, and what is left without the light of these.
+    """The objects that are clear, with and without the first one's light, and what is left without the light of these.
 
-    Rings and gathered light of the first object go with it; what else was found is not clear. Objects that leave much
-    of the light are none.
+    Rings and gathered light of the first object go with it; what else was found is not clear. An object of few
+    votes that leaves much of the light is none.
     """
     coarse = swept.coarse(_EXAMINED_SAMPLES)
     kept, unclear = objects[:1], []
@@ -153,7 +157,7 @@ def examined(
         best = int(np.argmax(met))
         mine = (weight > 0) & (np.abs(votes.distance_m - votes.distance_m[best]) < _APART * votes.depth_m[best])
         unclear.append(Unclear(_centre(swept, votes, mine)))
-    return (kept, unclear) if left < _MOST_LEFT else ([], [])
+    return ([], []) if left > _MOST_LEFT and kept[0].votes < _LEAST_ALONE else (kept, unclear)
 
 
 def _votes_over(swept: Swept, low_m: float, high_m: float) -> Votes:

@@ -1,9 +1,10 @@
 """What an in-line recording shows beside the objects whose distances are known.
 
-The light of an object at a known distance is confined to its support there, and objects absorb or delay light, but don't
-add any. These constraints and the recorded amplitude give the wave of the objects without its twin (Latychevskaia &
-Fink, Phys. Rev. Lett. 98, 233901 (2007)). What the recording holds beside this wave's pattern is other objects', noise,
-and what the constraints leave open. Rings, twins and gathered light of the known objects go with them.
+The light of an object at a known distance is confined to its support there, and objects absorb or delay light, but
+don't add any. These constraints and the recorded amplitude give the wave of the objects without its twin (Latychevskaia
+& Fink, Phys. Rev. Lett. 98, 233901 (2007)). What the recording holds beside this wave's pattern is other objects',
+noise, and what the constraints leave open. Rings, twins and gathered light of the known objects go with them, and so
+does light of others that crosses their support.
 """
 
 from __future__ import annotations
