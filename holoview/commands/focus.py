@@ -15,7 +15,7 @@ from holoview.io.load_field import field_of_files
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.focus import MEASURES, FocusCurve, FoundFocus, default_range_m, find_focus
-from holoview.wavefield.focused_objects import FocusedObject
+from holoview.wavefield.focused_objects import FocusedObject, Unclear
 
 _UNDERSAMPLED = 0.25  # of the distance from which on all fringes are sampled: nearer, many aren't
 _ROWS, _BAR = 21, 28  # of the curve as text; width of its longest bar
@@ -85,7 +85,8 @@ def _as_json(found: FoundFocus) -> dict[str, Any]:
         }
         for thing in found.objects
     ]
-    focus = {"clear": found.clear, "range_m": found.range_m, "objects": objects}
+    unclear = [{"centre_m": thing.centre_m} for thing in found.unclear]
+    focus = {"clear": found.clear, "range_m": found.range_m, "objects": objects, "unclear": unclear}
     return {
         "distance_m": found.distance_m if found.clear else None,
         "focus": focus,
@@ -105,7 +106,8 @@ def _format(found: FoundFocus) -> list[str]:
         twin = "; its twin image on the other side is as sharp"
         lines = [_of_object(thing) for thing in found.objects]
         lines[0] = f"sharpest at {lines[0]}{twin}"
-        return ["\n    also at ".join(lines), *bars]
+        unclear = [f"something around x {x}, y {y} has no clear focus" for x, y in map(_place_of, found.unclear)]
+        return ["\n    also at ".join(lines), *unclear, *bars]
     for name in MEASURES:
         distance_m, other_m = found.distances_m[name], found.other_side_m[name]
         text = f"sharpest at {units.format_rounded(distance_m, 'mm')} by {name}"
@@ -126,6 +128,12 @@ def _of_object(thing: FocusedObject) -> str:
         y, x = (units.format_rounded(part, "mm") for part in thing.centre_m)
         words += f", around x {x}, y {y}"
     return f"{words} ({thing.share:.0%} of what is sharp)"
+
+
+def _place_of(thing: Unclear) -> tuple[str, str]:
+    """x and y of it."""
+    y, x = (units.format_rounded(part, "mm") for part in thing.centre_m)
+    return x, y
 
 
 def _sampling(found: FoundFocus) -> list[str]:

@@ -32,8 +32,9 @@ MOST_SAMPLES = 1024  # of the band along its longer side, in the sweep
 _LEAST_SAMPLES = 64
 _BEYOND, _BEYOND_DEPTHS = 1.5, 8.0
 """A level is swept up to so many times beyond its range, or depths of focus: a maximum has to have both its flanks."""
-_RIM = 0.06  # of a side, over which the picture is faded out
+RIM = 0.06  # of a side, over which the picture is faded out
 _SMOOTH = 1 / 8  # of a side: light that is smoother is the beam
+_SMOOTH_SAMPLES = 256  # of a side, at least, from which the beam is taken
 _TILE = 24  # samples of the band, at least
 _MOST_TILES = 12
 TINY = 1e-30  # where a picture is dark
@@ -78,8 +79,8 @@ class Swept:
     def of(values: Tensor, pitch_m: tuple[float, float], wavelength_m: float) -> Swept:
         """The field (y, x) complex of an in-line recording: 1 + o + o*, beside a beam that may vary smoothly."""
         real = values.real.numpy()
-        beam = scipy.ndimage.gaussian_filter(real, [n * _SMOOTH for n in real.shape], mode="nearest", truncate=3.0)
-        fading = [taper(n, _RIM) for n in real.shape]
+        beam = _smooth(real)
+        fading = [taper(n, RIM) for n in real.shape]
         flat = ((real - beam) * fading[0][:, None] * fading[1]).astype(np.complex64)
         scattered = torch.from_numpy(flat)
         incident = float(beam.mean()) if float(real.min()) >= 0 else 0.0
@@ -121,6 +122,16 @@ class Swept:
             for n, pitch in zip(self.values.shape, self.pitch_m, strict=True)
         )
         return rows, columns
+
+    def coarse(self, most: int) -> Swept:
+        """With this many samples along the longer side at most."""
+        if self.most_samples <= most:
+            return self
+        band = self.band(most)
+        top, left = (n // 2 - k // 2 for n, k in zip(self.spectrum.shape, band, strict=True))
+        cut = self.spectrum[top : top + band[0], left : left + band[1]] * (math.prod(band) / self.spectrum.numel())
+        y, x = (side_m / n for side_m, n in zip(self.sides_m, band, strict=True))
+        return Swept(torch.fft.ifft2(torch.fft.ifftshift(cut)), cut, (y, x), self.wavelength_m, self.incident)
 
     def levels(self, low_m: float, high_m: float, relative_depth: float) -> Iterator[tuple[int, float, float]]:
         """Samples and range of each level. relative_depth: as of `RELATIVE_DEPTHS`."""
@@ -176,7 +187,7 @@ class Swept:
     ) -> Level:
         """The measures at some distances. told: called after each."""
         band = self.band(samples)
-        rim = math.ceil(_RIM * band[0]), math.ceil(_RIM * band[1])
+        rim = math.ceil(RIM * band[0]), math.ceil(RIM * band[1])
         inner = [n - 2 * r - 1 for n, r in zip(band, rim, strict=True)]
         tile = min(max(_TILE, math.ceil(min(band) / _MOST_TILES)), *inner)
         kurtosis, sparsity, edge_sparsity, variance = [], [], [], []
@@ -197,6 +208,15 @@ class Swept:
             told(float(distance_m))
         tiles = np.array(kurtosis), np.array(sparsity)
         return Level(samples, distances_m, own, *tiles, np.array(edge_sparsity), np.array(variance), tile, rim)
+
+
+def _smooth(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Values (y, x) without what is finer than the beam, of means over blocks where there are many samples."""
+    blocks = [max(1, n // _SMOOTH_SAMPLES) for n in values.shape]
+    coarse = torch.nn.functional.avg_pool2d(torch.from_numpy(values)[None, None], blocks, ceil_mode=True)[0, 0].numpy()
+    blurred = scipy.ndimage.gaussian_filter(coarse, [n * _SMOOTH for n in coarse.shape], mode="nearest", truncate=3.0)
+    fine = torch.nn.functional.interpolate(torch.from_numpy(blurred)[None, None], values.shape, mode="bilinear")
+    return np.asarray(fine[0, 0].numpy())
 
 
 def squared_slopes(field: Tensor) -> Tensor:

@@ -6,19 +6,22 @@ range or around an object beside the tile, has no such maximum. An object is whe
 depth of focus; light that an edge or a lens-like object gathers elsewhere has few. Then finer bands move the distance,
 in the tiles that voted for it.
 
-Without a place that gathers a good part of the votes no focus is clear.
+Without a place that gathers a good part of the votes no focus is clear. The objects that are found are then taken out
+of the recording (`holoview.wavefield.remaining_light`): those that go with another's light were its rings, and where
+votes are left something else stands, without a clear focus.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.wavefield.depth_sweep import MOST_SAMPLES, RELATIVE_DEPTHS, Level, Swept, squared_slopes
+from holoview.wavefield.remaining_light import without_objects
 
 _NOISE = (2.2 * math.sqrt(2), 0.4 * math.sqrt(2))
 """Standard deviation of ln kurtosis and ln sparsity of speckle, times the square root of a tile's samples, every second
@@ -27,7 +30,7 @@ _ABOVE_NOISE = 5.0  # standard deviations of a maximum that votes
 _FULL = (1.0, 0.3)  # rise above it of a full vote
 _TOGETHER = 1.5  # depths of focus over which votes meet
 _APART = 2.5  # depths of focus between objects
-_LEAST, _LEAST_TOGETHER = ((1.5, 0.4), (3.0, 0.75)), 0.8
+_LEAST, _LEAST_TOGETHER = ((2.0, 0.4), (3.0, 0.75)), 0.8
 """Votes of the first object and their share, with each depth of focus; or else the share of all objects."""
 _SHADED, _SHADOW_SAMPLES = 0.7, 256  # of the incident light, within a large opaque object; of the band
 _LEAST_IN_TILE, _LEAST_IN_ONE = 0.3, 1.9  # votes of each of a further object's tiles, of two, and of a single tile
@@ -39,6 +42,12 @@ _BRIGHT, _DARK, _MANY_OF_FIRST = 1.4, 0.85, 0.3
 _MOST_OBJECTS = 8
 _LEAST_OF_FIRST = 0.04  # votes of a further object, over those of the first
 _LEAST_FURTHER = 0.7
+_EXAMINED_SAMPLES = 256  # of the band, where objects are taken away
+_LEAST_TWICE = 3.0  # votes of a further object, and its votes once the first one's light is taken away, together
+_LEAST_LEFT = 2.0  # votes of something without a clear focus, once the light of all objects is taken away
+_MOST_LEFT, _LEAST_ALONE = 0.3, 5.0
+"""Most of the power without the light of all objects, if the first one has few votes: the beam may have its own pattern
+beside clear objects."""
 _AROUND = 5  # distances on each side of an object, in a finer band
 
 
@@ -47,13 +56,21 @@ class FocusedObject:
     """A distance at which a part of the picture is sharp.
 
     depth_of_focus_m: λ/NA² there, of the light that stands above the noise. share: of all votes. centre_m: (y, x) from
-    the middle of the field, m, of what is sharp, None if it isn't known.
+    the middle of the field, m, of what is sharp, None if it isn't known. votes: of tiles, of an in-line recording's.
     """
 
     distance_m: float
     depth_of_focus_m: float
     share: float
     centre_m: tuple[float, float] | None = None
+    votes: float = 0.0
+
+
+@dataclass(frozen=True)
+class Unclear:
+    """Something in the picture that has no clear focus. centre_m: (y, x) from the middle of the field, m."""
+
+    centre_m: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +97,8 @@ class Votes:
 
 def search_objects(
     swept: Swept, low_m: float, high_m: float, progress: Callable[[int, int, str], None] | None
-) -> tuple[list[FocusedObject], list[Level]]:
-    """The objects in a range of distances above 0, as of `find_objects`, and the measures over it.
+) -> tuple[list[FocusedObject], list[Unclear], list[Level]]:
+    """The objects in a range of distances above 0, what else stands in the picture, and the measures over the range.
 
     With a small depth of focus objects at several distances are told apart; where nothing is clear, as the edges are
     hidden by noise, a larger one follows.
@@ -105,7 +122,58 @@ def search_objects(
         objects = find_objects(swept, levels, least)
         if objects:
             break
-    return objects, first
+    clear, unclear = examined(swept, low_m, high_m, objects) if objects else ([], [])
+    return clear, unclear, first
+
+
+def examined(
+    swept: Swept, low_m: float, high_m: float, objects: list[FocusedObject]
+) -> tuple[list[FocusedObject], list[Unclear]]:
+    """The objects that are clear, with and without the first one's light, and what is left without the light of these.
+
+    Rings and gathered light of the first object go with it; what else was found is not clear. An object of few
+    votes that leaves much of the light is none.
+    """
+    coarse = swept.coarse(_EXAMINED_SAMPLES)
+    kept, unclear = objects[:1], []
+    if len(objects) > 1:
+        rest, _ = without_objects(coarse, [objects[0].distance_m])
+        votes = _votes_over(rest, low_m, high_m)
+        met = votes.met(votes.weight)
+        for thing in objects[1:]:
+            near = np.abs(votes.distance_m - thing.distance_m) < _APART * votes.depth_m
+            if thing.votes + float(met[near].max(initial=0.0)) >= _LEAST_TWICE:
+                kept.append(thing)
+            else:
+                unclear.append(Unclear(thing.centre_m or (0.0, 0.0)))
+    rest, left = without_objects(coarse, [thing.distance_m for thing in kept])
+    votes = _votes_over(rest, low_m, high_m)
+    known = np.zeros(len(votes.weight), bool)
+    for thing in kept:
+        known |= np.abs(votes.distance_m - thing.distance_m) < 2 * _APART * votes.depth_m
+    weight = votes.weight * ~known
+    met = votes.met(weight)
+    if met.max(initial=0.0) >= _LEAST_LEFT:
+        best = int(np.argmax(met))
+        mine = (weight > 0) & (np.abs(votes.distance_m - votes.distance_m[best]) < _APART * votes.depth_m[best])
+        unclear.append(Unclear(_centre(swept, votes, mine)))
+    return ([], []) if left > _MOST_LEFT and kept[0].votes < _LEAST_ALONE else (kept, unclear)
+
+
+def _votes_over(swept: Swept, low_m: float, high_m: float) -> Votes:
+    """The votes over a range, with the small depth of focus."""
+    levels = [
+        swept.level(samples, (first_m, last_m), lambda _: None, swept.nodes(first_m, last_m, samples))
+        for samples, first_m, last_m in swept.levels(low_m, high_m, RELATIVE_DEPTHS[0])
+    ]
+    return votes_of(swept, levels)
+
+
+def _centre(swept: Swept, votes: Votes, mine: NDArray[np.bool_]) -> tuple[float, float]:
+    """(y, x) of some votes from the middle of the field, m."""
+    centre = np.average(votes.place[mine], axis=0, weights=votes.weight[mine])
+    y, x = ((float(part) - 0.5) * side for part, side in zip(centre, swept.sides_m, strict=True))
+    return y, x
 
 
 def votes_of(swept: Swept, levels: list[Level]) -> Votes:
@@ -178,7 +246,10 @@ def find_objects(swept: Swept, levels: list[Level], least: tuple[float, float]) 
     is_doubtful = not passive or first_m < _NEAR * float(votes.depth_m[mine].min())
     if together < (_LEAST_NEAR if is_doubtful else _LEAST_TOGETHER) and (is_doubtful or share < least[1]):
         return []
-    return [_refined(swept, votes, distance_m, share, mine) for distance_m, _, share, mine in kept]
+    return [
+        replace(_refined(swept, votes, distance_m, share, mine), votes=met_there)
+        for distance_m, met_there, share, mine in kept
+    ]
 
 
 def _brightness(swept: Swept, votes: Votes, distance_m: float, mine: NDArray[np.bool_]) -> float:
@@ -235,7 +306,6 @@ def _unowned(votes: Votes, mine: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 def _refined(swept: Swept, votes: Votes, distance_m: float, share: float, mine: NDArray[np.bool_]) -> FocusedObject:
     """An object with the distance that finer bands give it, in the tiles that voted for it."""
-    centre = np.average(votes.place[mine], axis=0, weights=votes.weight[mine])
     most = min(swept.most_samples, MOST_SAMPLES)
     samples = min(most, round(2 * swept.side_m / math.sqrt(swept.wavelength_m * float(votes.depth_m[mine].min()))))
     depth_m = float(votes.depth_m[mine].max())
@@ -255,8 +325,7 @@ def _refined(swept: Swept, votes: Votes, distance_m: float, share: float, mine: 
         if samples >= most or depth_m <= 1.05 * finest_m:
             break
         samples = min(2 * samples, most)
-    y, x = ((float(part) - 0.5) * side for part, side in zip(centre, swept.sides_m, strict=True))
-    return FocusedObject(distance_m, depth_m, share, (y, x))
+    return FocusedObject(distance_m, depth_m, share, _centre(swept, votes, mine))
 
 
 def _area(tile: tuple[slice, slice]) -> int:

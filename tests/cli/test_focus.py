@@ -73,7 +73,7 @@ def test_where_nothing_is_sharp_no_distance_is_named(tmp_path: Path, capsys: pyt
     assert "--plane" not in seen.err
     assert main([*line, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["focus"] == {"clear": False, "range_m": [0.001, 0.004], "objects": []}
+    assert found["focus"] == {"clear": False, "range_m": [0.001, 0.004], "objects": [], "unclear": []}
     assert found["distance_m"] is None
 
 

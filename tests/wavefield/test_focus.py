@@ -115,3 +115,18 @@ def test_progress_is_told_and_a_range_is_checked() -> None:
         find_focus(field, 0.02, 0.01)
     with pytest.raises(UserError):
         find_focus(_wavefield(1j * _spots(4), reference_radius_m=0.3), 1e-3, 2e-3)
+
+
+def test_an_image_within_two_depths_of_focus_of_the_plane_is_clear() -> None:
+    """The order of an off-axis recording holds a small part of the spectrum, whose depth of focus is as long as the
+    way to the object; the other side of the plane is less sharp all the same."""
+    cycles = np.hypot(*np.meshgrid(*(np.fft.fftfreq(SIDE),) * 2, indexing="ij"))
+    depth_m = PITCH_M**2 / (0.11**2 * WAVELENGTH)  # λ/NA² of NA = 0.11·λ/pitch
+    screen = np.ones((SIDE, SIDE), complex)
+    for row, column in np.random.default_rng(8).integers(20, SIDE - 40, (12, 2)):
+        screen[row : row + 16, column : column + 7] = 0.2
+    narrow = np.fft.ifft2(np.fft.fft2(screen) * (cycles < 0.11))
+    field = propagate_field(_wavefield(narrow), -1.2 * depth_m, "asm").values[0, 0].numpy()
+    found = find_focus(_wavefield(field), *default_range_m(_wavefield(field)))
+    assert found.clear
+    assert found.distance_m == pytest.approx(1.2 * depth_m, abs=depth_m)

@@ -1,0 +1,81 @@
+"""What an in-line recording shows beside the objects whose distances are known.
+
+The light of an object at a known distance is confined to its support there, and objects absorb or delay light, but
+don't add any. These constraints and the recorded amplitude give the wave of the objects without its twin (Latychevskaia
+& Fink, Phys. Rev. Lett. 98, 233901 (2007)). What the recording holds beside this wave's pattern is other objects',
+noise, and what the constraints leave open. Rings, twins and gathered light of the known objects go with them, and so
+does light of others that crosses their support.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import scipy.ndimage
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from holoview.numerics.sampling import frequency_indices, taper
+from holoview.optics.propagate import free_space
+from holoview.wavefield.depth_sweep import RIM, Swept
+
+_ABOVE_MEDIAN = 3.0  # |scattered light| of an object's support, times its median over the picture
+_GAINS = (2.0, 2.0, 1.5)
+"""Of each round: the amplitude alone is known, which is half of a weak object's change in the hologram."""
+_CORNER = 0.52  # cycles a sample: frequencies in the corners of the spectrum, where fringes are weakest
+
+
+def without_objects(swept: Swept, distances_m: list[float]) -> tuple[Swept, float]:
+    """A recording without objects at some distances, and the power left over that before, beside even noise."""
+    beam = swept.incident or 1.0
+    recorded = swept.values.real / beam
+    amplitude = (1 + recorded).clamp(min=0).sqrt()
+    supports = [_support(swept, _moved(swept, recorded.to(torch.complex64), z), z) for z in distances_m]
+    waves = [torch.zeros_like(swept.values) for _ in distances_m]
+    for gain in _GAINS:
+        for i, (distance_m, support) in enumerate(zip(distances_m, supports, strict=True)):
+            whole = 1 + torch.stack(waves).sum(dim=0)
+            change = gain * whole * (amplitude / whole.abs().clamp(min=1e-3) - 1)
+            there = 1 + support * _moved(swept, waves[i] + change, distance_m)
+            there = there / there.abs().clamp(min=1.0)
+            waves[i] = _moved(swept, there - 1, -distance_m)
+    left = recorded - ((1 + torch.stack(waves).sum(dim=0)).abs().square() - 1)
+    power = float(recorded.square().mean())
+    share = max(0.0, float(left.square().mean()) / max(power, 1e-30) - _noise(recorded.numpy()))
+    fading = [torch.from_numpy(taper(n, RIM)).to(left.dtype) for n in left.shape]
+    values = (left * beam * fading[0][:, None] * fading[1]).to(torch.complex64)
+    return replace(swept, values=values, spectrum=torch.fft.fftshift(torch.fft.fft2(values))), share
+
+
+def _moved(swept: Swept, wave: Tensor, distance_m: float) -> Tensor:
+    """A wave (y, x) at a distance, in its own frame, without light from beyond it."""
+    padded = [2 * n for n in wave.shape]
+    whole = torch.zeros(padded, dtype=wave.dtype)
+    whole[: wave.shape[0], : wave.shape[1]] = wave
+    ky, kx = (torch.from_numpy(frequency_indices(m)) for m in padded)
+    y, x = (swept.wavelength_m / (m * pitch) for m, pitch in zip(padded, swept.pitch_m, strict=True))
+    transfer = free_space(distance_m / swept.wavelength_m, (y, x), ky, kx, wave.dtype)
+    return torch.fft.ifft2(torch.fft.fft2(whole) * transfer)[: wave.shape[0], : wave.shape[1]]
+
+
+def _support(swept: Swept, wave: Tensor, distance_m: float) -> Tensor:
+    """Where an object's scattered light stands out of the picture, with its inside and a margin: 0 … 1, soft."""
+    pitch_m = max(swept.pitch_m)
+    na = math.sqrt(swept.wavelength_m / swept.depth_of_focus_m(distance_m))
+    resolved = max(1.0, swept.wavelength_m / (2 * na * pitch_m))
+    size = scipy.ndimage.gaussian_filter(wave.abs().numpy(), 0.5 * resolved)
+    inside = scipy.ndimage.binary_dilation(
+        size > _ABOVE_MEDIAN * float(np.median(size)), iterations=math.ceil(1.5 * resolved)
+    )
+    filled = scipy.ndimage.binary_fill_holes(inside).astype(np.float32)
+    return torch.from_numpy(scipy.ndimage.gaussian_filter(filled, 0.5 * resolved))
+
+
+def _noise(recorded: NDArray[np.float32]) -> float:
+    """The share of even noise in the power of a recording (y, x)."""
+    power = np.abs(np.fft.fft2(recorded)) ** 2
+    f = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) for n in recorded.shape), indexing="ij"))
+    return float(np.median(power[f > _CORNER])) / math.log(2) * power.size / max(float(power.sum()), 1e-30)
