@@ -74,7 +74,11 @@ def draw(seed: int, largest: int = LARGEST) -> tuple[Bench, System, AcquisitionS
     sine = float(wavelengths.min()) / (2 * pitch_m)
     iris_na = round(float(rng.uniform(0.3, 1.2)) * sine, 5) if rng.random() < 0.5 and not is_fourier else None
     reach_m = MOST_SPREAD * max(shape) * pitch_m / min(sine, iris_na or sine)
-    length_m = _log_uniform(rng, DISTANCES_M[0], DISTANCES_M[1] if is_fourier else min(DISTANCES_M[1], reach_m))
+    # Beyond it the band limit of a grid of twice the size leaves no frequency beside zero at the longest wavelength.
+    farthest_m = 0.9 * (2 * max(shape) * pitch_m) ** 2 / (2 * float(wavelengths.max()))
+    length_m = _log_uniform(
+        rng, DISTANCES_M[0], DISTANCES_M[1] if is_fourier else min(DISTANCES_M[1], reach_m, farthest_m)
+    )
     gap_m = _log_uniform(rng, 0.2e-3, min(20e-3, reach_m))
     levels, bits = int(rng.choice(LEVELS)), int(rng.choice(BITS))
     planes = (1.0,) if rng.random() < 0.7 or lasers > 3 else (1.0, float(rng.uniform(0.8, 0.95)))

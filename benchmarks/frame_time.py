@@ -183,7 +183,7 @@ def _summary(samples: dict[str, list[float]]) -> dict[str, Any]:
 
 
 def _bench_facts(plan: Plan) -> dict[str, Any]:
-    wavelength, _, distance_m, _ = _selection(plan)
+    wavelength, _, _ = _selection(plan)
     return {
         "preset": plan.system.name,
         "modulators": len(plan.system.modulators),
@@ -191,7 +191,7 @@ def _bench_facts(plan: Plan) -> dict[str, Any]:
         "padded": list(plan.grid.padded[::-1]),
         "propagation": plan.system.sampling.propagation,
         "wavelength_m": float(plan.system.wavelengths_m[wavelength]),
-        "plane_m": distance_m,
+        "plane_m": float(plan.planes_m[0]),
     }
 
 

@@ -42,7 +42,8 @@ def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
         along_y, along_x = (torch.exp(-2 * (math.pi * sigma) ** 2 * f.square()) for f in (fy, fx))
         return along_y * along_x
 
-    return _filtered(values, math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2, gain)
+    # At least 8: the kernel of a narrow Gaussian rings, cut at the edge of the band, and must not jump with the margin.
+    return _filtered(values, max(math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2, 8), gain)
 
 
 def weighted_blur(values: Tensor, neighbour: float | Tensor) -> Tensor:
