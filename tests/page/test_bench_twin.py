@@ -141,7 +141,7 @@ def test_the_pages_numbers_are_those_of_the_plan(count: int) -> None:
                 there = make_plan(system.with_(wavelengths=[moved]))
             except holoview.UserError:
                 continue
-            bench = bench_numbers(plan, (1e-3, 60e-3))
+            bench = bench_numbers(plan, (1e-3, float(system.planes_m[0])))
             distances = [float(system.gap_m or 0.0), float(plan.planes_m[0])]
             for at, λ in ((plan, float(system.wavelengths_m[0])), (there, moved)):
                 if at.grid != plan.grid:  # a compact grid depends on the wavelength
