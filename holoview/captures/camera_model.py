@@ -68,11 +68,13 @@ class PixelGrid:
 
     points_per_axis: a pixel averages the intensity over this number of points along each axis; None: one point for
     each simulation sample that fits on the pixel.
+    axis_m: (y, x), where the axis is from the centre of the picture on a Fourier bench.
     """
 
     pitch_m: float
     shape: tuple[int, int]
     points_per_axis: int | None = None
+    axis_m: tuple[float, float] = (0.0, 0.0)
 
 
 def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
@@ -598,7 +600,8 @@ class FourierBenchModel(CameraModel):
             cycles = max(modulator.shape) * modulator.pitch_m / (self.wavelength_m(component) * self.focal_length_m)
 
             def displaced(by_m: tuple[float, float]) -> Tensor:
-                y, x = (shift + by for shift, by in zip(pose.shift_m, by_m, strict=True))
+                places = zip(pose.shift_m, by_m, self.pixel_grid.axis_m, strict=True)
+                y, x = (shift + by + axis for shift, by, axis in places)
                 return self._camera_intensity(field, component, replace(pose, shift_m=(y, x)))
 
             return self.mean_over_motion(pose, cycles, displaced)

@@ -96,6 +96,9 @@ CAMERA_NUMBERS = (
     NumberSchema("read_noise", 0, 1e9),
     NumberSchema("black_level", 0, 65535),
 )
+AXIS_NUMBERS = (NumberSchema("axis_y", -1.0, 1.0, optional=True), NumberSchema("axis_x", -1.0, 1.0, optional=True))
+"""Of the camera on a Fourier bench: where the zero order is from the centre of the pictures, m."""
+
 GEOMETRY_NUMBERS = (NumberSchema("gap", optional=True), NumberSchema("focal_length", optional=True))
 """Attributes of slm1, slm2, camera and geometry."""
 
@@ -145,6 +148,8 @@ def write_captures(
         camera = h5.create_group("camera")
         camera.create_dataset("images", data=captures.images, compression="gzip", compression_opts=4)
         c = captures.camera
+        if any(captures.axis_m):
+            camera.attrs.update(axis_y=captures.axis_m[0], axis_x=captures.axis_m[1])
         camera.attrs.update(pitch=c.pitch_m, bit_depth=c.bit_depth, electrons_per_count=c.electrons_per_count)
         camera.attrs.update(read_noise=c.read_noise, black_level=c.black_level)
         columns = (captures.wavelength_m, captures.distance_m, captures.power, captures.exposure_s)
@@ -169,7 +174,7 @@ def _read(h5: h5py.File) -> Captures:
     datasets = [*levels, images, *columns.values()]
     needed = _PEAK_SHARE * sum(d.size_bytes for d in datasets) + 2 * max(d.chunk_bytes for d in datasets)
     require_memory("captures", needed, remedy="give it fewer captures")
-    geometry = _geometry(h5)
+    geometry, camera = _geometry(h5), _numbers(h5, "camera", (*CAMERA_NUMBERS, *AXIS_NUMBERS))
     return Captures(
         levels=_read_levels(levels),
         images=_read_images(images),
@@ -178,7 +183,8 @@ def _read(h5: h5py.File) -> Captures:
         power=columns["power"].read().astype(np.float64),
         exposure_s=columns["exposure"].read().astype(np.float64),
         slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms),
-        camera=camera_from_attributes(_numbers(h5, "camera", CAMERA_NUMBERS)),
+        camera=camera_from_attributes(camera),
+        axis_m=(camera.get("axis_y", 0.0), camera.get("axis_x", 0.0)),
         gap_m=geometry.get("gap"),
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
         relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
@@ -485,12 +491,14 @@ def _cell_value(kind: Number, text: str, where: str) -> float:
 
 
 def read_greyscale(path: Path) -> NDArray[Any]:
-    """Reads the values (y, x) of a greyscale PNG or TIFF unchanged, as uint8 or uint16.
+    """Reads the values (y, x) of a greyscale PNG or TIFF, or of three equal channels, unchanged, as uint8 or uint16.
 
     Raises UserError for a file that is missing, can't be decoded, or isn't greyscale of 8 or 16 bits.
     """
     require_file(path, f"a picture that {TABLE_FILE} names")
     values = call_in_child(str(path), path, partial(_decode_greyscale, path))
+    if values.ndim == 3 and values.shape[2] in (3, 4) and (values[..., :3] == values[..., :1]).all():
+        values = values[..., 0]  # grey in three equal channels
     if values.ndim == 2 and values.dtype.kind == "i" and values.size and values.min() >= 0:
         values = (
             values.astype(np.uint16) if values.max() < 65536 else values

@@ -161,6 +161,7 @@ class Captures:
     frame: (rows, columns) of the whole pictures, where `images` holds only a part; None otherwise.
     slm_frame: (rows, columns) of the whole modulators, where `levels` holds only a part; None otherwise.
     centre_m: (y, x), where the centre of that part is, in modulators and pictures.
+    axis_m: (y, x), where the zero order of a Fourier bench is, from the centre of the pictures.
     levels_before: as `levels`, the levels of the capture that was taken before each; for the first capture of all its
     own. None if they follow from the order of these captures. Between whole levels where a modulator hadn't settled.
     levels_first: (modulator, y, x), the levels of the first capture of all; None if it is the first of these.
@@ -183,6 +184,7 @@ class Captures:
     frame: tuple[int, int] | None = None
     slm_frame: tuple[int, int] | None = None
     centre_m: tuple[float, float] = (0.0, 0.0)
+    axis_m: tuple[float, float] = (0.0, 0.0)
     levels_before: NDArray[np.unsignedinteger] | Floats | None = None
     levels_first: NDArray[np.unsignedinteger] | None = None
 

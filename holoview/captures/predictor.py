@@ -178,7 +178,7 @@ class Predictor:
         require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32
-        self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points)
+        self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points, captures.axis_m)
         self._laser_number, self._properties = captures.laser_number, captures.data_properties()
         self.fields_requested = 0
         self._cache, self._image_cache = (

@@ -16,6 +16,8 @@ from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSettin
 from holoview.captures import read_captures, write_captures
 from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
 from holoview.captures.count_bits import counts_as_stated
+from holoview.captures.dataset import Captures
+from holoview.captures.picture_import import import_picture
 from holoview.captures.records import find_record_errors
 from holoview.captures.validation import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
@@ -32,6 +34,7 @@ from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
 from holoview.io.pictures import write_png
 from holoview.util import units
+from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 
 
@@ -53,12 +56,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     show.set_defaults(run=_show)
     convert = commands.add_parser(
         "import",
-        help=f"a folder of PNG or TIFF with {TABLE_FILE} and {BENCH_FILE}",
+        help=f"a folder of PNG or TIFF with {TABLE_FILE} and {BENCH_FILE}, or one picture and its pattern",
         description=f"Converts a folder of greyscale PNG or TIFF; {TABLE_FILE} has a line a capture, "
-        f"{BENCH_FILE} the geometry.",
+        f"{BENCH_FILE} the geometry. Or, with --pattern, one picture of a Fourier bench: its orientation, focal length "
+        "and axis are found.",
     )
-    add_input(convert, "folder", type=Path)
+    add_input(convert, "source", type=Path, metavar="FOLDER | PICTURE")
     add_output(convert, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
+    one = convert.add_argument_group("one picture of a Fourier bench")
+    add_input(one, "--pattern", type=Path, metavar="PICTURE", help="the pattern that the modulator showed")
+    one.add_argument("--wavelength", metavar="LENGTH")
+    one.add_argument("--pitch", metavar="LENGTH", help="of the modulator's pixels")
+    one.add_argument("--camera-pitch", metavar="LENGTH", help="of the camera's pixels")
+    one.add_argument("--focal-length", metavar="LENGTH", help="about; found in any case")
+    one.add_argument("--stroke", metavar="LENGTH", help="optical path of the highest level (default: a wavelength)")
+    one.add_argument("--bit-depth", type=whole(1, 16), help="of the camera (default: the least that holds the counts)")
     convert.set_defaults(run=_import)
     plan = commands.add_parser("plan", help="exposures and laser powers", description=_plan.__doc__)
     _configure_plan(plan)
@@ -169,15 +181,41 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    with progress_bar("reading") as report:
-        notes: list[str] = []
-        captures = import_folder(args.folder, lambda done, total: report(done, total, "captures"), notes.append)
+    notes: list[str] = []
+    if args.pattern is not None:
+        captures = _import_picture(args, notes)
+    else:
+        given = [name for name in (*_PICTURE_LENGTHS, "bit_depth") if getattr(args, name) is not None]
+        if given:
+            raise UserError(
+                f"--{given[0].replace('_', '-')}", "without --pattern", expected="a picture and its pattern"
+            )
+        with progress_bar("reading") as report:
+            captures = import_folder(args.source, lambda done, total: report(done, total, "captures"), notes.append)
     for note in notes:
         print_stderr(f"note: {note}")
     saver = ResultSaver()
     output = saver.save(args.output, partial(write_captures, captures=captures))
     print(f"{output}: {len(captures)} captures")
     return saver.exit_code
+
+
+_PICTURE_LENGTHS = ("wavelength", "pitch", "camera_pitch", "focal_length", "stroke")
+
+
+def _import_picture(args: argparse.Namespace, notes: list[str]) -> Captures:
+    """The captures of one picture and its pattern; what was found and assumed is added to the notes."""
+    for name in ("wavelength", "pitch", "camera_pitch"):
+        if getattr(args, name) is None:
+            expected = "the wavelength and the pitches of modulator and camera"
+            raise UserError(f"--{name.replace('_', '-')}", "is missing", expected=expected)
+    stated = [name for name in _PICTURE_LENGTHS if getattr(args, name) is not None]
+    lengths = {f"{name}_m": _length(args, name) for name in stated}
+    picture, pattern = read_greyscale(args.source), read_greyscale(args.pattern)
+    with progress_bar("placing the picture") as report:
+        found = import_picture(picture, pattern, bit_depth=args.bit_depth, progress=report, **lengths)
+    notes += found.notes
+    return found.captures
 
 
 # --- `plan`: exposures and laser powers for captures, from a few first captures ---

@@ -37,6 +37,7 @@ class SourceProfile(Effect):
     )
     acts_on = ("source",)
     varies_over_field = True
+    order = 3  # it lights what the modulator leaves unmodulated too
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"fall": fall} for fall in (0.2, 0.5, 1.0, 2.0, 4.0)] + square_grid("slope_y", "slope_x", 0.5, 0.5)

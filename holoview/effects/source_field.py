@@ -45,6 +45,7 @@ class SourceField(Effect):
         Parameter("distance", "From the field's plane to modulator 1.", "mm", low=-2.0, high=2.0, prior=1e-3),
     )
     acts_on = ("source",)
+    order = 3  # it lights what the modulator leaves unmodulated too
     listed: ClassVar[bool] = False
 
     def actual_system(self, system: System, v: Values) -> System:

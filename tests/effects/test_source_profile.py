@@ -36,3 +36,13 @@ def test_only_the_first_modulator_is_illuminated(make_session: Make, predicted: 
     dimmed = predicted(captures, {"source_profile": {"fall": 1.0}}).sum() / predicted(captures).sum()
     share = torch.exp(-2 * ((torch.arange(20) - 9.5)[:, None] ** 2 + (torch.arange(28) - 13.5) ** 2) / 14**2).mean()
     assert float(dimmed) == pytest.approx(float(share), abs=0.1)
+
+
+def test_unmodulated_light_is_lit_by_the_same_source(make_session: Make, predicted: Predicted) -> None:
+    """Where the source is dark, what a modulator leaves unmodulated is dark too: e^(−2·6.25·1.5) at its corners."""
+    captures = make_session(1, modulators=1, distance_m=np.zeros(1), relay2=Relay())
+    source = {"source_profile": {"fall": 6.25}}
+    lit, leaking = (predicted(captures, source | more)[0] for more in ({}, {"undiffracted": {"share": 0.5}}))
+    dark = lit < 1e-3 * lit.max()
+    assert dark.any()
+    assert float(leaking[dark].max()) < 1e-2 * float(leaking.max())
