@@ -175,9 +175,7 @@ def _with_speckle(picture: NDArray[np.floating], cut: Masks, phase: Floats, plac
         for stroke in _STROKES:
             field = amplitude * np.exp(2j * np.pi * stroke * phase[np.ix_(lit_v, lit_u)])
             predicted = np.abs(wave_y @ field.astype(np.complex64) @ wave_x) ** 2
-            match = match_speckle(
-                upright[window], predicted, inside, reach_px=_REACH_PX, around_px=_AROUND_PX, mean_px=12.0
-            )
+            match = match_speckle(upright[window], predicted, inside, reach_px=_REACH_PX, around_px=_AROUND_PX)
             if best is None or match.correlation > best.correlation:
                 best = match
     return replace(placement, speckle=best)
