@@ -29,6 +29,8 @@ _USUAL_BITS = (8, 10, 12, 14)
 _EVIDENCE_BITS = 40.0  # of a layout against chance: 1e-12
 _NEIGHBOURS = 16  # share of the range below the largest value with which it is compared
 _LEAST_CLIPPED = 8  # samples
+_TIMES = 6  # as often as its neighbours must the largest value occur
+_WIDEST_GAP = 0.25  # between values that occur, as a share of those compared
 _PART = 1 << 22  # samples
 
 
@@ -112,29 +114,36 @@ def _evidence(levels: NDArray[np.integer], bits_each: float) -> bool:
 def find_clipping(values: NDArray[Any]) -> Clipping | None:
     """Where real values (any shape) are clipped, None if they aren't.
 
-    The largest value must be more than four times as frequent as any within a sixteenth of the range below it, where
-    there are some: drawings of a few even tones have none. At the crest of fringes it is 1/(√2 − 1) = 2.4 times as
-    frequent as the next one.
+    The largest value must be more than six times as frequent as any within a sixteenth of the range below it, and these
+    must leave no wide gap: drawings of a few even tones, and fringes whose period is nearly a few samples, have no
+    values there. At the crest of other fringes it is 1/(√2 − 1) = 2.4 times as frequent as the next one.
     """
     if not values.size:
         return None
     if values.dtype in (np.uint8, np.uint16):
         histogram = _histogram(values)
-        levels = np.flatnonzero(histogram)
+        levels: NDArray[Any] = np.flatnonzero(histogram)
         counts = histogram[levels]
-        top, low, count = float(levels[-1]), float(levels[0]), int(counts[-1])
-        near = counts[:-1][levels[:-1] >= top - (top - low) / _NEIGHBOURS]
-        total = int(near.sum())
     else:
-        top, low = float(values.max()), float(values.min())
-        count = int(np.count_nonzero(values == top))
-        if count < _LEAST_CLIPPED or not math.isfinite(top - low):
+        top = values.max()
+        if np.count_nonzero(values == top) < _LEAST_CLIPPED or not math.isfinite(top - values.min()):
             return None
-        below = values[(values >= top - (top - low) / _NEIGHBOURS) & (values < top)]
-        near, total = np.unique(below, return_counts=True)[1], below.size
-    if min(count, total) < _LEAST_CLIPPED or count <= 4 * int(near.max()) + _LEAST_CLIPPED:
+        levels, counts = np.unique(values[values >= _first_near(values.min(), top)], return_counts=True)
+        levels, counts = np.append(values.min(), levels), np.append(0, counts)
+    top, count, first = float(levels[-1]), int(counts[-1]), _first_near(levels[0], levels[-1])
+    is_near = levels >= first
+    near = counts[is_near][:-1]
+    if min(count, near.sum()) < _LEAST_CLIPPED or count <= _TIMES * int(near.max()) + _LEAST_CLIPPED:
+        return None
+    gaps = np.diff(levels[is_near].astype(float), prepend=first)
+    if gaps.max() > max(_WIDEST_GAP * (top - first), 1.0 if values.dtype.kind in "iu" else 0.0):
         return None
     return Clipping(top, count / values.size)
+
+
+def _first_near(low: Any, top: Any) -> float:
+    """The least value that is compared with the largest one."""
+    return float(top) - (float(top) - float(low)) / _NEIGHBOURS
 
 
 def _histogram(samples: NDArray[Any]) -> NDArray[np.int64]:
