@@ -7,6 +7,7 @@ framework is `holoview.model.effects`, whose registry finds every file of this p
 emission         the power that is emitted for the one that was set (laser_power), wavelengths (wavelength_offset), a
                  second line of each laser (second_line), the width of the lines (bandwidth)
 illumination     brightness over the first modulator (source_profile), angle (tilt), size of the source (source_extent)
+beam             a disc, a Gaussian beam or an ellipse, with a wavefront over it (beam)
 source_field     a complex field as the light before the first modulator (source_field)
 distance         the focal planes (distance), the gap between the modulators (gap)
 

@@ -26,6 +26,7 @@ IDS = [
     "dispersion",
     "tilt",
     "source_profile",
+    "beam",
     "source_extent",
     "bandwidth",
     "second_line",

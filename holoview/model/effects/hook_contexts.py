@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 
@@ -110,11 +111,27 @@ class ModulatorContext:
             for n, view, centre in zip(values.shape, ((-1, 1), (1, -1)), self.centre_m, strict=True)
         )
 
-    def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
-        """Σ c_j·Z_j over the circle around the modulator, at a map's entries; terms: {Noll index j: c_j}."""
-        y, x = self.positions(values)
-        radius = math.hypot(*self.whole_shape) * self.pitch_m / 2
-        return zernike_sum(terms.items(), torch.hypot(y, x) / radius, torch.atan2(y, x))
+    def zernike(
+        self,
+        values: Tensor,
+        terms: Mapping[int, Any],
+        centre_m: tuple[Any, Any] = (0.0, 0.0),
+        radius_m: Any = None,
+    ) -> Tensor:
+        """Σ c_j·Z_j over a circle, at a map's entries; beyond it the polynomials go on. terms: {Noll index j: c_j}.
+
+        centre_m (y, x), radius_m: of the circle; that around the modulator where None. Each number may be a tensor.
+        """
+        y, x = (place - centre for place, centre in zip(self.positions(values), centre_m, strict=True))
+        return zernike_sum(
+            terms.items(),
+            torch.hypot(y, x) / (self.circle_radius() if radius_m is None else radius_m),
+            torch.atan2(y, x),
+        )
+
+    def circle_radius(self) -> float:
+        """Radius of the circle around the modulator, m."""
+        return math.hypot(*self.whole_shape) * self.pitch_m / 2
 
     def half_width(self) -> float:
         """Half the longer side of the modulator, m."""

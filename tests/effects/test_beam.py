@@ -1,0 +1,73 @@
+"""A beam on a part of the modulator: its shape in the modulator's plane, its wavefront in the far field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.captures.dataset import Captures
+from holoview.model.bench_parts import Relay
+from holoview.model.effects.registry import get_effect
+
+Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
+HALF = 14 * 8e-6  # of the longer side, m
+
+
+@pytest.fixture
+def near(make_session: Make) -> Captures:
+    """A picture of the modulator's own plane."""
+    return make_session(1, modulators=1, distance_m=np.zeros(1), relay2=Relay())
+
+
+def test_a_gaussian_beam_is_the_one_of_source_profile(near: Captures, predicted: Predicted) -> None:
+    """exp(−fall·r² + slope·x) is a beam of fall = size², centred at slope/(2·fall) in half sides, times a number."""
+    size, centre = 1.3, 25e-6
+    beam = predicted(near, {"beam": {"size": size, "centre_x": centre}})
+    profile = predicted(near, {"source_profile": {"fall": size**2, "slope_x": 2 * size**2 * centre / HALF}})
+    factor = math.exp(-2 * (size * centre / HALF) ** 2)
+    torch.testing.assert_close(beam, profile * factor, rtol=1e-5, atol=1e-9 * float(profile.max()))
+
+
+def test_an_ellipse_of_steep_edge_holds_the_light_within_it(near: Captures, predicted: Predicted) -> None:
+    """exp(−2·ρ^(2·edge)) of the squared distance in radii; the ellipse stretches y by e^0.2 and x by its inverse."""
+    size, edge, stretch = 2.0, 6.0, 0.2
+    image = predicted(near, {"beam": {"size": size, "edge": edge, "ellipse": stretch}})[0]
+    y, x = ((torch.arange(2 * n) // 2 - (n - 1) / 2).double() * 8e-6 / HALF * size for n in (20, 28))
+    square = (y[:, None] * math.exp(stretch)) ** 2 + (x[None] * math.exp(-stretch)) ** 2
+    expected = torch.exp(-2 * square**edge)
+    torch.testing.assert_close(image / image.max(), expected / expected.max(), rtol=1e-5, atol=1e-6)
+
+
+def test_the_wavefront_is_over_the_beam(near: Captures, predicted: Predicted) -> None:
+    """A wavefront of r.m.s. w over a small disc shifts no light in the modulator's plane; beyond it, z4 over the
+    modulator's circle of radius R has (R/r)² times the coefficient that it has over the beam's of radius r."""
+    far = {"distance_m": np.full(1, 3e-3)}
+    size = 2.0
+    circle = math.hypot(20, 28) * 8e-6 / 2
+    moved = near.__class__(**{f: getattr(near, f) for f in near.__dataclass_fields__} | far)
+    beam = {"size": size, "edge": 4.0}
+    over_beam = predicted(moved, {"beam": beam | {"z4": 50e-9}})
+    over_all = predicted(moved, {"beam": beam, "slm_flatness": {"z4_1": 50e-9 * (circle * size / HALF) ** 2}})
+    torch.testing.assert_close(over_beam, over_all, rtol=1e-4, atol=1e-4 * float(over_all.max()))
+    plain = predicted(moved, {"beam": beam})
+    assert float((over_beam - plain).abs().max()) > 0.05 * float(plain.max())
+    assert torch.allclose(predicted(near, {"beam": beam | {"z4": 50e-9}}), predicted(near, {"beam": beam}), rtol=1e-4)
+
+
+def test_even_light_with_a_wavefront_is_one_of_the_modulator(near: Captures, predicted: Predicted) -> None:
+    terms = {4: 60e-9, 8: -50e-9, 11: 20e-9}
+    light = predicted(near, {"beam": {f"z{j}": value for j, value in terms.items()}})
+    surface = predicted(near, {"slm_flatness": {f"z{j}_1": value for j, value in terms.items()}})
+    torch.testing.assert_close(light, surface, rtol=1e-5, atol=1e-8)
+
+
+def test_it_says_shape_radius_and_wavefront(make_session: Make) -> None:
+    system, effect = make_session().nominal_system(), get_effect("beam")
+    said = effect.format_finding(system, {"size": 2.0, "edge": 6.0, "centre_x": 5e-6, "z7": 30e-9, "z8": 40e-9})
+    assert "a disc of radius 0.056 mm" in said and "x = 0.005 mm" in said and "50 nm of coma" in said
+    assert "a Gaussian beam" in effect.format_finding(system, {"size": 1.0})
+    assert "even, with 20 nm of defocus" in effect.format_finding(system, {"z4": 20e-9})
