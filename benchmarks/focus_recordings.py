@@ -13,8 +13,8 @@ limits the aperture. Nothing of holoview takes part but the search that is measu
 A distance is right within a depth of focus λ/NA², NA the smaller of λ times the band (half a cycle a pixel; of an
 off-axis order its radius) and side/(2z). Of objects at several depths all have to be listed, and nothing else. "Said"
 is a recording of which the program says that no focus is clear; "said in part" one of which not all distances are
-listed, no wrong one is, and the program says that something else in the picture has no clear focus. The latter sentence
-is needless where all distances are right: a doubt.
+listed, no wrong one is, and the program says that something else in the picture has no clear focus, or how much of the
+structure is in focus at none of the distances. These sentences are needless where all distances are right: a doubt.
 """
 
 from __future__ import annotations
@@ -352,7 +352,7 @@ def measure(kind: str, seed: int, n: int) -> dict[str, Any]:
     )
     beside = [at for at in listed if min(abs(z - at) / scene.depth_of_focus_m(z) for z in scene.depths_m) > 1]
     verdict = "right" if found.clear and max(off) <= 1 and not beside else "wrong"
-    if not found.clear or (verdict == "wrong" and not beside and found.unclear):
+    if not found.clear or (verdict == "wrong" and not beside and (found.unclear or found.is_incomplete)):
         verdict = "said in part" if found.clear else "said"
     return {
         "kind": kind,
@@ -365,6 +365,8 @@ def measure(kind: str, seed: int, n: int) -> dict[str, Any]:
         "off": off,
         "first_off": first_off,
         "unclear": len(found.unclear),
+        "unexplained": found.unexplained,
+        "incomplete": found.is_incomplete,
         "verdict": verdict,
         "seconds": took_s,
     }
@@ -378,7 +380,7 @@ def summarise(path: Path) -> None:
         mine = [line for line in lines if kind in (line["kind"], "all")]
         counts = [sum(line["verdict"] == verdict for line in mine) for verdict in VERDICTS]
         if mine:
-            needless = sum(line["verdict"] == "right" and line["unclear"] > 0 for line in mine)
+            needless = sum(line["verdict"] == "right" and (line["unclear"] > 0 or line["incomplete"]) for line in mine)
             shares = [f"{sum(counts[:3]) / len(mine):.0%}"]
             rows.append([kind, str(len(mine)), *map(str, [*counts, needless]), *shares])
     header = [

@@ -87,6 +87,7 @@ def _as_json(found: FoundFocus) -> dict[str, Any]:
     ]
     unclear = [{"centre_m": thing.centre_m} for thing in found.unclear]
     focus = {"clear": found.clear, "range_m": found.range_m, "objects": objects, "unclear": unclear}
+    focus |= {} if found.unexplained is None else {"unexplained": found.unexplained}
     return {
         "distance_m": found.distance_m if found.clear else None,
         "focus": focus,
@@ -107,7 +108,7 @@ def _format(found: FoundFocus) -> list[str]:
         lines = [_of_object(thing) for thing in found.objects]
         lines[0] = f"sharpest at {lines[0]}{twin}"
         unclear = [f"something around x {x}, y {y} has no clear focus" for x, y in map(_place_of, found.unclear)]
-        return ["\n    also at ".join(lines), *unclear, *bars]
+        return ["\n    also at ".join(lines), *unclear, *_of_the_rest(found), *bars]
     for name in MEASURES:
         distance_m, other_m = found.distances_m[name], found.other_side_m[name]
         text = f"sharpest at {units.format_rounded(distance_m, 'mm')} by {name}"
@@ -128,6 +129,16 @@ def _of_object(thing: FocusedObject) -> str:
         y, x = (units.format_rounded(part, "mm") for part in thing.centre_m)
         words += f", around x {x}, y {y}"
     return f"{words} ({thing.share:.0%} of what is sharp)"
+
+
+def _of_the_rest(found: FoundFocus) -> list[str]:
+    """What the list doesn't explain of an in-line recording, where that is much."""
+    where = "none of these distances" if len(found.objects) > 1 else "another distance, or none"
+    least = units.format_rounded(found.least_apart_m, "mm")
+    return [
+        f"{found.unexplained:.0%} of the structure is in focus at {where}; two objects nearer to each other than {least} "
+        "along z aren't told apart"
+    ] * found.is_incomplete
 
 
 def _place_of(thing: Unclear) -> tuple[str, str]:

@@ -203,7 +203,7 @@ class Swept:
             kurtosis.append(fourth / second**2)
             sparsity.append(second / first**2)
             edge_sparsity.append(math.sqrt(float(slope.std()) / max(float(slope.mean()), TINY)))
-            intensity = torch.view_as_real(field).square().sum(dim=-1)
+            intensity = field.real.square() + field.imag.square()
             variance.append(float(intensity.var()) / max(float(intensity.mean()), TINY) ** 2)
             told(float(distance_m))
         tiles = np.array(kurtosis), np.array(sparsity)
@@ -222,4 +222,5 @@ def _smooth(values: NDArray[np.float32]) -> NDArray[np.float32]:
 def squared_slopes(field: Tensor) -> Tensor:
     """|∇u|² (y − 1, x − 1) of a complex field (y, x), by differences of neighbours."""
     down, right = field[1:, :-1] - field[:-1, :-1], field[:-1, 1:] - field[:-1, :-1]
-    return torch.view_as_real(down).square_().sum(dim=-1) + torch.view_as_real(right).square_().sum(dim=-1)
+    squared = torch.view_as_real(down).square_().add_(torch.view_as_real(right).square_())
+    return squared[..., 0] + squared[..., 1]  # a sum over two values is four times as slow

@@ -41,7 +41,13 @@ from holoview.optics.propagate import free_space
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.wavefield.depth_sweep import MOST_SAMPLES, Level, Swept
-from holoview.wavefield.focused_objects import FocusedObject, Unclear, search_objects
+from holoview.wavefield.focused_objects import (
+    APART_DEPTHS,
+    MOST_UNEXPLAINED,
+    FocusedObject,
+    Unclear,
+    search_objects,
+)
 from holoview.wavefield.propagation import choose_method, farthest_by_spectrum
 from holoview.wavefield.wavefield import Wavefield
 
@@ -99,8 +105,9 @@ class FoundFocus:
     """The distances at which a field is in focus.
 
     range_m: that was searched; on both sides if both are above 0. objects: what is clearly in focus, the clearest
-    first; none where no focus is clear. unclear: what else is seen in an in-line recording. whole: of the curves, how
-    many cover the range together, the first.
+    first; none where no focus is clear. unclear: what else is seen in an in-line recording. unexplained: the share, 0 …
+    1, of the power of its structure that is in focus at none of the objects' distances, None where none is clear. whole: of the curves, how many
+    cover the range together, the first.
     nearest_sampled_m: of an in-line recording the distance from which on all fringes within the frame are sampled;
     nearest_searchable_m: that from which on enough of them are, two depths of focus.
     distances_m: by each measure. other_side_m: the best distance on the other side of the plane, by each measure; None
@@ -118,6 +125,17 @@ class FoundFocus:
     nearest_sampled_m: float = 0.0
     nearest_searchable_m: float = 0.0
     unclear: tuple[Unclear, ...] = ()
+    unexplained: float | None = None
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether so much of an in-line recording isn't explained that objects must be missing, or are wrong."""
+        return self.unexplained is not None and self.unexplained > MOST_UNEXPLAINED
+
+    @property
+    def least_apart_m(self) -> float:
+        """Along z; two objects that are nearer to each other aren't told apart. 0 without objects."""
+        return APART_DEPTHS * max((thing.depth_of_focus_m for thing in self.objects), default=0.0)
 
     @property
     def clear(self) -> bool:
@@ -310,7 +328,7 @@ def _in_line_focus(
             expected=f"some of it beyond {supported}",
             remedy="nearer fringes are finer than the pixels",
         )
-    objects, unclear, levels = search_objects(swept, first_m, last_m, progress)
+    objects, unclear, unexplained, levels = search_objects(swept, first_m, last_m, progress)
     scaled = [_in_space(thing, sign, radius_m) for thing in objects]
     curves = tuple(_curve_of(level, sign, radius_m) for level in levels)
     by_measure = {name: _nearest_top(curves, name, scaled) for name in MEASURES}
@@ -325,6 +343,7 @@ def _in_line_focus(
         _real_m(swept.nearest_sampled_m, radius_m),
         _real_m(least_m, radius_m),
         tuple(_unclear_in_space(thing, objects[0].distance_m, radius_m) for thing in unclear),
+        unexplained,
     )
 
 

@@ -20,20 +20,24 @@ from torch import Tensor
 
 from holoview.numerics.sampling import frequency_indices, taper
 from holoview.optics.propagate import free_space
-from holoview.wavefield.depth_sweep import RIM, Swept
+from holoview.wavefield.depth_sweep import RIM, Swept, squared_slopes
 
 _ABOVE_MEDIAN = 3.0  # |scattered light| of an object's support, times its median over the picture
-_GAINS = (2.0, 2.0, 1.5)
+_BESIDE, _AS_SHARP = (1.5, 3.0, 6.0, 12.0), 0.8
+"""Depths of focus before and behind an object at which its parts are less sharp, and the least that they have in it of
+their greatest sharpness: the twin disturbs it."""
+_GAINS = (2.0, 2.0, 1.5, 1.5, 1.5)
 """Of each round: the amplitude alone is known, which is half of a weak object's change in the hologram."""
 _CORNER = 0.52  # cycles a sample: frequencies in the corners of the spectrum, where fringes are weakest
+_STRUCTURE = 0.02  # cycles a sample: what is smoother is the beam's
 
 
 def without_objects(swept: Swept, distances_m: list[float]) -> tuple[Swept, float]:
-    """A recording without objects at some distances, and the power left over that before, beside even noise."""
+    """A recording without objects at some distances, and the share of its structure's power that is left."""
     beam = swept.incident or 1.0
     recorded = swept.values.real / beam
     amplitude = (1 + recorded).clamp(min=0).sqrt()
-    supports = [_support(swept, _moved(swept, recorded.to(torch.complex64), z), z) for z in distances_m]
+    supports = [_support(swept, recorded.to(torch.complex64), z) for z in distances_m]
     waves = [torch.zeros_like(swept.values) for _ in distances_m]
     for gain in _GAINS:
         for i, (distance_m, support) in enumerate(zip(distances_m, supports, strict=True)):
@@ -43,10 +47,9 @@ def without_objects(swept: Swept, distances_m: list[float]) -> tuple[Swept, floa
             there = there / there.abs().clamp(min=1.0)
             waves[i] = _moved(swept, there - 1, -distance_m)
     left = recorded - ((1 + torch.stack(waves).sum(dim=0)).abs().square() - 1)
-    power = float(recorded.square().mean())
-    share = max(0.0, float(left.square().mean()) / max(power, 1e-30) - _noise(recorded.numpy()))
     fading = [torch.from_numpy(taper(n, RIM)).to(left.dtype) for n in left.shape]
     values = (left * beam * fading[0][:, None] * fading[1]).to(torch.complex64)
+    share = _share_of(values.real.numpy(), swept.values.real.numpy())
     return replace(swept, values=values, spectrum=torch.fft.fftshift(torch.fft.fft2(values))), share
 
 
@@ -61,21 +64,41 @@ def _moved(swept: Swept, wave: Tensor, distance_m: float) -> Tensor:
     return torch.fft.ifft2(torch.fft.fft2(whole) * transfer)[: wave.shape[0], : wave.shape[1]]
 
 
-def _support(swept: Swept, wave: Tensor, distance_m: float) -> Tensor:
-    """Where an object's scattered light stands out of the picture, with its inside and a margin: 0 … 1, soft."""
-    pitch_m = max(swept.pitch_m)
-    na = math.sqrt(swept.wavelength_m / swept.depth_of_focus_m(distance_m))
+def _support(swept: Swept, recorded: Tensor, distance_m: float) -> Tensor:
+    """Where an object's scattered light stands out of the picture, with its inside and a margin: 0 … 1, soft.
+
+    Of each part that stands out for itself, only if its edges are sharper at this distance than some depths of focus
+    before and behind: what is sharper there is another object's light.
+    """
+    pitch_m, depth_m = max(swept.pitch_m), swept.depth_of_focus_m(distance_m)
+    na = math.sqrt(swept.wavelength_m / depth_m)
     resolved = max(1.0, swept.wavelength_m / (2 * na * pitch_m))
+    wave = _moved(swept, recorded, distance_m)
     size = scipy.ndimage.gaussian_filter(wave.abs().numpy(), 0.5 * resolved)
     inside = scipy.ndimage.binary_dilation(
         size > _ABOVE_MEDIAN * float(np.median(size)), iterations=math.ceil(1.5 * resolved)
     )
-    filled = scipy.ndimage.binary_fill_holes(inside).astype(np.float32)
-    return torch.from_numpy(scipy.ndimage.gaussian_filter(filled, 0.5 * resolved))
+    filled = scipy.ndimage.binary_fill_holes(inside)
+    parts, count = scipy.ndimage.label(filled)
+    here = _sharpness(wave, parts, count)
+    elsewhere = [
+        _sharpness(_moved(swept, wave, side * away * depth_m), parts, count) for away in _BESIDE for side in (-1, 1)
+    ]
+    own = np.concatenate([[False], here >= _AS_SHARP * np.max(elsewhere, axis=0)])
+    return torch.from_numpy(scipy.ndimage.gaussian_filter(own[parts].astype(np.float32), 0.5 * resolved))
 
 
-def _noise(recorded: NDArray[np.float32]) -> float:
-    """The share of even noise in the power of a recording (y, x)."""
-    power = np.abs(np.fft.fft2(recorded)) ** 2
+def _sharpness(wave: Tensor, parts: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """Σ|∇u|⁴ of a wave (y, x) over each of some parts of the picture, numbered from 1."""
+    fourth = np.pad(squared_slopes(wave).numpy() ** 2, ((0, 1), (0, 1)))
+    return np.bincount(parts.ravel(), fourth.ravel(), count + 1)[1:]
+
+
+def _share_of(rest: NDArray[np.float32], recorded: NDArray[np.float32]) -> float:
+    """The power of what is left of a recording's structure over that before (both (y, x)), without even noise."""
+    before, after = (np.abs(np.fft.fft2(values)) ** 2 for values in (recorded, rest))
     f = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) for n in recorded.shape), indexing="ij"))
-    return float(np.median(power[f > _CORNER])) / math.log(2) * power.size / max(float(power.sum()), 1e-30)
+    noise = float(np.median(before[f > _CORNER])) / math.log(2)  # of exponentially distributed powers the mean
+    fine = (f > _STRUCTURE) & (f < 0.5)
+    structure, left = (float(power[fine].sum()) - noise * int(fine.sum()) for power in (before, after))
+    return float(np.clip(left / max(structure, 1e-30), 0.0, 1.0))
