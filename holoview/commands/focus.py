@@ -133,12 +133,14 @@ def _of_object(thing: FocusedObject) -> str:
 
 def _of_the_rest(found: FoundFocus) -> list[str]:
     """What the list doesn't explain of an in-line recording, where that is much."""
+    if not found.is_incomplete:
+        return []
     where = "none of these distances" if len(found.objects) > 1 else "another distance, or none"
     least = units.format_rounded(found.least_apart_m, "mm")
     return [
-        f"{found.unexplained:.0%} of the structure is in focus at {where}; two objects nearer to each other than {least} "
-        "along z aren't told apart"
-    ] * found.is_incomplete
+        f"{found.unexplained:.0%} of the structure is in focus at {where}",
+        f"two objects nearer to each other than {least} along z aren't told apart",
+    ]
 
 
 def _place_of(thing: Unclear) -> tuple[str, str]:

@@ -106,8 +106,8 @@ class FoundFocus:
 
     range_m: that was searched; on both sides if both are above 0. objects: what is clearly in focus, the clearest
     first; none where no focus is clear. unclear: what else is seen in an in-line recording. unexplained: the share, 0 …
-    1, of the power of its structure that is in focus at none of the objects' distances, None where none is clear. whole: of the curves, how many
-    cover the range together, the first.
+    1, of the power of its structure that is in focus at none of the objects' distances; None where none is clear.
+    whole: of the curves, how many cover the range together, the first.
     nearest_sampled_m: of an in-line recording the distance from which on all fringes within the frame are sampled;
     nearest_searchable_m: that from which on enough of them are, two depths of focus.
     distances_m: by each measure. other_side_m: the best distance on the other side of the plane, by each measure; None

@@ -26,18 +26,23 @@ _ABOVE_MEDIAN = 3.0  # |scattered light| of an object's support, times its media
 _BESIDE, _AS_SHARP = (1.5, 3.0, 6.0, 12.0), 0.8
 """Depths of focus before and behind an object at which its parts are less sharp, and the least that they have in it of
 their greatest sharpness: the twin disturbs it."""
+_PART, _LEAST_PART = 12, 16  # of a tile, the side over the resolved length, and samples at least
 _GAINS = (2.0, 2.0, 1.5, 1.5, 1.5)
 """Of each round: the amplitude alone is known, which is half of a weak object's change in the hologram."""
 _CORNER = 0.52  # cycles a sample: frequencies in the corners of the spectrum, where fringes are weakest
 _STRUCTURE = 0.02  # cycles a sample: what is smoother is the beam's
 
 
-def without_objects(swept: Swept, distances_m: list[float]) -> tuple[Swept, float]:
-    """A recording without objects at some distances, and the share of its structure's power that is left."""
+def without_objects(swept: Swept, distances_m: list[float], finely: bool = False) -> tuple[Swept, float]:
+    """A recording without objects at some distances, and the share of its structure's power that is left.
+
+    finely: whether their supports are examined in small tiles, so that less light of others is taken away, and more of
+    the objects' own is left; otherwise as whole connected parts.
+    """
     beam = swept.incident or 1.0
     recorded = swept.values.real / beam
     amplitude = (1 + recorded).clamp(min=0).sqrt()
-    supports = [_support(swept, recorded.to(torch.complex64), z) for z in distances_m]
+    supports = [_support(swept, recorded.to(torch.complex64), z, finely) for z in distances_m]
     waves = [torch.zeros_like(swept.values) for _ in distances_m]
     for gain in _GAINS:
         for i, (distance_m, support) in enumerate(zip(distances_m, supports, strict=True)):
@@ -64,11 +69,11 @@ def _moved(swept: Swept, wave: Tensor, distance_m: float) -> Tensor:
     return torch.fft.ifft2(torch.fft.fft2(whole) * transfer)[: wave.shape[0], : wave.shape[1]]
 
 
-def _support(swept: Swept, recorded: Tensor, distance_m: float) -> Tensor:
+def _support(swept: Swept, recorded: Tensor, distance_m: float, finely: bool) -> Tensor:
     """Where an object's scattered light stands out of the picture, with its inside and a margin: 0 … 1, soft.
 
-    Of each part that stands out for itself, only if its edges are sharper at this distance than some depths of focus
-    before and behind: what is sharper there is another object's light.
+    Of each part that stands out for itself, or its part in each tile, only if its edges are about as sharp at this
+    distance as some depths of focus before and behind: what is sharper there is another object's light.
     """
     pitch_m, depth_m = max(swept.pitch_m), swept.depth_of_focus_m(distance_m)
     na = math.sqrt(swept.wavelength_m / depth_m)
@@ -78,20 +83,22 @@ def _support(swept: Swept, recorded: Tensor, distance_m: float) -> Tensor:
     inside = scipy.ndimage.binary_dilation(
         size > _ABOVE_MEDIAN * float(np.median(size)), iterations=math.ceil(1.5 * resolved)
     )
-    filled = scipy.ndimage.binary_fill_holes(inside)
-    parts, count = scipy.ndimage.label(filled)
-    here = _sharpness(wave, parts, count)
-    elsewhere = [
-        _sharpness(_moved(swept, wave, side * away * depth_m), parts, count) for away in _BESIDE for side in (-1, 1)
-    ]
-    own = np.concatenate([[False], here >= _AS_SHARP * np.max(elsewhere, axis=0)])
-    return torch.from_numpy(scipy.ndimage.gaussian_filter(own[parts].astype(np.float32), 0.5 * resolved))
+    parts, count = scipy.ndimage.label(inside)
+    if finely:
+        side = max(_LEAST_PART, round(_PART * resolved))
+        tile_y, tile_x = (np.arange(n) // side for n in inside.shape)
+        parts = np.where(inside, parts + (count + 1) * (tile_y[:, None] * (tile_x[-1] + 1) + tile_x), 0)
+    here = _sharpness(wave, parts)
+    elsewhere = [_sharpness(_moved(swept, wave, side * away * depth_m), parts) for away in _BESIDE for side in (-1, 1)]
+    own = inside & (here >= _AS_SHARP * np.max(elsewhere, axis=0))[parts]
+    filled = scipy.ndimage.binary_fill_holes(own).astype(np.float32)
+    return torch.from_numpy(scipy.ndimage.gaussian_filter(filled, 0.5 * resolved))
 
 
-def _sharpness(wave: Tensor, parts: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Σ|∇u|⁴ of a wave (y, x) over each of some parts of the picture, numbered from 1."""
+def _sharpness(wave: Tensor, parts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Σ|∇u|⁴ of a wave (y, x) over each numbered part of the picture."""
     fourth = np.pad(squared_slopes(wave).numpy() ** 2, ((0, 1), (0, 1)))
-    return np.bincount(parts.ravel(), fourth.ravel(), count + 1)[1:]
+    return np.bincount(parts.ravel(), fourth.ravel())
 
 
 def _share_of(rest: NDArray[np.float32], recorded: NDArray[np.float32]) -> float:
