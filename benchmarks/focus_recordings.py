@@ -12,9 +12,10 @@ limits the aperture. Nothing of holoview takes part but the search that is measu
 
 A distance is right within a depth of focus λ/NA², NA the smaller of λ times the band (half a cycle a pixel; of an
 off-axis order its radius) and side/(2z). Of objects at several depths all have to be listed, and nothing else. "Said"
-is a recording of which the program says that no focus is clear, or that it has no off-axis order; "said in part" one of which not all distances are
-listed, no wrong one is, and the program says that something else in the picture has no clear focus, or how much of the
-structure is in focus at none of the distances. These sentences are needless where all distances are right: a doubt.
+is a recording of which the program says that no focus is clear, or that it has no off-axis order; "said in part" one of
+which not all distances are listed, no wrong one is, and the program says that something else in the picture has no
+clear focus, or how much of the structure is in focus at none of the distances. These sentences are needless where all
+distances are right: a doubt.
 """
 
 from __future__ import annotations

@@ -22,7 +22,9 @@ from holoview.numerics.sampling import frequency_indices, taper
 from holoview.optics.propagate import free_space
 from holoview.wavefield.depth_sweep import RIM, Swept, squared_slopes
 
-_ABOVE_MEDIAN = 3.0  # |scattered light| of an object's support, times its median over the picture
+_ABOVE_MEDIAN, _OF_GREATEST = 3.0, 0.3
+"""|scattered light| of an object's support, times its median over the picture, or its greatest value: this is less
+where an object covers much of the picture."""
 _BESIDE, _AS_SHARP = (1.5, 3.0, 6.0, 12.0), 0.8
 """Depths of focus before and behind an object at which its parts are less sharp, and the least that they have in it of
 their greatest sharpness: the twin disturbs it."""
@@ -80,9 +82,8 @@ def _support(swept: Swept, recorded: Tensor, distance_m: float, finely: bool) ->
     resolved = max(1.0, swept.wavelength_m / (2 * na * pitch_m))
     wave = _moved(swept, recorded, distance_m)
     size = scipy.ndimage.gaussian_filter(wave.abs().numpy(), 0.5 * resolved)
-    inside = scipy.ndimage.binary_dilation(
-        size > _ABOVE_MEDIAN * float(np.median(size)), iterations=math.ceil(1.5 * resolved)
-    )
+    least = min(_ABOVE_MEDIAN * float(np.median(size)), _OF_GREATEST * float(size.max()))
+    inside = scipy.ndimage.binary_dilation(size > least, iterations=math.ceil(1.5 * resolved))
     parts, count = scipy.ndimage.label(inside)
     if finely:
         side = max(_LEAST_PART, round(_PART * resolved))

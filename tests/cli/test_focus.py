@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from holoview.cli import main
 from holoview.io.load_field import open_hologram
@@ -95,6 +96,31 @@ def test_the_object_of_an_in_line_recording_is_told_with_its_place(
     depth_m = 633e-9 / (SIDE * PITCH_M / (2 * 8e-3)) ** 2  # the side of the camera limits the aperture: 0.25 mm
     assert abs(first["distance_m"] - 8e-3) < depth_m
     assert np.hypot(*first["centre_m"]) < 80 * PITCH_M
+
+
+def test_much_structure_without_a_focus_is_said_with_its_share(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The beam has a pattern of its own beside nine dark spots; without it nothing is said."""
+    screen = np.ones((2 * SIDE, 2 * SIDE), np.complex64)  # the camera sees the middle, without the edge of the light
+    for row, column in np.ndindex(3, 3):
+        y, x = 143 + 50 * row + 7 * column, 148 + 47 * column - 5 * row  # no two at the same height
+        screen[y : y + 5, x : x + 5] = 0
+    field = Wavefield(screen[None, None], (PITCH_M, PITCH_M), np.array([WAVELENGTH]))
+    middle = slice(SIDE // 2, 3 * SIDE // 2)
+    intensity = np.abs(propagate_field(field, 0.008, "asm").values[0, 0].numpy()[middle, middle]) ** 2
+    pattern = gaussian_filter(np.random.default_rng(5).normal(size=intensity.shape), 2.0)
+    pattern *= intensity.std() / pattern.std()
+    for extra in (0 * pattern, pattern):
+        counts = np.clip(100 * (intensity + extra), 0, 255).astype(np.uint8)
+        Image.fromarray(counts).save(tmp_path / "spots.png")
+        line = ["focus", str(tmp_path / "spots.png"), *KNOWN, "--recording", "in-line", "--range", "4,16mm"]
+        assert main(line) == 0
+        text = capsys.readouterr().out
+        assert main([*line, "--json"]) == 0
+        focus = json.loads(capsys.readouterr().out)["focus"]
+        share = f"{focus['unexplained']:.0%} of the structure is in focus at"
+        assert (share in text) == ("aren't told apart" in text) == (extra is pattern)
 
 
 def test_a_recording_is_opened_as_its_field(files) -> None:
