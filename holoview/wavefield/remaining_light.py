@@ -99,7 +99,7 @@ def _support(swept: Swept, recorded: Tensor, distance_m: float, finely: bool) ->
 def _sharpness(wave: Tensor, parts: NDArray[np.int64]) -> NDArray[np.float64]:
     """Σ|∇u|⁴ of a wave (y, x) over each numbered part of the picture."""
     fourth = np.pad(squared_slopes(wave).numpy() ** 2, ((0, 1), (0, 1)))
-    return np.bincount(parts.ravel(), fourth.ravel())
+    return np.asarray(np.bincount(parts.ravel(), fourth.ravel()), np.float64)
 
 
 def _share_of(rest: NDArray[np.float32], recorded: NDArray[np.float32]) -> float:
