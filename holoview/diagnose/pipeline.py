@@ -57,6 +57,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import (
     ActiveEffects,
+    effect_on_bench,
     is_user_effect,
     listed_effects,
     load_user_effects,
@@ -426,7 +427,7 @@ def prepare_search(
         raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
     properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: unmet_by_data(e, properties) for e in effects}
-    visible = {e.id: e for e in effects if not unmet[e.id]}
+    visible = {e.id: effect_on_bench(e, properties) for e in effects if not unmet[e.id]}
     others = [e for e in effects if unmet[e.id] and not unmet_by_bench(e, properties)]
     unseen = {e.id: e for e in others if not changes_only_power(e)}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
