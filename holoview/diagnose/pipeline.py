@@ -11,6 +11,7 @@ from functools import partial
 
 import torch
 
+from holoview.captures.count_bits import with_clipped_as_saturated
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
@@ -122,12 +123,15 @@ def diagnose(
     records, the captures are searched as recorded as well, each within half of the budget; the better explanation
     counts.
 
-    Every capture is judged: `Diagnosis.bad_captures` lists those that don't fit their records. Of a single picture,
+    Counts that are clipped below the camera's full scale count as saturated, and a note says so. Every capture is
+    judged: `Diagnosis.bad_captures` lists those that don't fit their records. Of a single picture,
     blocks of pixels are held out. Raises UserError when no capture shows anything, and for known effects that such a
     bench can't have.
     """
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
+    said: list[str] = []
+    captures = with_clipped_as_saturated(captures, said.append)
     candidates = list(listed_effects().values() if effects is None else effects)
     ceiling_s = math.inf if time_s is None else time_s
     options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
@@ -138,7 +142,8 @@ def diagnose(
         diagnosis = _diagnose(captures, request)
     finally:
         torch.set_num_threads(threads)
-    return replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+    notes = (*diagnosis.notes, *(f"{text[:1].upper()}{text[1:]}." for text in said))
+    return replace(diagnosis, captures=len(captures), notes=notes, seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
