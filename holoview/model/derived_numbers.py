@@ -181,6 +181,8 @@ def _sampling(plan: Plan) -> list[InfoRow]:
     grid, how = plan.grid, plan.system.sampling.propagation
     if how == "periodic" and grid.padded != grid.shape:
         how += ", padded to the next sizes that can be transformed"
+    if fewer := _smaller_alone(plan):
+        how += f", by the farthest of {len(plan.planes)} planes: {fewer} alone would take fewer samples"
     return [
         InfoRow(
             "sampling",
@@ -190,6 +192,12 @@ def _sampling(plan: Plan) -> list[InfoRow]:
         InfoRow("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
         InfoRow("sampling", "expected wrap-around", format_wrap_around(plan)),
     ]
+
+
+def _smaller_alone(plan: Plan) -> int:
+    """How many planes would be computed on a smaller grid without the others; their pictures differ then a little."""
+    alone = [make_plan(plan.nominal, [plane.nominal_m]).grid.padded for plane in plan.planes]
+    return sum(padded != plan.grid.padded for padded in alone)
 
 
 def format_wrap_around(plan: Plan) -> str:
