@@ -181,8 +181,10 @@ def _sampling(plan: Plan) -> list[InfoRow]:
     grid, how = plan.grid, plan.system.sampling.propagation
     if how == "periodic" and grid.padded != grid.shape:
         how += ", padded to the next sizes that can be transformed"
-    if fewer := _smaller_alone(plan):
-        how += f", by the farthest of {len(plan.planes)} planes: {fewer} alone would take fewer samples"
+    fewer = _smaller_alone(plan)
+    shared = (
+        f"of the farthest of {len(plan.planes)}: {fewer} alone would take fewer samples, and look a little different"
+    )
     return [
         InfoRow(
             "sampling",
@@ -190,6 +192,7 @@ def _sampling(plan: Plan) -> list[InfoRow]:
             f"{grid.shape[1]} x {grid.shape[0]} at {units.format_rounded(grid.pitch_m, 'um')}",
         ),
         InfoRow("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
+        *([InfoRow("sampling", "grid of all planes", shared)] if fewer else []),
         InfoRow("sampling", "expected wrap-around", format_wrap_around(plan)),
     ]
 

@@ -154,9 +154,7 @@ def test_an_eye_is_told_in_dioptres_and_degrees() -> None:
 
 def test_info_says_that_the_grid_of_compact_is_shared_by_all_planes() -> None:
     """Of 20, 22.5, 25, 27.5 and 30 mm each alone would be padded less than the last one."""
-    grid = _facts("bench-plm", shape=[96, 128])["transformed grid"]
-    assert grid == "432 x 360 (compact, by the farthest of 5 planes: 4 alone would take fewer samples)"
-    alone = _facts("bench-plm", shape=[96, 128], planes=["30 mm"])["transformed grid"]
-    assert alone == "432 x 360 (compact)"
-    linear = _facts("bench-plm", shape=[96, 128], propagation="linear")["transformed grid"]
-    assert linear.endswith("(linear)")
+    shared = _facts("bench-plm", shape=[96, 128])["grid of all planes"]
+    assert shared == "of the farthest of 5: 4 alone would take fewer samples, and look a little different"
+    for changes in ({"planes": ["30 mm"]}, {"propagation": "linear"}):
+        assert "grid of all planes" not in _facts("bench-plm", shape=[96, 128], **changes)
