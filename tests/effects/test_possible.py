@@ -162,7 +162,7 @@ def test_a_parameter_of_a_part_that_the_bench_lacks_is_refused_and_no_fit_varies
 @pytest.mark.parametrize("kind", ["one modulator", "two modulators"])
 @pytest.mark.parametrize("name", [n for n, e in listed_effects().items() if not set(e.hooks) <= set(CAMERA_HOOKS)])
 def test_a_parameter_that_is_set_changes_the_picture_or_is_refused_or_told(name: str, kind: str) -> None:
-    """Each alone, at its usual size, hard edges at four times it: the grid is coarse."""
+    """Each alone, at its usual size, hard edges at four times it: the grid is coarse. A billionth is no change."""
     system = _bench(kind).edit({"frames": 2, "planes": ["1 mm"], "amplitudes": [[0.5], [0.5]]})
     effect, rng = get_effect(name), np.random.default_rng(5)
     if unmet_by_bench(effect, bench_properties(system)):
@@ -180,7 +180,7 @@ def test_a_parameter_that_is_set_changes_the_picture_or_is_refused_or_told(name:
             continue
         is_told = any(f"effects.{name}.{p.name} " in note for note in view.notes)
         changed = view.intensity.sum(axis=1) - plain.intensity.sum(axis=1)
-        assert is_told != (np.abs(changed).max() > 1e-12 * plain.intensity.max()), p.name
+        assert is_told != (np.abs(changed).max() > 1e-9 * plain.intensity.max()), p.name
 
 
 def test_parameters_of_lasers_that_are_left_out_and_of_nothing_are_told() -> None:
