@@ -123,15 +123,12 @@ def diagnose(
     records, the captures are searched as recorded as well, each within half of the budget; the better explanation
     counts.
 
-    Counts that are clipped below the camera's full scale count as saturated, and a note says so. Every capture is
-    judged: `Diagnosis.bad_captures` lists those that don't fit their records. Of a single picture,
-    blocks of pixels are held out. Raises UserError when no capture shows anything, and for known effects that such a
-    bench can't have.
+    Counts clipped below the camera's full scale count as saturated. Every capture is judged: `Diagnosis.bad_captures`
+    lists those that don't fit their records. Of a single picture, blocks of pixels are held out. Raises UserError when
+    no capture shows anything, and for known effects that such a bench can't have.
     """
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
-    said: list[str] = []
-    captures = with_clipped_as_saturated(captures, said.append)
     candidates = list(listed_effects().values() if effects is None else effects)
     ceiling_s = math.inf if time_s is None else time_s
     options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
@@ -142,8 +139,7 @@ def diagnose(
         diagnosis = _diagnose(captures, request)
     finally:
         torch.set_num_threads(threads)
-    notes = (*diagnosis.notes, *(f"{text[:1].upper()}{text[1:]}." for text in said))
-    return replace(diagnosis, captures=len(captures), notes=notes, seconds=time.monotonic() - began)
+    return replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
@@ -175,7 +171,9 @@ class _Request:
 
 
 def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
-    """Puts records right, corrects known effects that were measured, and searches."""
+    """Leaves out clipped counts, puts records right, corrects known effects that were measured, and searches."""
+    said: list[str] = []
+    captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
@@ -183,7 +181,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
-    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
+    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
 
 
 @dataclass(frozen=True)

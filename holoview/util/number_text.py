@@ -6,6 +6,8 @@ join pairs: such texts are refused.
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,6 +56,27 @@ def find_layout(lines: Sequence[str], where: str) -> NumberLayout:
         found = f'"{with_commas[0]}" may be {with_commas[0].replace(",", ".")} or {with_commas[0].replace(",", "")}'
         raise UserError(where, found, expected="decimal points", remedy=_WITH_POINTS)
     return NumberLayout(separator, True)
+
+
+def read_csv(text: str, where: str) -> tuple[list[dict[str, str | None]], bool]:
+    """The lines of a table with headings, {heading: cell}, None where cells are missing; whether its commas are decimal
+    signs, which they are where semicolons separate the headings.
+
+    where: the file. Raises UserError for a line with more cells than headings, as decimal commas between commas make,
+    and for a table that can't be read.
+    """
+    separator = ";" if ";" in text.partition("\n")[0] else ","
+    try:
+        lines = list(csv.DictReader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise UserError(where, f"can't be read: {error}", expected="a table with headings") from error
+    for number, line in enumerate(lines, start=2):
+        cells = [cell for cell in line.pop(None, []) if cell.strip()]  # type: ignore[call-overload]
+        if cells:
+            found = f"{len(line) + len(cells)} cells below {len(line)} headings"
+            remedy = f"{_WITH_POINTS}, or semicolons between them"
+            raise UserError(f"{where}, line {number}", found, expected="as many as headings", remedy=remedy)
+    return lines, separator == ";"
 
 
 def _check_plain_commas(lines: Sequence[str], where: str) -> None:
