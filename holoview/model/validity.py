@@ -547,6 +547,9 @@ def _sample_phase(plan: Plan) -> Measured | None:
 def _idle_parameters(plan: Plan) -> Measured | None:
     active, bench = ActiveEffects(plan.nominal.effect_values), bench_properties(plan.nominal)
     found = [words for effect, v in active.pairs for words in idle_parameters(effect, v, bench)]
+    if plan.nominal.frames == 1:
+        of_time = [effect.id for effect, _ in active.pairs if effect.hooks == ("settled_share",)]
+        found += [f"effects.{name} changes nothing of one frame, which comes after itself" for name in of_time]
     if not active.pairs:
         return None
     where = found[0].split(" ", 1)[0] if found else "effects"

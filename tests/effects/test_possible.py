@@ -24,7 +24,6 @@ from holoview.model.effects.registry import (
     bench_properties,
     effect_on_bench,
     get_effect,
-    idle_parameters,
     listed_effects,
     parameter_unmet_by_bench,
     unmet_by_bench,
@@ -189,9 +188,8 @@ def test_parameters_of_lasers_that_are_left_out_and_of_nothing_are_told() -> Non
         ("slm1_fringes", {"cos1": 0.1, "cos2": 0.1}, "effects.slm1_fringes.cos2 acts on laser 2, and there are 1"),
         ("bandwidth", {"top": 0.5}, "effects.bandwidth.top changes nothing without sigma"),
         ("second_line", {"offset": 1e-9}, "effects.second_line.offset changes nothing without share"),
+        ("settling", {"share1": 0.2}, "effects.settling changes nothing of one frame"),
     ):
-        effect = get_effect(name)
-        assert idle_parameters(effect, effect.parameter_values(values), bench_properties(system)) == [words]
         noted = hv.simulate(system.edit({"effects": {name: values}}), np.zeros(system.drive_shape), backend="torch")
         assert any(words in note for note in noted.notes)
 
