@@ -71,7 +71,7 @@ def read_csv(text: str, where: str) -> tuple[list[dict[str, str | None]], bool]:
     except csv.Error as error:
         raise UserError(where, f"can't be read: {error}", expected="a table with headings") from error
     for number, line in enumerate(lines, start=2):
-        cells = [cell for cell in line.pop(None, []) if cell.strip()]  # type: ignore[call-overload]
+        cells = [cell for cell in line.pop(None, []) if cell.strip()]
         if cells:
             found = f"{len(line) + len(cells)} cells below {len(line)} headings"
             remedy = f"{_WITH_POINTS}, or semicolons between them"
