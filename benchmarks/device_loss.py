@@ -15,6 +15,7 @@ optimisation has to come to its end.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import tempfile
@@ -120,8 +121,7 @@ def recovery(folder: Path, options: Sequence[str], optimises: bool) -> Recovery:
             page.press("e")  # an edit: the exposure
             before = page.wait_until_still(0 if optimises else _STILL_FRAMES)
             if optimises:
-                page.press("Enter", "Control")
-                _look_until(page, lambda: _has_unfinished(served))
+                _begin_optimisation(page, served)
             told.touch()
             began = time.monotonic()
             _draw_until_closed(page)
@@ -144,11 +144,30 @@ def _page(served: Served) -> Iterator[Page]:
         yield Page(connection)
 
 
+def _begin_optimisation(page: Page, served: Served) -> None:
+    """Returns once a running optimisation has been saved; one that has come to its end before is begun again."""
+    ended = -1
+
+    def is_running() -> bool:
+        nonlocal ended
+        if _has_unfinished(served):
+            return True
+        if (count := sum(label.startswith("Optimise") for label in served.edits())) > ended:
+            ended = count
+            page.press("Enter", "Control")
+        return False
+
+    _look_until(page, is_running)
+
+
 def _draw_until_closed(page: Page) -> None:
+    until = time.monotonic() + PATIENCE_S
     with suppress(ConnectionClosed):
-        for place in range(10_000):
+        for place in itertools.count():
             page.point(100.0 + place % 50)
             page.picture()
+            if time.monotonic() > until:
+                raise RuntimeError(f"the viewer goes on {PATIENCE_S:.0f} s after its device was to be lost")
 
 
 def _differ(first: NDArray[np.int_], second: NDArray[np.int_]) -> float:

@@ -39,7 +39,13 @@ from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import StageField, TorchExecutor, beam_at_stage
 from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.device import Device, open_device
-from holoview.model.effects.registry import ActiveEffects, listed_effects
+from holoview.model.effects.registry import (
+    ActiveEffects,
+    bench_properties,
+    get_effect,
+    listed_effects,
+    parameter_unmet_by_bench,
+)
 from holoview.model.plan import Beam, Plan, make_plan
 from holoview.model.system import System
 from holoview.model.validity import check_plan
@@ -128,8 +134,13 @@ def benches() -> dict[str, tuple[System, Any]]:
 
 
 def with_effect(system: System, name: str) -> System:
-    """A bench with an effect, or with several: "second_line+flicker"."""
-    return system.edit({"effects": {each: dict(values_of(each)) for each in name.split("+")}})
+    """A bench with an effect, or with several: "second_line+flicker"; without parameters of parts that it lacks."""
+    bench = bench_properties(system)
+    effects: dict[str, Values] = {}
+    for each in name.split("+"):
+        lacking = {p.name for p in get_effect(each).parameters if parameter_unmet_by_bench(p, bench)}
+        effects[each] = {key: value for key, value in values_of(each).items() if key not in lacking}
+    return system.edit({"effects": effects})
 
 
 def values_of(name: str) -> Values:

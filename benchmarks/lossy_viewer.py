@@ -30,8 +30,10 @@ def _lose_device(told: Path) -> None:
 
     from holoview.gpu.device import Device
 
-    devices = [found for found in gc.get_objects() if isinstance(found, Device)]
+    devices = [found for found in gc.get_objects() if type(found) is Device]  # isinstance asks dead weak references
     told.unlink()
+    if not devices:
+        print("no graphics device to lose", file=sys.stderr, flush=True)
     for device in devices:  # not by `destroy`, which also ends the thread that tells who waits; a driver doesn't
         lib.wgpuDeviceDestroy(device.raw._internal)
 

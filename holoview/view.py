@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor, simulation_bytes
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.light_share import LightShares, figures_of, light_shares
+from holoview.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
 from holoview.io.hologram import Hologram
 from holoview.model.bench_parts import Modulator, Relay, Source
 from holoview.model.effects.registry import ActiveEffects
@@ -410,10 +410,10 @@ def simulate(
     plan = make_plan(system, planes)
     needed = simulation_bytes(plan, double=backend == "torch64")
     require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
-    executor, label = open_executor(plan, drive, backend, adapter)
+    executor, label = open_executor(plan, drive, backend, adapter, measures_power=needs_transforms(plan))
     intensity, xyz = compute_focal_stack(executor, progress)
     focus_m, eye = np.array([plane.nominal_m for plane in plan.planes]), system.eye
-    light = light_shares(plan, drive, intensity)
+    light = light_shares(plan, drive, intensity, executor.power_behind)
     return View(
         intensity=intensity,
         xyz=xyz,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
+from holoview.util.number_text import find_layout
 
 Floats = NDArray[np.float64]
 
@@ -99,16 +100,17 @@ def parse_sweep(text: str, name: str = "sweep") -> Sweep:
 def parse_columns(text: str, most: int, expected: str, where: str) -> Floats:
     """The numbers (row, column) of a text of 1 to `most` columns, separated by comma, semicolon, tab or space.
 
-    Beside semicolons and tabs a comma is a decimal point. The first line may hold headings, and lines that begin with #
-    are comments. Raises UserError, which names the line, for anything else.
+    Beside others a comma is a decimal point (`holoview.util.number_text`). The first line may hold headings, and lines
+    that begin with # are comments. Raises UserError, which names the line, for anything else.
     """
     lines = [(number, line.strip()) for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1)]
     lines = [(number, line) for number, line in lines if line and line[0] != "#"]
-    if lines and not any(_is_number(cell) for cell in _split_cells(lines[0][1])):
+    if lines and not any(_is_number(cell) for cell in re.split(r"[,;\t ]+", lines[0][1])):
         lines = lines[1:]
+    layout = find_layout([line for _, line in lines], where)
     rows: list[list[float]] = []
     for number, line in lines:
-        cells = _split_cells(line)
+        cells = [cell for cell in layout.words(line) if cell]
         if not 1 <= len(cells) <= most:
             raise UserError(f"line {number}", f'"{line[:40]}", {len(cells)} columns', expected=expected)
         for cell in cells:
@@ -121,12 +123,6 @@ def parse_columns(text: str, most: int, expected: str, where: str) -> Floats:
     if not rows:
         raise UserError(where, "no numbers", expected=expected)
     return np.array(rows, dtype=np.float64)
-
-
-def _split_cells(line: str) -> list[str]:
-    if ";" in line or "\t" in line:  # beside these a comma is a decimal point
-        line = line.replace(",", ".")
-    return [cell for cell in re.split(r"[,;\t ]+", line) if cell]
 
 
 def _is_number(cell: str) -> bool:

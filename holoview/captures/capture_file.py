@@ -33,7 +33,6 @@ bench.toml describes modulators, camera and distances:
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 import os
@@ -73,6 +72,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
 from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.number_text import read_csv
 from holoview.util.progress import StepCallback
 from holoview.util.reader_process import call_in_child
 from holoview.util.tables import ArraySchema, NumberSchema, parse_toml
@@ -451,12 +451,7 @@ def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
     Columns are separated by commas, or by semicolons, between which commas are decimal signs.
     """
     expected = "a table with a line a capture"
-    try:
-        content = read_text(path, expected)
-        separator = ";" if ";" in content.partition("\n")[0] else ","
-        lines = list(csv.DictReader(io.StringIO(content, newline=""), delimiter=separator, skipinitialspace=True))
-    except csv.Error as error:
-        raise UserError(str(path), f"can't be read: {error}", expected=expected) from error
+    lines, has_decimal_commas = read_csv(read_text(path, expected), str(path))
     if not lines:
         raise UserError(
             str(path), "is empty", expected=f"columns {', '.join([*file_columns, *_VALUE_COLUMNS])}, a line a capture"
@@ -472,7 +467,7 @@ def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
             if name in file_columns:
                 row[name] = text
             else:
-                plain = text.replace(",", ".") if separator == ";" else text
+                plain = text.replace(",", ".") if has_decimal_commas else text
                 row[name] = _cell_value(_VALUE_COLUMNS[name], plain, where)
         rows.append(row)
     return rows

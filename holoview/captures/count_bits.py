@@ -1,14 +1,18 @@
 """Counts of captures in the bits that are stated: left-justified, filled up to 16 bits, or clipped too low.
 
-`counts_as_stated` puts right what is sure when pictures are imported; `bits_error` is the error for captures whose
-counts contradict `bit_depth`, with the advice that mends them.
+`counts_as_stated` puts right what is sure when pictures are imported, `with_clipped_as_saturated` what a diagnosis or a
+calibration can't use; `bits_error` is the error for captures whose counts contradict `bit_depth`, with the advice that
+mends them.
 """
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.dataset import Captures
 from holoview.numerics.sample_bits import SampleBits, find_bits, find_clipping
 from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
@@ -39,6 +43,17 @@ def counts_as_stated(images: NDArray[np.uint16], bit_depth: int, tell: TextCallb
     error = bits_error(images, bit_depth)
     if error is not None:
         raise error
+    return _clipped_as_saturated(images, saturation, tell)
+
+
+def with_clipped_as_saturated(captures: Captures, tell: TextCallback) -> Captures:
+    """The captures with the counts at which the camera clips below its full scale as saturated ones, which say of the
+    light only that it was more; `tell` hears of them. The same captures where nothing is clipped."""
+    images = _clipped_as_saturated(captures.images, captures.camera.saturation, tell)
+    return captures if images is captures.images else dataclasses.replace(captures, images=images)
+
+
+def _clipped_as_saturated(images: NDArray[np.uint16], saturation: int, tell: TextCallback) -> NDArray[np.uint16]:
     clip = find_clipping(_some(images))
     if clip is None or clip.level >= saturation:
         return images

@@ -229,7 +229,8 @@ class Captures:
         wavelengths, planes, powers = (
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
         )
-        return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier)
+        lasers = len(self.lasers_m) or wavelengths
+        return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier, lasers=lasers)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """The captures of these indices, in that order, on the same bench."""

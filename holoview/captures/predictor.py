@@ -38,6 +38,7 @@ from holoview.model.validity import check_plan
 from holoview.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
+from holoview.util.units import format_rounded
 
 Tensor = torch.Tensor
 _MB = 1 << 20
@@ -274,9 +275,14 @@ class Predictor:
         return self._plans[key]
 
     def _distance(self, k: int, active: TorchEffects) -> float:
-        """Of the camera, m; never behind the last modulator."""
-        distance = active.camera_distance(float(self.captures.distance_m[k]))
-        return distance if self.captures.is_fourier else max(distance, 0.0)
+        """Of the camera, m. Raises UserError for one before the last modulator."""
+        nominal = float(self.captures.distance_m[k])
+        distance = active.camera_distance(nominal)
+        if distance < 0 and not self.captures.is_fourier:
+            where = ", ".join(f"effects.{effect.id}" for effect, _ in active.with_hooks("camera_distance"))
+            found = f"{format_rounded(-distance, 'mm')} before the last modulator at {format_rounded(nominal, 'mm')}"
+            raise UserError(where, f"the camera would be {found}", expected="a camera behind it")
+        return distance
 
     def _forward_model(
         self, plan: Plan, active: TorchEffects, cache: TensorCache, earlier: tuple[Tensor, Tensor] | None

@@ -24,6 +24,7 @@ from holoview.calibrate.lut_table import (
 from holoview.calibrate.sweep import read_sweep
 from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
+from holoview.captures.count_bits import with_clipped_as_saturated
 from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
@@ -129,7 +130,8 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     settings = {name: value for name, option in _SETTINGS.items() if (value := getattr(args, option)) is not None}
     settings |= bench_sampling(args)
     start = None if args.preset is None else preset.load(args.preset)
-    task = plan_calibration(read_captures(file), start, args.output.stem, settings, args.pixels_a_node)
+    captures = with_clipped_as_saturated(read_captures(file), lambda text: print_stderr(f"note: {text}"))
+    task = plan_calibration(captures, start, args.output.stem, settings, args.pixels_a_node)
     for note in task.notes:
         print_stderr(f"note: {note}")
     return task

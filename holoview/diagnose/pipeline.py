@@ -11,6 +11,7 @@ from functools import partial
 
 import torch
 
+from holoview.captures.count_bits import with_clipped_as_saturated
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
@@ -57,6 +58,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import (
     ActiveEffects,
+    effect_on_bench,
     is_user_effect,
     listed_effects,
     load_user_effects,
@@ -121,9 +123,9 @@ def diagnose(
     records, the captures are searched as recorded as well, each within half of the budget; the better explanation
     counts.
 
-    Every capture is judged: `Diagnosis.bad_captures` lists those that don't fit their records. Of a single picture,
-    blocks of pixels are held out. Raises UserError when no capture shows anything, and for known effects that such a
-    bench can't have.
+    Counts clipped below the camera's full scale count as saturated. Every capture is judged: `Diagnosis.bad_captures`
+    lists those that don't fit their records. Of a single picture, blocks of pixels are held out. Raises UserError when
+    no capture shows anything, and for known effects that such a bench can't have.
     """
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
@@ -169,7 +171,9 @@ class _Request:
 
 
 def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
-    """Puts records right, corrects known effects that were measured, and searches."""
+    """Leaves out clipped counts, puts records right, corrects known effects that were measured, and searches."""
+    said: list[str] = []
+    captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
@@ -177,7 +181,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
-    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
+    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
 
 
 @dataclass(frozen=True)
@@ -426,7 +430,7 @@ def prepare_search(
         raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
     properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: unmet_by_data(e, properties) for e in effects}
-    visible = {e.id: e for e in effects if not unmet[e.id]}
+    visible = {e.id: effect_on_bench(e, properties) for e in effects if not unmet[e.id]}
     others = [e for e in effects if unmet[e.id] and not unmet_by_bench(e, properties)]
     unseen = {e.id: e for e in others if not changes_only_power(e)}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]

@@ -32,6 +32,12 @@ def _term(noll: int) -> Parameter:
     )
 
 
+def _centre(name: str) -> Parameter:
+    moved = ("size", *(f"z{noll}" for noll in WAVEFRONT_TERMS))
+    doc = "Place of its centre."
+    return Parameter(name, doc, "mm", low=-0.05, high=0.05, prior=1e-3, secondary=True, modifies=moved)
+
+
 class Beam(Effect):
     """amplitude = exp(−(size²·|E(r − centre)|²)^edge) · exp(2πi·W(r)/λ), r in half sides of the modulator, the longer.
 
@@ -53,11 +59,25 @@ class Beam(Effect):
             prior=0.5,
         ),
         Parameter(
-            "edge", "Exponent of the edge: 1 Gaussian, 8 nearly a disc.", low=0.7, high=8.0, prior=1.0, identity=1.0
+            "edge",
+            "Exponent of the edge: 1 Gaussian, 8 nearly a disc.",
+            low=0.7,
+            high=8.0,
+            prior=1.0,
+            identity=1.0,
+            modifies=("size",),
         ),
-        Parameter("centre_y", "Place of its centre.", "mm", low=-0.05, high=0.05, prior=1e-3, secondary=True),
-        Parameter("centre_x", "Place of its centre.", "mm", low=-0.05, high=0.05, prior=1e-3, secondary=True),
-        Parameter("ellipse", "Half the logarithm of width over height.", low=-1.0, high=1.0, prior=0.2, secondary=True),
+        _centre("centre_y"),
+        _centre("centre_x"),
+        Parameter(
+            "ellipse",
+            "Half the logarithm of width over height.",
+            low=-1.0,
+            high=1.0,
+            prior=0.2,
+            secondary=True,
+            modifies=("size",),
+        ),
         *map(_term, WAVEFRONT_TERMS),
     )
     acts_on = ("source",)

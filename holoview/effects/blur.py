@@ -80,6 +80,10 @@ class MotionBlur(Effect):
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1))
 
 
+def _copy_shift(name: str, doc: str) -> Parameter:
+    return Parameter(name, doc, "px", low=-500.0, high=500.0, prior=10.0, modifies=("strength",))
+
+
 class Ghost(Effect):
     """signal(y, x) → signal(y, x) + strength·signal(y − shift_y, x − shift_x), in camera pixels."""
 
@@ -88,8 +92,8 @@ class Ghost(Effect):
     finding = "A ghost of {strength} of the picture's brightness lies {shift_y} (y) and {shift_x} (x) beside it."
     parameters = (
         Parameter("strength", "Brightness of the copy.", low=0.0, high=1.0, prior=0.05),
-        Parameter("shift_y", "Shift of the copy in y (rows).", "px", low=-500.0, high=500.0, prior=10.0),
-        Parameter("shift_x", "Shift of the copy in x (columns).", "px", low=-500.0, high=500.0, prior=10.0),
+        _copy_shift("shift_y", "Shift of the copy in y (rows)."),
+        _copy_shift("shift_x", "Shift of the copy in x (columns)."),
     )
     start_kinds = (StartKind.GHOST,)
     acts_on = ("camera",)

@@ -9,7 +9,10 @@ import numpy as np
 
 from holoview.model.effects.effect import DataProperties, Effect, Needs, Parameter, Values
 from holoview.model.system import System
+from holoview.util.errors import UserError
 from holoview.util.units import format_rounded
+
+_ROUNDING_M = 1e-15  # of a difference of distances below 1 m, which may miss 0
 
 
 class Distance(Effect):
@@ -39,6 +42,10 @@ class Distance(Effect):
 
     def actual_system(self, system: System, v: Values) -> System:
         planes_m = system.planes_m + v["distance_error"]
+        if not system.is_field and (nearest_m := float(planes_m.min())) < -_ROUNDING_M:
+            nominal, before = format_rounded(nearest_m - v["distance_error"], "mm"), format_rounded(-nearest_m, "mm")
+            found = f"brings the plane at {nominal} to {before} before the last modulator"
+            raise UserError("distance_error", found, expected="planes behind it", remedy="lower it, or move the planes")
         return system.with_(planes=planes_m if system.is_field else np.maximum(planes_m, 0.0))
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:

@@ -80,6 +80,7 @@ class SecondLine(Effect):
             prior=_PRIOR_M,
             identity=2e-9,
             passes_edges=True,
+            modifies=("share",),
         ),
     )
     acts_on = ("source",)
@@ -125,7 +126,15 @@ class Bandwidth(Effect):
             scan=(1e-9, 9e-9, 1e-9),
             even_symmetric=True,
         ),
-        Parameter("top", "Share of a rectangle in the line.", low=0.0, high=1.0, prior=0.5, secondary=True),
+        Parameter(
+            "top",
+            "Share of a rectangle in the line.",
+            low=0.0,
+            high=1.0,
+            prior=0.5,
+            secondary=True,
+            modifies=("sigma",),
+        ),
     )
     acts_on = ("source",)
 
@@ -143,7 +152,7 @@ class Bandwidth(Effect):
     def sample_phase(self, system: System, v: Values) -> float:
         """π·z·u²·δλ, summed over gap and farthest plane: u of the first order's edge, δλ between neighbouring nodes."""
         shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
-        ways = ((system.gap_m or 0.0, system.relay1), (float(system.planes_m.max()), system.relay2))
+        ways = ((system.gap_m or 0.0, system.relay1), (float(np.abs(system.planes_m).max()), system.relay2))
         turns = sum(z * (relay.first_order_sine(shortest, pitch_m) / shortest) ** 2 for z, relay in ways)
         return math.pi * turns * v["sigma"] * _widest_step(_point_count(v["sigma"]), v["top"])
 

@@ -30,6 +30,9 @@ LASERS = len(_ORDINALS)
 """The largest number of wavelengths in captures or on a bench."""
 
 
+_DEPTHS = tuple(f"{part}{number}" for number in range(1, LASERS + 1) for part in ("cos", "sin"))
+
+
 def depth_parameters(centre: str) -> tuple[Parameter, ...]:
     """The parameters cos1, sin1 … cos8, sin8 of fringes whose phase is stated at a place, such as "the centre"."""
     return tuple(
@@ -39,6 +42,7 @@ def depth_parameters(centre: str) -> tuple[Parameter, ...]:
             low=-0.5,
             high=0.5,
             prior=0.02,
+            laser=number,
         )
         for number, word in enumerate(_ORDINALS, start=1)
         for part, name in (("cos", "cosine"), ("sin", "sine"))
@@ -62,14 +66,15 @@ def _wedge(of: str, least_y: float = -2e-3) -> tuple[Parameter, ...]:
             low=low,
             high=2e-3,
             prior=5e-6,
+            modifies=_DEPTHS,
         )
         for axis, last, first, low in (("y", "lower", "upper", least_y), ("x", "right", "left", -2e-3))
     )
 
 
-def wedge_starts() -> list[dict[str, float]]:
+def wedge_starts(system: System) -> list[dict[str, float]]:
     """Points {parameter: value} of a few wedges, path_y and path_x, with weak fringes at every wavelength."""
-    depths = {f"cos{number}": 0.02 for number in range(1, LASERS + 1)}
+    depths = {f"cos{number}": 0.02 for number in range(1, min(len(system.wavelengths_m), LASERS) + 1)}
     return [{**wedge, **depths} for wedge in half_circle("path_y", "path_x", 5e-6, 8)]
 
 
@@ -110,7 +115,7 @@ class SlmFringes(Effect):
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
-        return wedge_starts()
+        return wedge_starts(system)
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         cos, sin = fringe_depths(context.laser, v)
@@ -179,6 +184,7 @@ class CameraFringes(Effect):
             high=1.0,
             prior=0.1,
             secondary=True,
+            modifies=_DEPTHS,
         ),
     )
     acts_on = ("camera",)
@@ -188,7 +194,7 @@ class CameraFringes(Effect):
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
-        return wedge_starts()
+        return wedge_starts(system)
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         y, x = context.positions(image)

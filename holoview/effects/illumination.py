@@ -112,7 +112,13 @@ class SourceExtent(Effect):
             even_symmetric=True,
         ),
         Parameter(
-            "outline", "From a Gaussian spot over a disc to a square.", low=-1.0, high=1.0, prior=0.5, secondary=True
+            "outline",
+            "From a Gaussian spot over a disc to a square.",
+            low=-1.0,
+            high=1.0,
+            prior=0.5,
+            secondary=True,
+            modifies=("radius",),
         ),
     )
     acts_on = ("source",)
@@ -129,7 +135,7 @@ class SourceExtent(Effect):
         if v["radius"] == 0:
             return 0.0
         shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
-        far_m = float(system.planes_m.max()) + (system.gap_m or 0.0)
+        far_m = float(np.abs(system.planes_m).max()) + (system.gap_m or 0.0)
         step = 2 * v["radius"] / directions_per_side(system, v["radius"])
         return 2 * math.pi * system.relay2.first_order_sine(shortest, pitch_m) / shortest * far_m * step
 

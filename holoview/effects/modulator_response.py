@@ -40,6 +40,7 @@ class Stroke(Effect):
             high=0.5,
             prior=0.05,
             secondary=True,
+            acts_on="modulator 2",
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
@@ -74,6 +75,7 @@ def _terms(modulator: int) -> tuple[Parameter, ...]:
             prior=0.03,
             scan=(-0.15, 0.15, 0.05) if noll in _COMMON else None,
             secondary=noll not in _COMMON,
+            acts_on=f"modulator {modulator}",
         )
         for noll in _TERMS
     )
@@ -121,9 +123,15 @@ def _knots(modulator: int) -> tuple[Parameter, ...]:
             high=0.6,
             prior=0.05,
             secondary=True,
+            acts_on=f"modulator {modulator}",
         )
         for k in range(1, _STEPS + 1)
     )
+
+
+def _gamma(modulator: int) -> Parameter:
+    doc, part = f"Exponent of modulator {modulator}'s response.", f"modulator {modulator}"
+    return Parameter(f"gamma{modulator}", doc, low=0.2, high=5.0, prior=0.2, identity=1.0, acts_on=part)
 
 
 class Lut(Effect):
@@ -137,8 +145,8 @@ class Lut(Effect):
     cause = "The modulators' levels aren't equal steps of optical path: their look-up table is wrong."
     finding = "Half drive gives {half} of the stroke, not 0.5."
     parameters = (
-        Parameter("gamma1", "Exponent of modulator 1's response.", low=0.2, high=5.0, prior=0.2, identity=1.0),
-        Parameter("gamma2", "Exponent of modulator 2's response.", low=0.2, high=5.0, prior=0.2, identity=1.0),
+        _gamma(1),
+        _gamma(2),
         *_knots(1),
         *_knots(2),
     )
@@ -222,6 +230,7 @@ def _of_modulator(number: int) -> tuple[Parameter, Parameter]:
             low=-0.6,
             high=0.6,
             prior=0.1,
+            acts_on=f"modulator {number}",
         ),
         Parameter(
             f"offset{number}",
@@ -230,6 +239,7 @@ def _of_modulator(number: int) -> tuple[Parameter, Parameter]:
             high=2.0,
             prior=0.1,
             secondary=True,
+            acts_on=f"modulator {number}",
         ),
     )
 

@@ -30,9 +30,16 @@ class Settling(Effect):
     id = "settling"
     cause = "The modulators are seen before they have settled: a part of the pattern before remains."
     finding = "Of the pattern before, {remaining} remains on the modulators."
-    parameters = (
-        Parameter("share1", "Share of the pattern before on modulator 1.", low=-0.5, high=0.95, prior=0.05),
-        Parameter("share2", "Share of the pattern before on modulator 2.", low=-0.5, high=0.95, prior=0.05),
+    parameters = tuple(
+        Parameter(
+            f"share{number}",
+            f"Share of the pattern before on modulator {number}.",
+            low=-0.5,
+            high=0.95,
+            prior=0.05,
+            acts_on=f"modulator {number}",
+        )
+        for number in (1, 2)
     )
     acts_on = ("modulator 1", "modulator 2")
 

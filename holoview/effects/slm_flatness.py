@@ -29,6 +29,7 @@ def _terms(modulator: int) -> tuple[Parameter, ...]:
             prior=100e-9,
             scan=(-300e-9, 300e-9, 100e-9) if noll in _COMMON else None,
             secondary=noll not in _COMMON,
+            acts_on=f"modulator {modulator}",
         )
         for noll in _TERMS
     )

@@ -26,7 +26,15 @@ class Undiffracted(Effect):
     finding = "A share {size} of the light's amplitude isn't modulated."
     parameters = (
         Parameter("share", "Amplitude that isn't modulated.", low=-0.5, high=0.9, prior=0.1, scan=(-0.1, 0.5, 0.1)),
-        Parameter("difference", "Half of what modulator 1 has more.", low=-0.5, high=0.5, prior=0.05, secondary=True),
+        Parameter(
+            "difference",
+            "Half of what modulator 1 has more.",
+            low=-0.5,
+            high=0.5,
+            prior=0.05,
+            secondary=True,
+            acts_on="modulator 2",
+        ),
         Parameter("quadrature", "Its part out of phase.", low=-0.9, high=0.9, prior=0.05, secondary=True),
     )
     acts_on = ("modulator 1", "modulator 2")

@@ -15,12 +15,13 @@ BACKENDS = ("auto", "wgpu", "torch", "torch64")
 
 
 def open_executor(
-    plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None
+    plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None, *, measures_power: bool = False
 ) -> tuple[Executor[Any], str]:
     """An executor of a plan for a drive (frame, modulator, y, x) from 0 to 1, and a label that describes it.
 
     backend: "wgpu", "torch" (complex64), "torch64" (complex128), or "auto": WebGPU if possible, else PyTorch, in which
-    case the label states the reason. adapter: a part of the name of the WebGPU adapter.
+    case the label states the reason. adapter: a part of the name of the WebGPU adapter. measures_power: measure
+    `power_behind` beside the frame, if PyTorch computes it.
     Raises UserError for an unknown backend, for "wgpu" or a named adapter if none is suitable, and for a plan that
     leaves nothing to see (`check_plan`).
     """
@@ -32,10 +33,11 @@ def open_executor(
     from holoview.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
 
     if backend == "torch64":
-        return TorchExecutor(plan, FrameInputs(plan, drive), double=True), "torch, complex128"
+        inputs = FrameInputs(plan, drive)
+        return TorchExecutor(plan, inputs, double=True, measures_power=measures_power), "torch, complex128"
     inputs = FrameInputs(plan, drive)
     if backend == "torch":
-        return TorchExecutor(plan, inputs), "torch, complex64"
+        return TorchExecutor(plan, inputs, measures_power=measures_power), "torch, complex64"
     from holoview.engine.wgpu_executor import WgpuExecutor  # optional library: PyTorch alone doesn't need wgpu
     from holoview.gpu.device import open_device
 
@@ -50,7 +52,8 @@ def open_executor(
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
             raise
-        return TorchExecutor(plan, inputs), f"torch, complex64 (chosen because: {error})"
+        because = f"torch, complex64 (chosen because: {error})"
+        return TorchExecutor(plan, inputs, measures_power=measures_power), because
 
 
 # --- memory -----------------------------------------------------------------------------------------------------------

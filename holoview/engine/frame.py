@@ -9,7 +9,7 @@ Frames and sources add incoherently, as intensities. All planes share everything
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Literal, Protocol, TypeVar
 
 import numpy as np
@@ -59,7 +59,12 @@ class Executor(Propagation[Field], Protocol[Field]):
     """All stages of a frame, with the sums of intensities and colours.
 
     `run` computes all stages of a wavelength with the result of `run_stages`, but may fuse them.
+
+    power_behind: (wavelength,) power behind the last modulator or field and the stops of relay 2, of the wavelengths
+    that were run; None where it isn't measured.
     """
+
+    power_behind: NDArray[np.float64] | None
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
@@ -111,8 +116,13 @@ def spectrum_behind_modulators(stages: Propagation[Field], wavelength: int, fram
     return spectrum
 
 
-def run_stages(executor: Executor[Field], wavelength: int) -> None:
-    """Compute the intensities of all planes at one wavelength stage by stage, as `Executor.run` specifies."""
+def run_stages(
+    executor: Executor[Field], wavelength: int, behind: Callable[[Field, float], None] | None = None
+) -> None:
+    """Compute the intensities of all planes at one wavelength stage by stage, as `Executor.run` specifies.
+
+    behind: called with the spectrum behind the last modulator of each frame and source, and the weight of its light.
+    """
     plan = executor.plan
     planes = range(len(plan.planes))
     for plane in planes:
@@ -120,9 +130,11 @@ def run_stages(executor: Executor[Field], wavelength: int) -> None:
     for frame in plan.lit(wavelength):
         for source in range(len(plan.slopes)):
             spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
+            weight = float(plan.weights[frame, wavelength])
+            if behind is not None:
+                behind(spectrum, weight)
             for plane in planes:
-                field = executor.field(executor.transmit(spectrum, 1, wavelength, plane), 1)
-                executor.accumulate(field, plane, float(plan.weights[frame, wavelength]))
+                executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, plane), 1), plane, weight)
 
 
 def compute_focal_stack(

@@ -32,12 +32,14 @@ class LightShares:
     """The light that is in the pictures of a plan. Made by `light_shares`.
 
     in_planes: (plane, wavelength) power in the window of each plane. plain_behind: (wavelength,) power behind the last
-    element where it follows without a transform, else None. derive_behind: computes it, by the transforms of one frame.
+    element where it follows without a transform, else None. derive_behind: computes it, by the transforms of one frame,
+    unless `is_derived`: then it is known.
     """
 
     in_planes: NDArray[np.float64]
     plain_behind: NDArray[np.float64] | None
     derive_behind: Callable[[], NDArray[np.float64]]
+    is_derived: bool = False
 
     @cached_property
     def behind(self) -> NDArray[np.float64]:
@@ -59,13 +61,23 @@ class LightShares:
         return replace(self, in_planes=self.in_planes[planes])
 
 
-def light_shares(plan: Plan, drive: Any, intensity: NDArray[np.floating]) -> LightShares:
+def light_shares(
+    plan: Plan, drive: Any, intensity: NDArray[np.floating], behind: NDArray[np.float64] | None = None
+) -> LightShares:
     """The shares of a plan's light.
 
-    drive: as of `simulate`. intensity: (plane, wavelength, y, x) of the plan's planes.
+    drive: as of `simulate`. intensity: (plane, wavelength, y, x) of the plan's planes. behind: (wavelength,) the power
+    behind the last element, where an executor has measured it.
     """
-    in_planes = intensity.sum(axis=(2, 3), dtype=np.float64)
+    in_planes = intensity.sum(axis=3).sum(axis=2, dtype=np.float64)  # numpy sums a row in pairs: as exact, and faster
+    if behind is not None:
+        return LightShares(in_planes, None, lambda: behind, is_derived=True)
     return LightShares(in_planes, _plain_power(plan, drive), partial(_derived_power, plan, drive))
+
+
+def needs_transforms(plan: Plan) -> bool:
+    """Whether the power behind the last element is told of a plan, and known by its spectrum only."""
+    return not _is_plain(plan) and may_leave(plan)
 
 
 def luminance_share(plan: Plan, drive: Any, xyz: NDArray[np.floating]) -> float | None:
@@ -89,7 +101,8 @@ def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.
     is known only if more than a tenth of light that is spread evenly goes past the edges.
     """
     at_edge = edge_power(drive) if plan.nominal.is_field and plan.distances_m.any() else None  # at 0 nothing propagates
-    if (shares.plain_behind is None and not may_leave(plan)) or not np.isfinite(shares.by_plane).all():
+    is_known = shares.is_derived or shares.plain_behind is not None
+    if not (is_known or may_leave(plan)) or not np.isfinite(shares.by_plane).all():
         return Light(at_edge=at_edge)
     least = int(np.argmin(shares.by_plane))
     return Light(float(shares.by_plane[least]), float(focus_m[least]), at_edge)
@@ -114,9 +127,7 @@ def may_leave(plan: Plan) -> bool:
 
 def _plain_power(plan: Plan, drive: Any) -> NDArray[np.float64] | None:
     """(wavelength,): power of the samples behind the last element; None where stops, a gap or effects change it."""
-    system, relay = plan.system, plan.system.relay2
-    is_plain = not (relay.has_aperture or relay.dc_block_na is not None or relay.apodisation_na is not None)
-    if not is_plain or plan.nominal.eye is not None or plan.nominal.effects or len(system.modulators) > 1:
+    if not _is_plain(plan):
         return None
     weights = plan.weights * len(plan.slopes)
     if not plan.nominal.is_field:
@@ -125,6 +136,13 @@ def _plain_power(plan: Plan, drive: Any) -> NDArray[np.float64] | None:
     powers = [[_power(drive[frame, index]) for index in range(weights.shape[1])] for frame in range(weights.shape[0])]
     total: NDArray[np.float64] = (weights * np.array(powers)).sum(axis=0)
     return total
+
+
+def _is_plain(plan: Plan) -> bool:
+    """Whether neither stops, a gap nor effects change the power of the samples behind the last element."""
+    relay = plan.system.relay2
+    is_open = not (relay.has_aperture or relay.dc_block_na is not None or relay.apodisation_na is not None)
+    return is_open and plan.nominal.eye is None and not plan.nominal.effects and len(plan.system.modulators) == 1
 
 
 def _power(values: Any) -> float:

@@ -6,8 +6,9 @@ lasers.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -16,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine.frame import light_along, relay_behind, run_stages
-from holoview.model.passband import Transfer
+from holoview.model.passband import Transfer, rows_in_disc
 from holoview.model.plan import Beam, Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.fourier import PrunedAxis, PrunedTransform
@@ -31,6 +32,7 @@ from holoview.optics.bench import (
     spectrum_of_pixels,
 )
 from holoview.optics.frame_inputs import FrameInputs
+from holoview.optics.propagate import support_mask
 from holoview.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError, suggest_matches
 
@@ -135,11 +137,21 @@ class TorchExecutor(TorchPropagation):
     """Computes a frame in PyTorch. Transfer functions are evaluated in float64.
 
     double: complex128 instead of complex64. device: name of a torch device.
+    measures_power: keep `power_behind`, which takes one pass over each spectrum behind the last modulator.
     """
 
-    def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        inputs: FrameInputs,
+        *,
+        double: bool = False,
+        device: str = "cpu",
+        measures_power: bool = False,
+    ) -> None:
         super().__init__(plan, inputs, double=double, device=device)
         self.inputs = inputs
+        self.power_behind = np.zeros(len(plan.system.wavelengths_m)) if measures_power else None
         self._real = torch.float64 if double else torch.float32
         self._transfers: dict[tuple[int, int], torch.Tensor] = {}
         self._cached_wavelength = -1
@@ -147,7 +159,14 @@ class TorchExecutor(TorchPropagation):
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
-        run_stages(self, wavelength)
+        if self.power_behind is None:
+            run_stages(self, wavelength)
+            return
+        passed, powers = self.passed_amplitude(wavelength), list[float]()
+        run_stages(
+            self, wavelength, lambda spectrum, weight: powers.append(weight * spectrum_power(spectrum.values, passed))
+        )
+        self.power_behind[wavelength] = sum(powers) / math.prod(self.plan.grid.padded)
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
@@ -207,6 +226,20 @@ class TorchExecutor(TorchPropagation):
         """Stops × pupil of the last relay at its frequencies, (rows, columns); of an eye its pupil's function alone."""
         return self._response(self.plan.stops(1, wavelength), 1, wavelength)
 
+    def passed_amplitude(self, wavelength: int) -> torch.Tensor | None:
+        """|Amplitude| that the last relay's stops and an eye's pupil pass at its frequencies, (rows, columns); None
+        where all pass whole."""
+        stops, eye = self.plan.stops(1, wavelength), self.plan.planes[0].eye
+        if eye is not None:
+            na, columns = eye.pupil_na(self.plan.nominal.field_m), self.plan.grid.padded[1]
+            support = rows_in_disc(stops.support, columns, na, eye.pupil_centre_na, stops.sine_step)
+            stops = replace(stops, support=support)
+        (ky, kx), pupil = self._frequency_tensors(1), self.inputs.pupils[1][wavelength]
+        mask = support_mask(stops, kx, chosen=ky % len(stops.support)).to(self._real)
+        if pupil is None:
+            return None if mask.all() else mask
+        return mask * pupil.detach().to(ky.device)[ky][:, kx].abs().to(self._real)
+
     def _response(self, transfer: Transfer, relay: int, wavelength: int) -> torch.Tensor:
         pupil = self.inputs.pupils[relay][wavelength]
         return relay_response(transfer, *self._frequency_tensors(relay), pupil, self.dtype)
@@ -222,6 +255,12 @@ class TorchExecutor(TorchPropagation):
         wave = [of(self.plan, *field.pixels_of, self.dtype, self._device) for of in (plane_wave, pixel_wave)]
         samples = upsample_nearest(field.values / wave[1], self.plan.grid.upsample) * wave[0]
         return samples.cpu().numpy()
+
+
+def spectrum_power(spectrum: torch.Tensor, passed: torch.Tensor | None) -> float:
+    """Σ|passed·spectrum|² of (rows, columns); the rows are summed in double precision."""
+    values = spectrum.detach() if passed is None else spectrum.detach() * passed
+    return float(torch.linalg.vector_norm(torch.view_as_real(values), dim=(1, 2)).double().square().sum())
 
 
 def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:

@@ -67,6 +67,7 @@ class WgpuExecutor:
         self._buffers: dict[Hashable, Buffer] = {}
         self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
+        self.power_behind: NDArray[np.float64] | None = None  # not measured here
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""

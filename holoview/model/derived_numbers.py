@@ -181,6 +181,10 @@ def _sampling(plan: Plan) -> list[InfoRow]:
     grid, how = plan.grid, plan.system.sampling.propagation
     if how == "periodic" and grid.padded != grid.shape:
         how += ", padded to the next sizes that can be transformed"
+    fewer = _smaller_alone(plan)
+    shared = (
+        f"of the farthest of {len(plan.planes)}: {fewer} alone would take fewer samples, and look a little different"
+    )
     return [
         InfoRow(
             "sampling",
@@ -188,8 +192,15 @@ def _sampling(plan: Plan) -> list[InfoRow]:
             f"{grid.shape[1]} x {grid.shape[0]} at {units.format_rounded(grid.pitch_m, 'um')}",
         ),
         InfoRow("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
+        *([InfoRow("sampling", "grid of all planes", shared)] if fewer else []),
         InfoRow("sampling", "expected wrap-around", format_wrap_around(plan)),
     ]
+
+
+def _smaller_alone(plan: Plan) -> int:
+    """How many planes would be computed on a smaller grid without the others; their pictures differ then a little."""
+    alone = [make_plan(plan.nominal, [plane.nominal_m]).grid.padded for plane in plan.planes]
+    return sum(padded != plan.grid.padded for padded in alone)
 
 
 def format_wrap_around(plan: Plan) -> str:

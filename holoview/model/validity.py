@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay
-from holoview.model.effects.registry import ActiveEffects
+from holoview.model.effects.registry import ActiveEffects, bench_properties, idle_parameters
 from holoview.model.eye import Eye
 from holoview.model.passband import Integers, band_limit, frequencies_left, nothing_left
 from holoview.model.plan import Plan, walk_off
@@ -536,6 +536,25 @@ def _sample_phase(plan: Plan) -> Measured | None:
         f"effects.{name}",
         "narrow the line or the source, shorten the distances, or lower the flicker",
     )
+
+
+@_limit(
+    "parameters of effects",
+    quantity="parameters of effects that are set and change nothing",
+    reason="each of them is meant to change the picture",
+    at_most=0,
+)
+def _idle_parameters(plan: Plan) -> Measured | None:
+    active, bench = ActiveEffects(plan.nominal.effect_values), bench_properties(plan.nominal)
+    found = [words for effect, v in active.pairs for words in idle_parameters(effect, v, bench)]
+    if plan.nominal.frames == 1:
+        of_time = [effect.id for effect, _ in active.pairs if effect.hooks == ("settled_share",)]
+        found += [f"effects.{name} changes nothing of one frame, which comes after itself" for name in of_time]
+    if not active.pairs:
+        return None
+    where = found[0].split(" ", 1)[0] if found else "effects"
+    more = f", and {len(found) - 1} more" if len(found) > 1 else ""
+    return Measured(len(found), f"{found[0] if found else 'each acts'}{more}", where, "leave it out")
 
 
 # --- the eye ----------------------------------------------------------------------------------------------------------

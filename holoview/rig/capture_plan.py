@@ -14,8 +14,6 @@ A table in CSV as `holoview captures plan` writes it gives the default set a pow
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 import os
@@ -36,6 +34,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.memory_limit import format_size, require_memory
+from holoview.util.number_text import read_csv
 from holoview.util.tables import NumberSchema, parse_toml, read_table
 from holoview.util.units import format_duration
 
@@ -175,7 +174,9 @@ def read_exposure_table(path: Path, wavelengths_m: Sequence[float]) -> Mapping[f
 
     Raises UserError, with line and column, for a cell that is missing or no number, and for a laser that isn't there.
     """
-    lines = list(csv.DictReader(io.StringIO(read_text(path, _TABLE_EXPECTED), newline=""), skipinitialspace=True))
+    lines, has_decimal_commas = read_csv(read_text(path, _TABLE_EXPECTED), str(path))
+    if has_decimal_commas:
+        lines = [{name: text and text.replace(",", ".") for name, text in line.items()} for line in lines]
     if not lines:
         raise UserError(str(path), "is empty", expected=_TABLE_EXPECTED)
     settings: dict[float, LaserSetting] = {}

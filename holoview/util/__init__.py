@@ -2,6 +2,7 @@
 
 errors            `UserError`, the exception for a user's mistake, and suggestions of similar words
 units             text with units such as "8 um" to SI numbers and back, without losing a digit
+number_text       columns of numbers as text: what separates them, and which sign is the decimal sign
 text              text from files: a line that is safe to show, a plain name of a file
 tables            tables of TOML and JSON from unknown sources: their keys, and the types of their values; the same of
                   arrays of files

@@ -260,3 +260,28 @@ def test_columns_of_other_programs_are_read() -> None:
     assert "one column" in alone.notes[0]
     weighted = parse_sweep("".join(f"{a:g} {b:.5f} 0.01\n" for a, b in zip(levels, power, strict=True)))
     assert weighted.deviation is not None
+
+
+@pytest.mark.parametrize("separator", [" ", "\t", ";", "; "])
+def test_decimal_commas_are_decimal_signs_whatever_else_separates_the_columns(separator: str) -> None:
+    levels, power, _ = _table("1", 2.7, seed=20)
+    rows = [f"{a:g}{separator}{b:.5f}" for a, b in zip(levels, power, strict=True)]
+    points, commas = (parse_sweep("\n".join(rows).replace(".", sign)) for sign in (".", ","))
+    assert commas.power.tolist() == points.power.tolist()
+    assert commas.deviation is None
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("{k},0{k}", "commas may be decimal signs as well as separators"),  # a column of 3,05, or two of 3 and 05
+        ("{k};1,234", '"1,234" may be 1.234 or 1234'),
+        ("{k} 1,5 0.1", "both commas and spaces stand between digits"),
+    ],
+)
+def test_commas_that_may_mean_either_are_refused(row: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "sweep.csv"
+    file.write_text("".join(row.format(k=k) + "\n" for k in range(10, 50)))
+    with pytest.raises(UserError, match=said) as caught:
+        read_sweep(file)
+    assert str(caught.value).startswith(str(file))

@@ -18,6 +18,7 @@ from holoview.captures.capture_file import read_captures
 from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.predictor import Predictor, check_known_effects
 from holoview.model.bench_parts import Relay
+from holoview.model.effects.registry import get_effect
 from holoview.util.errors import UserError
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
@@ -90,8 +91,10 @@ def test_it_is_what_the_reference_executor_computes(name: str) -> None:
 )
 def test_one_modulator_too(name: str) -> None:
     captures = _captures(modulators=1)
-    found = Predictor(captures, double_precision=True)([0], {name: NEAR[name]}).signal[0].numpy()
-    np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
+    own = {p.name for p in get_effect(name).parameters if p.acts_on != "modulator 2"}
+    effects = {name: {parameter: value for parameter, value in NEAR[name].items() if parameter in own}}
+    found = Predictor(captures, double_precision=True)([0], effects).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 0, effects), rtol=1e-9, atol=1e-9 * found.max())
 
 
 def test_weighted_stops_depend_less_on_the_grid() -> None:

@@ -150,3 +150,11 @@ def test_an_eye_is_told_in_dioptres_and_degrees() -> None:
     # Rx(650 nm) − Rx(460 nm) = 633.46·(1/245.898 − 1/435.898)
     assert found["focus of the wavelengths"] == "1.8 mm apart, 1.12 D (chromatic aberration)"
     assert "eyepiece" not in _facts("holochrome-8")
+
+
+def test_info_says_that_the_grid_of_compact_is_shared_by_all_planes() -> None:
+    """Of 20, 22.5, 25, 27.5 and 30 mm each alone would be padded less than the last one."""
+    shared = _facts("bench-plm", shape=[96, 128])["grid of all planes"]
+    assert shared == "of the farthest of 5: 4 alone would take fewer samples, and look a little different"
+    for changes in ({"planes": ["30 mm"]}, {"propagation": "linear"}):
+        assert "grid of all planes" not in _facts("bench-plm", shape=[96, 128], **changes)

@@ -192,3 +192,15 @@ def test_variances_of_many_choices_of_captures_dont_fill_the_memory(make_context
         variances(np.array([k]))
         assert variances.kept_bytes <= 3 * one_picture
     assert variances(np.array([0, 1, 2, 3])).nbytes == variances.kept_bytes == 4 * one_picture
+
+
+def test_counts_that_are_clipped_below_the_full_scale_say_nothing_but_that_they_are() -> None:
+    """A fault is found beside them; taken as light they would leave the captures unexplained."""
+    captures = make_captures(small_system(1), {"stroke": {"stroke_error": 0.1}}, AcquisitionSettings(6, seed=1))
+    level = int(np.quantile(captures.images, 0.9))
+    clipped = dataclasses.replace(captures, images=np.minimum(captures.images, np.uint16(level)))
+    found = _diagnosed(clipped, SamplingConfig(), ("stroke", "camera_black", "camera_gamma"))
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == ["stroke"]
+    share = float(np.mean(clipped.images == level))
+    (note,) = [note for note in found.notes if "clipped" in note]
+    assert note.startswith(f"{share:.2%} of the counts are {level}, the largest") and "taken as saturated" in note

@@ -12,6 +12,7 @@ import torch
 import holoview as hv
 from holoview.captures.dataset import Captures
 from holoview.model.derived_numbers import info_rows
+from holoview.util.errors import UserError
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -54,3 +55,25 @@ def test_what_an_eye_is_focused_on_is_told_by_the_nominal_planes_everywhere() ->
     (row,) = [row for row in info_rows(system) if row.name == "focused at"]
     assert row.text == f"{', '.join(f'{d:.3g}' for d in told)} D"
     assert [plane.true_m - plane.nominal_m for plane in hv.make_plan(system).planes] == pytest.approx([1e-3, 1e-3])
+
+
+def test_a_plane_that_would_be_before_the_last_modulator_is_refused_and_one_at_it_is_not() -> None:
+    system = hv.load("holochrome-8").edit({"shape": [24, 32], "planes": ["1 mm", "3 mm"]})
+
+    def seen(error: str) -> list[float]:
+        return hv.make_plan(system.edit({"effects": {"distance": {"distance_error": error}}})).planes_m.tolist()
+
+    assert seen("-1 mm") == pytest.approx([0.0, 2e-3], abs=1e-15)
+    with pytest.raises(UserError, match=r"effects\.distance.*the plane at 1 mm to 0\.1 mm before the last modulator"):
+        seen("-1.1 mm")
+
+
+def test_so_is_a_camera_there(make_session: Make, predicted: Predicted) -> None:
+    """At 3 mm, by an error of a single plane."""
+    captures = make_session()
+    at = dataclasses.replace(captures, distance_m=np.array([3e-3, 4e-3]))
+    off = {"plane_errors": {"distances": (3e-3,), "errors": (-3.5e-3,)}}
+    with pytest.raises(
+        UserError, match=r"effects\.plane_errors: the camera would be 0\.5 mm before the last modulator"
+    ):
+        predicted(at, off)

@@ -15,17 +15,27 @@ from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor, check_known_effects, check_user_effects
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
+from holoview.diagnose.fit import free_parameters_of
 from holoview.document.editing_session import EditingSession
-from holoview.model.effects.effect import Effect, Parameter
+from holoview.model.effects.effect import CAMERA_HOOKS, Effect, ListParameter, Parameter
 from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.effects.registry import ActiveEffects, listed_effects, unmet_by_data
+from holoview.model.effects.registry import (
+    ActiveEffects,
+    bench_properties,
+    effect_on_bench,
+    get_effect,
+    listed_effects,
+    parameter_unmet_by_bench,
+    unmet_by_bench,
+    unmet_by_data,
+)
 from holoview.model.system import System
 from holoview.util.errors import UserError
 
 Make = Callable[..., Captures]
 Values = Mapping[str, Mapping[str, Any]]
 IDS = list(listed_effects())
-SENTENCE = re.compile(r"effects\.\w+: (it needs|it doesn't act|relay|acts on).*; switch it off, or describe")
+SENTENCE = re.compile(r"effects\.[\w.]+: (it needs|it doesn't act|relay|acts on).*; switch it off, or describe")
 FOURIER = AcquisitionSettings(1, focal_length_m=0.1)
 
 
@@ -47,9 +57,15 @@ def _values(name: str) -> dict[str, Any]:
     return {p.name: p.nudged(0.1) for p in listed_effects()[name].parameters}
 
 
-def _answers(system: System, name: str) -> Iterator[tuple[str, Callable[[], object]]]:
+def _possible_values(name: str, system: System) -> dict[str, Any]:
+    """The same of the parameters whose part the bench has."""
+    bench = bench_properties(system)
+    return {p.name: p.nudged(0.1) for p in get_effect(name).parameters if not parameter_unmet_by_bench(p, bench)}
+
+
+def _answers(system: System, name: str, values: Mapping[str, Any]) -> Iterator[tuple[str, Callable[[], object]]]:
     """Everything that takes effects, by name."""
-    effects = {name: _values(name)}
+    effects = {name: values}
 
     def with_effects() -> System:
         return system.edit({"effects": effects})
@@ -72,8 +88,10 @@ def _answers(system: System, name: str) -> Iterator[tuple[str, Callable[[], obje
 @pytest.mark.parametrize("kind", ["one modulator", "two modulators", "without stops", "field"])
 @pytest.mark.parametrize("name", IDS)
 def test_all_that_take_effects_accept_one_or_refuse_it_alike(name: str, kind: str) -> None:
-    sentences = {what: _refusal(act) for what, act in _answers(_bench(kind), name)}
-    assert len(set(sentences.values())) == 1, sentences
+    system = _bench(kind)
+    for values in (_values(name), _possible_values(name, system)):
+        sentences = {what: _refusal(act) for what, act in _answers(system, name, values)}
+        assert len(set(sentences.values())) == 1, sentences
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -108,6 +126,72 @@ def test_so_do_all_that_take_effects_of_captures(name: str, make_session: Make, 
 def test_the_sentence_says_what_the_bench_lacks(kind: str, name: str, sentence: str) -> None:
     with pytest.raises(UserError, match=f"effects.{name}: {sentence}"):
         _bench(kind).edit({"effects": {name: _values(name)}})
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("lut", "gamma2"),
+        ("lut", "level2_05"),
+        ("lut_dispersion", "slope2"),
+        ("slm_flatness", "z5_2"),
+        ("stroke", "difference"),
+        ("stroke_map", "z2_2"),
+        ("undiffracted", "difference"),
+        ("settling", "share2"),
+    ],
+)
+def test_a_parameter_of_a_part_that_the_bench_lacks_is_refused_and_no_fit_varies_it(
+    name: str, parameter: str, make_session: Make
+) -> None:
+    values = {p.name: p.nudged(0.1) for p in get_effect(name).parameters if p.name == parameter}
+    sentences = {what: _refusal(act) for what, act in _answers(_bench("one modulator"), name, values)}
+    words = f"effects.{name}.{parameter}: acts on modulator 2, which this bench doesn't have; switch it off"
+    assert all(sentence.startswith(words) for sentence in sentences.values()), sentences
+    assert {_refusal(act) for _, act in _answers(_bench("two modulators"), name, values)} == {""}
+    captures = make_session(1, 1)
+    with pytest.raises(UserError, match=words):
+        check_known_effects(captures, {name: values})
+    varied = effect_on_bench(get_effect(name), captures.data_properties())
+    free = [p.name for _, p in free_parameters_of([varied], include_fine=True).entries]
+    assert parameter not in free and len(free) == len(set(free))
+    assert all("2" not in start or "2_" not in start for start in varied.starting_points(captures.nominal_system()))
+
+
+@pytest.mark.parametrize("kind", ["one modulator", "two modulators"])
+@pytest.mark.parametrize("name", [n for n, e in listed_effects().items() if not set(e.hooks) <= set(CAMERA_HOOKS)])
+def test_a_parameter_that_is_set_changes_the_picture_or_is_refused_or_told(name: str, kind: str) -> None:
+    """Each alone, at its usual size, hard edges at four times it: the grid is coarse. A billionth is no change."""
+    system = _bench(kind).edit({"frames": 2, "planes": ["1 mm"], "amplitudes": [[0.5], [0.5]]})
+    effect, rng = get_effect(name), np.random.default_rng(5)
+    if unmet_by_bench(effect, bench_properties(system)):
+        return
+    drive = rng.random(system.drive_shape)
+    plain = hv.simulate(system, drive, backend="torch64")
+    for p in effect.parameters:
+        if isinstance(p, ListParameter):
+            continue
+        value = p.nudged(4.0 if p.non_smooth else 1.0)
+        try:
+            view = hv.simulate(system.edit({"effects": {name: {p.name: value}}}), drive, backend="torch64")
+        except UserError as error:
+            assert SENTENCE.match(str(error)), p.name
+            continue
+        is_told = any(f"effects.{name}.{p.name} " in note for note in view.notes)
+        changed = view.intensity.sum(axis=1) - plain.intensity.sum(axis=1)
+        assert is_told != (np.abs(changed).max() > 1e-9 * plain.intensity.max()), p.name
+
+
+def test_parameters_of_lasers_that_are_left_out_and_of_nothing_are_told() -> None:
+    system = _bench("one modulator")
+    for name, values, words in (
+        ("slm1_fringes", {"cos1": 0.1, "cos2": 0.1}, "effects.slm1_fringes.cos2 acts on laser 2, and there are 1"),
+        ("bandwidth", {"top": 0.5}, "effects.bandwidth.top changes nothing without sigma"),
+        ("second_line", {"offset": 1e-9}, "effects.second_line.offset changes nothing without share"),
+        ("settling", {"share1": 0.2}, "effects.settling changes nothing of one frame"),
+    ):
+        noted = hv.simulate(system.edit({"effects": {name: values}}), np.zeros(system.drive_shape), backend="torch")
+        assert any(words in note for note in noted.notes)
 
 
 def test_the_command_line_refuses_it_and_an_effect_may_act_on_what_the_same_command_sets(

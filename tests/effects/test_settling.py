@@ -64,7 +64,8 @@ def test_on_a_fourier_bench_too(make_fourier: Make, predicted: Predicted) -> Non
     captures = _even(make_fourier(2))
     means = np.stack([captures.levels[0], captures.levels[0] // 2 + captures.levels[1] // 2])
     expected = predicted(dataclasses.replace(captures, levels=means))
-    assert torch.allclose(predicted(captures, HALF), expected, rtol=1e-9, atol=1e-9 * float(expected.max()))
+    found = predicted(captures, {"settling": {"share1": 0.5}})
+    assert torch.allclose(found, expected, rtol=1e-9, atol=1e-9 * float(expected.max()))
 
 
 def test_a_part_of_a_session_knows_what_was_shown_before(make_session: Make, predicted: Predicted) -> None:

@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
+from holoview.engine.backend import open_executor
+from holoview.engine.frame import compute_focal_stack
 from holoview.engine.light_behind import power_behind
 from holoview.engine.light_share import light_shares, luminance_share
 from holoview.model.effects.registry import listed_effects
@@ -121,6 +123,19 @@ def test_without_stops_no_transform_is_needed() -> None:
     plan = make_plan(field.system)
     plain = light_shares(plan, field.drive, np.zeros((1, 1, N, N))).behind
     np.testing.assert_allclose(plain, power_behind(plan, field.drive), rtol=F32)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"relay2.iris_na": 0.02}, {"eye": {}, "planes": ["9 mm"]}, {"effects.aberration2.z5": "300 nm"}]
+)
+def test_the_power_that_an_executor_measures_beside_a_frame_is_that_of_the_spectrum(changes: dict[str, Any]) -> None:
+    system = _small(**changes)
+    plan, drive = make_plan(system), hv.random_drive(system, seed=5)
+    executor, _ = open_executor(plan, drive, "torch", measures_power=True)
+    compute_focal_stack(executor)
+    assert executor.power_behind is not None
+    np.testing.assert_allclose(executor.power_behind, power_behind(plan, drive), rtol=F32)
+    assert open_executor(plan, drive, "torch")[0].power_behind is None
 
 
 @pytest.mark.gpu

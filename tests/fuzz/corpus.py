@@ -83,115 +83,96 @@ def presets() -> Iterator[Case]:
     yield files_case("presets", "base cycle of 10", cycle, "info", "0.toml")
 
 
+HOSTILE = ("nan", "inf", "-inf", "1e300", "-1e300", "1e-320", "9" * 23, "9" * 5000, "", "\x00", "0")
+"""Texts in place of a number."""
+
+
+OPTIMISE_ONCE = ("optimise", "bench.toml", "picture.png", "--iterations", "1", "--json")
+DIAGNOSE = ("diagnose", "captures.h5", "--workers", "1", "--time", "1s")
+
+
 def options() -> Iterator[Case]:
-    hostile = (
-        "nan",
-        "inf",
-        "-inf",
-        "1e300",
-        "-1e300",
-        "1e-320",
-        "99999999999999999999999",
-        "9" * 5000,
-        "",
-        "\x00",
-        "0",
-    )
+    """Values of options that no command expects."""
+    yield from _options_of_optimise()
+    yield from _keys_of_a_bench()
+    yield from _options_of_render()
+    for value in HOSTILE:
+        yield from _options_of_captures(value)
+    for known in ("gap.gap_error=0.1mm", "slm_alignment.shift_x=1um"):  # of a second modulator, which isn't there
+        yield files_case("options", f"--known {known}", valid("captures"), *DIAGNOSE, "--known", known)
+    yield from _names_of_files()
+
+
+def _options_of_optimise() -> Iterator[Case]:
     bench = valid("picture")
-    optimise = ("optimise", "bench.toml", "picture.png", "--iterations", "1", "--json")
     flags = ("brightness", "saturation", "eyebox", "margin", "iterations", "step", "until-psnr", "time", "seed")
     flags += ("checkpoint-every", "plane-weights", "wavelength-spacing", "at", "near", "pupils", "region")
     for flag in flags:
-        for value in hostile:
-            yield files_case("options", f"--{flag} {value[:20]!r}", bench, *optimise, f"--{flag}={value}")
+        for value in HOSTILE:
+            yield files_case("options", f"--{flag} {value[:20]!r}", bench, *OPTIMISE_ONCE, f"--{flag}={value}")
     for value in ("nan,0,4,4", "0,0,inf,4", "0,0,9999999999999999999999,4", "1e3,0,4,4", "²,0,4,4", "0,0,4"):
-        yield files_case("options", f"--region {value}", bench, *optimise, f"--region={value}")
+        yield files_case("options", f"--region {value}", bench, *OPTIMISE_ONCE, f"--region={value}")
     for pair in (("nan", "700"), ("inf", "inf"), ("-1e300", "1e300"), ("440", "1e-320")):
-        yield files_case("options", f"--wavelength-range {pair}", bench, *optimise, "--wavelength-range", *pair)
+        yield files_case("options", f"--wavelength-range {pair}", bench, *OPTIMISE_ONCE, "--wavelength-range", *pair)
+
+
+def _keys_of_a_bench() -> Iterator[Case]:
+    bench, further = valid("picture"), ("[16384,16384]", "{a=1}", "[[[[1]]]]", "[" * 3000, "true", "1" + "0" * 500)
     for key in ("gap", "shape", "frames", "upsample", "pitch", "planes", "levels", "eye", "source", "effects", "name"):
-        for value in (
-            *hostile,
-            "[16384,16384]",
-            "{a=1}",
-            "[[[[1]]]]",
-            "[" * 3000,
-            "true",
-            "1" + "0" * 500,
-            '"\\u0000"',
-        ):
+        for value in (*HOSTILE, *further, '"\\u0000"'):
             arguments = ("render", "bench.toml", "--set", f"{key}={value}", *TORCH)
             yield files_case("options", f"--set {key}={value[:20]!r}", bench, *arguments)
-    for text in (
-        "a" * 70000 + "=1",
-        ".".join("a" * 5000) + "=1",
-        "relay2." * 2000 + "a=1",
-        "modulators.99999999999999.pitch=1",
-    ):
+    long = ("a" * 70000 + "=1", ".".join("a" * 5000) + "=1", "relay2." * 2000 + "a=1")
+    for text in (*long, "modulators.99999999999999.pitch=1"):
         yield files_case("options", f"--set {text[:20]}", bench, "render", "bench.toml", "--set", text, *TORCH)
-    for value in hostile:
-        yield files_case(
-            "options", f"--exposure {value[:20]!r}", bench, "render", "bench.toml", f"--exposure={value}", *TORCH
-        )
-        yield files_case(
-            "options", f"--plane {value[:20]!r}", bench, "render", "bench.toml", f"--plane={value}", *TORCH
-        )
-        yield files_case(
-            "options", f"--random {value[:20]!r}", bench, "render", "bench.toml", f"--random={value}", *TORCH
-        )
-    captures = valid("captures")
+
+
+def _options_of_render() -> Iterator[Case]:
+    bench = valid("picture")
+    for value in HOSTILE:
+        for flag in ("exposure", "plane", "random"):
+            arguments = ("render", "bench.toml", f"--{flag}={value}", *TORCH)
+            yield files_case("options", f"--{flag} {value[:20]!r}", bench, *arguments)
+
+
+def _options_of_captures(value: str) -> Iterator[Case]:
+    """Of `captures`, `diagnose` and `calibrate`."""
+    captures, bench, shown = valid("captures"), valid("picture"), repr(value[:20])
     plan = ("captures", "plan", "captures.h5", "--json")
-    for value in hostile:
-        for flag in ("power", "exposure"):
-            yield files_case("options", f"plan --{flag} {value[:20]!r}", captures, *plan, f"--{flag}", "0.1", value)
-        yield files_case("options", f"plan --headroom {value[:20]!r}", captures, *plan, f"--headroom={value}")
-        show = ("captures", "show", "captures.h5", "-o", "o.png")
-        yield files_case("options", f"show --most {value[:20]!r}", captures, *show, f"--most={value}")
-        make = ("captures", "make", "bench.toml", "-o", "o.h5", "--each", "1")
-        for flag in (
-            "exposure-jitter",
-            "prnu",
-            "camera-jitter",
-            "wavelength-jitter",
-            "finer",
-            "each",
-            "camera-pitch",
-            "focal-length",
-        ):
-            yield files_case("options", f"make --{flag} {value[:20]!r}", bench, *make, f"--{flag}={value}")
-        yield files_case("options", f"make --camera-shape {value[:20]!r}", bench, *make, "--camera-shape", value, "16")
-        diagnose = ("diagnose", "captures.h5", "--workers", "1", "--time", "1s")
-        for flag in ("finer", "padding", "points"):
-            if value in ("nan", "99999999999999999999999", "0", ""):
-                yield files_case(
-                    "options", f"diagnose --{flag} {value[:20]!r}", captures, *diagnose, f"--{flag}={value}"
-                )
-        for known in (f"distance.distance_error={value}", f"nosuch.parameter={value}"):
-            yield files_case("options", f"--known {known[:30]!r}", captures, *diagnose, "--known", known)
-        calibrate = ("calibrate", "captures.h5", "-o", "o.toml")
-        for flag in ("batch", "rate", "held-out", "pixels-a-node", "epochs"):
-            if not (flag == "epochs" and value in ("0",)):
-                yield files_case(
-                    "options",
-                    f"calibrate --{flag} {value[:20]!r}",
-                    captures,
-                    *calibrate,
-                    "--epochs=1",
-                    f"--{flag}={value}",
-                )
-    for known in ("gap.gap_error=0.1mm", "slm_alignment.shift_x=1um"):  # of a second modulator, which isn't there
-        yield files_case("options", f"--known {known}", captures, *diagnose, "--known", known)
+    for flag in ("power", "exposure"):
+        yield files_case("options", f"plan --{flag} {shown}", captures, *plan, f"--{flag}", "0.1", value)
+    yield files_case("options", f"plan --headroom {shown}", captures, *plan, f"--headroom={value}")
+    show = ("captures", "show", "captures.h5", "-o", "o.png")
+    yield files_case("options", f"show --most {shown}", captures, *show, f"--most={value}")
+    make = ("captures", "make", "bench.toml", "-o", "o.h5", "--each", "1")
+    flags = ("exposure-jitter", "prnu", "camera-jitter", "wavelength-jitter", "finer", "each")
+    for flag in (*flags, "camera-pitch", "focal-length"):
+        yield files_case("options", f"make --{flag} {shown}", bench, *make, f"--{flag}={value}")
+    yield files_case("options", f"make --camera-shape {shown}", bench, *make, "--camera-shape", value, "16")
+    for flag in ("finer", "padding", "points") if value in ("nan", "9" * 23, "0", "") else ():
+        yield files_case("options", f"diagnose --{flag} {shown}", captures, *DIAGNOSE, f"--{flag}={value}")
+    for known in (f"distance.distance_error={value}", f"nosuch.parameter={value}"):
+        yield files_case("options", f"--known {known[:30]!r}", captures, *DIAGNOSE, "--known", known)
+    calibrate = ("calibrate", "captures.h5", "-o", "o.toml", "--epochs=1")
+    for flag in ("batch", "rate", "held-out", "pixels-a-node", *(["epochs"] if value != "0" else [])):
+        yield files_case("options", f"calibrate --{flag} {shown}", captures, *calibrate, f"--{flag}={value}")
+
+
+def _names_of_files() -> Iterator[Case]:
+    commands: dict[str, Callable[[str], tuple[str, ...]]] = {
+        "picture": lambda path: ("optimise", "bench.toml", path, "--iterations", "1"),
+        "preset": lambda path: ("info", path),
+        "hologram": lambda path: ("render", "--hologram", path),
+        "captures": lambda path: ("captures", "check", path),
+        "sweep": lambda path: ("calibrate", "lut", path),
+        "import": lambda path: ("captures", "import", path, "-o", "o.h5"),
+        "depth": lambda path: (*OPTIMISE_ONCE, "--depth", path),
+        "resume": lambda path: (*OPTIMISE_ONCE, "--resume", path),
+        "pattern": lambda path: ("render", "bench.toml", "--slm1", path, *TORCH),
+    }
     for path in ("a\x00b", "a" * 5000, "/dev/null", "/dev/zero", "."):
-        yield files_case(
-            "options", f"picture {path[:20]!r}", bench, "optimise", "bench.toml", path, "--iterations", "1"
-        )
-        yield files_case("options", f"preset {path[:20]!r}", bench, "info", path)
-        yield files_case("options", f"hologram {path[:20]!r}", bench, "render", "--hologram", path)
-        yield files_case("options", f"captures {path[:20]!r}", bench, "captures", "check", path)
-        yield files_case("options", f"sweep {path[:20]!r}", bench, "calibrate", "lut", path)
-        yield files_case("options", f"import {path[:20]!r}", bench, "captures", "import", path, "-o", "o.h5")
-        yield files_case("options", f"depth {path[:20]!r}", bench, *optimise, "--depth", path)
-        yield files_case("options", f"resume {path[:20]!r}", bench, *optimise, "--resume", path)
-        yield files_case("options", f"pattern {path[:20]!r}", bench, "render", "bench.toml", "--slm1", path, *TORCH)
+        for what, command in commands.items():
+            yield files_case("options", f"{what} {path[:20]!r}", valid("picture"), *command(path))
 
 
 # --- what isn't a plain file -----------------------------------------------------------------------------------------

@@ -100,70 +100,99 @@ def _npy(shape: str, kind: str = "<f8") -> bytes:
 
 def captures() -> Iterator[Case]:
     """Capture files that lead elsewhere, unpack to much, or hold what can't be."""
+    for name, edit in {**_other_data(), **_wrong_data(), **_wrong_attributes()}.items():
 
-    def replaced(name: str, *arguments: Any, **keywords: Any) -> H5Edit:
-        def edit(h5: h5py.File) -> None:
-            if name in h5:
-                del h5[name]
-            h5.create_dataset(name, *arguments, **keywords)
+        def prepare(folder: Path, edit: H5Edit = edit) -> None:
+            secret = {"other.h5": valid("captures")["captures.h5"], "secret.bin": bytes(_SECRET)}
+            write(folder, valid("captures") | secret)
+            os.mkfifo(folder / "pipe")
+            with h5py.File(folder / "captures.h5", "a") as h5:
+                edit(h5)
 
-        return edit
+        yield Case("captures", name, prepare, CHECK)
 
-    def linked(name: str, link: Any) -> H5Edit:
-        def edit(h5: h5py.File) -> None:
-            if name in h5:
-                del h5[name]
-            h5[name] = link
 
-        return edit
+def _replaced(name: str, *arguments: Any, **keywords: Any) -> H5Edit:
+    def edit(h5: h5py.File) -> None:
+        if name in h5:
+            del h5[name]
+        h5.create_dataset(name, *arguments, **keywords)
 
-    def virtual(h5: h5py.File) -> None:
-        layout = h5py.VirtualLayout(h5["camera/images"].shape, np.uint16)
-        layout[:] = h5py.VirtualSource("other.h5", "camera/images", h5["camera/images"].shape)
-        del h5["camera/images"]
-        h5.create_virtual_dataset("camera/images", layout)
+    return edit
 
-    def attribute(group: str, name: str, value: Any) -> H5Edit:
-        def edit(h5: h5py.File) -> None:
-            h5[group].attrs[name] = value
 
-        return edit
+def _linked(name: str, link: Any) -> H5Edit:
+    def edit(h5: h5py.File) -> None:
+        if name in h5:
+            del h5[name]
+        h5[name] = link
 
-    size = 2 * SHAPE[0] * SHAPE[1] * 4 * CAPTURES
+    return edit
+
+
+def _virtual(h5: h5py.File) -> None:
+    layout = h5py.VirtualLayout(h5["camera/images"].shape, np.uint16)
+    layout[:] = h5py.VirtualSource("other.h5", "camera/images", h5["camera/images"].shape)
+    del h5["camera/images"]
+    h5.create_virtual_dataset("camera/images", layout)
+
+
+def _attribute(group: str, name: str, value: Any) -> H5Edit:
+    def edit(h5: h5py.File) -> None:
+        h5[group].attrs[name] = value
+
+    return edit
+
+
+_SECRET = 2 * SHAPE[0] * SHAPE[1] * 4 * CAPTURES  # bytes
+
+
+def _other_data() -> dict[str, H5Edit]:
+    """That lead to other files, or declare more than there is."""
     chunks = {"chunks": (1, 1024, 1024), "compression": "gzip"}
-    edits: dict[str, H5Edit] = {
-        "external storage": replaced(
-            "camera/images", (CAPTURES, 24, 32), np.uint16, external=[("secret.bin", 0, size)]
+    return {
+        "external storage": _replaced(
+            "camera/images", (CAPTURES, 24, 32), np.uint16, external=[("secret.bin", 0, _SECRET)]
         ),
-        "external storage on a FIFO": replaced(
-            "camera/images", (CAPTURES, 24, 32), np.uint16, external=[("pipe", 0, size)]
+        "external storage on a FIFO": _replaced(
+            "camera/images", (CAPTURES, 24, 32), np.uint16, external=[("pipe", 0, _SECRET)]
         ),
-        "virtual dataset": virtual,
-        "external link": linked("camera/images", h5py.ExternalLink("other.h5", "camera/images")),
-        "external link to a group": linked("camera", h5py.ExternalLink("other.h5", "camera")),
-        "soft link": linked("wavelength", h5py.SoftLink("/distance")),
-        "soft link to itself": linked("wavelength", h5py.SoftLink("/wavelength")),
-        "7 GB of nothing": replaced("camera/images", (CAPTURES, 21000, 21000), np.uint16, **chunks),
-        "7 GB of levels": replaced("slm1/levels", (CAPTURES, 30000, 30000), np.uint8, **chunks),
-        "10^18 captures": replaced("wavelength", (10**18,), "f8", chunks=(1024,)),
-        "a chunk of 2 GB": replaced("power", (CAPTURES,), "f8", chunks=(2**28,), maxshape=(None,), compression="gzip"),
-        "levels in floats": replaced("slm1/levels", data=np.zeros((CAPTURES, *SHAPE))),
-        "text as power": replaced("power", data=np.array([b"a"] * CAPTURES)),
-        "compound": replaced("power", (CAPTURES,), np.dtype([("a", "f8")])),
-        "references": replaced("power", (CAPTURES,), h5py.ref_dtype),
-        "texts of any length": replaced("power", (CAPTURES,), h5py.string_dtype()),
-        "power without shape": replaced("power", data=h5py.Empty("f8")),
-        "power NaN": replaced("power", data=np.full(CAPTURES, np.nan)),
-        "power infinite": replaced("power", data=np.full(CAPTURES, np.inf)),
-        "power tiny": replaced("power", data=np.full(CAPTURES, 5e-324)),
-        "power huge": replaced("power", data=np.full(CAPTURES, 1e308)),
-        "exposure huge": replaced("exposure", data=np.full(CAPTURES, 1e308)),
-        "one number as power": replaced("power", data=1.0),
+        "virtual dataset": _virtual,
+        "external link": _linked("camera/images", h5py.ExternalLink("other.h5", "camera/images")),
+        "external link to a group": _linked("camera", h5py.ExternalLink("other.h5", "camera")),
+        "soft link": _linked("wavelength", h5py.SoftLink("/distance")),
+        "soft link to itself": _linked("wavelength", h5py.SoftLink("/wavelength")),
+        "7 GB of nothing": _replaced("camera/images", (CAPTURES, 21000, 21000), np.uint16, **chunks),
+        "7 GB of levels": _replaced("slm1/levels", (CAPTURES, 30000, 30000), np.uint8, **chunks),
+        "10^18 captures": _replaced("wavelength", (10**18,), "f8", chunks=(1024,)),
+        "a chunk of 2 GB": _replaced("power", (CAPTURES,), "f8", chunks=(2**28,), maxshape=(None,), compression="gzip"),
+    }
+
+
+def _wrong_data() -> dict[str, H5Edit]:
+    """Of a type, shape or value that can't be."""
+    return {
+        "levels in floats": _replaced("slm1/levels", data=np.zeros((CAPTURES, *SHAPE))),
+        "text as power": _replaced("power", data=np.array([b"a"] * CAPTURES)),
+        "compound": _replaced("power", (CAPTURES,), np.dtype([("a", "f8")])),
+        "references": _replaced("power", (CAPTURES,), h5py.ref_dtype),
+        "texts of any length": _replaced("power", (CAPTURES,), h5py.string_dtype()),
+        "power without shape": _replaced("power", data=h5py.Empty("f8")),
+        "power NaN": _replaced("power", data=np.full(CAPTURES, np.nan)),
+        "power infinite": _replaced("power", data=np.full(CAPTURES, np.inf)),
+        "power tiny": _replaced("power", data=np.full(CAPTURES, 5e-324)),
+        "power huge": _replaced("power", data=np.full(CAPTURES, 1e308)),
+        "exposure huge": _replaced("exposure", data=np.full(CAPTURES, 1e308)),
+        "one number as power": _replaced("power", data=1.0),
         "a group as power": lambda h5: (h5.pop("power"), h5.create_group("power")),  # type: ignore[dict-item]
         "a dataset as slm1": lambda h5: (h5.pop("slm1"), h5.create_dataset("slm1", data=1)),  # type: ignore[dict-item]
-        "a dataset as geometry": replaced("geometry", data=1),
-        "a dataset as slm2": replaced("slm2", data=1),
+        "a dataset as geometry": _replaced("geometry", data=1),
+        "a dataset as slm2": _replaced("slm2", data=1),
     }
+
+
+def _wrong_attributes() -> dict[str, H5Edit]:
+    """Of values that can't be."""
     numbers = (
         np.nan,
         np.inf,
@@ -180,22 +209,15 @@ def captures() -> Iterator[Case]:
         True,
         h5py.Empty("f8"),
     )
+    edits: dict[str, H5Edit] = {}
     for group, names in (
         ("slm1", ("pitch", "num_levels", "opd_range")),
         ("camera", ("pitch", "bit_depth", "electrons_per_count", "read_noise", "black_level")),
         ("geometry", ("gap", "iris2_na", "focal_length", "square2", "centre2_na")),
         ("/", ("format", "version", "corrections")),
     ):
-        edits |= {f"{group} {name} {str(v)[:12]}": attribute(group, name, v) for name in names for v in numbers}
-    for name, edit in edits.items():
-
-        def prepare(folder: Path, edit: H5Edit = edit) -> None:
-            write(folder, valid("captures") | {"other.h5": valid("captures")["captures.h5"], "secret.bin": bytes(size)})
-            os.mkfifo(folder / "pipe")
-            with h5py.File(folder / "captures.h5", "a") as h5:
-                edit(h5)
-
-        yield Case("captures", name, prepare, CHECK)
+        edits |= {f"{group} {name} {str(v)[:12]}": _attribute(group, name, v) for name in names for v in numbers}
+    return edits
 
 
 # --- safetensors -----------------------------------------------------------------------------------------------------

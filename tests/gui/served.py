@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
@@ -43,13 +44,11 @@ class Served:
 
     def next_url(self) -> str:
         """The address that it prints next, after a start of its own."""
-        assert self.process.stdout is not None
-        return next(found[0] for line in self.process.stdout if (found := re.search(r"http://\S+", line)))
+        return _next_match(self.process, r"http://\S+")[0][0]
 
     def restarted(self) -> Served:
         """The same viewer once it has started anew by itself, with another token."""
-        found = re.search(r"http://(\S+)/\?token=(\S+)", self.next_url())
-        assert found is not None
+        found, _ = _next_match(self.process, _ADDRESS)
         return replace(self, address=found[1], token=found[2])
 
     def edits(self) -> list[str]:
@@ -59,7 +58,26 @@ class Served:
         return [step.label for session in sessions for step in session.history[1 : session.history_position + 1]]
 
 
+def _next_match(process: subprocess.Popen[str], pattern: str) -> tuple[re.Match[str], str]:
+    """The first match in a line that the process prints from now on, and all of these lines.
+
+    The test fails where the process ends before, or prints none for as long as tests wait: it is killed then.
+    """
+    assert process.stdout is not None
+    patience, said = threading.Timer(PATIENCE_S, process.kill), ""
+    patience.start()
+    try:
+        for line in process.stdout:
+            said += line
+            if found := re.search(pattern, line):
+                return found, said
+    finally:
+        patience.cancel()
+    raise AssertionError(f"the viewer ended, or told no address in {PATIENCE_S:.0f} s: {said}")
+
+
 PROGRAM = ("-m", "holoview.cli")
+_ADDRESS = r"http://(\S+)/\?token=(\S+)"
 
 
 @contextmanager
@@ -75,21 +93,16 @@ def serving(
     process = subprocess.Popen(
         [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
     )
-    assert process.stdout is not None
     try:
-        said = ""
-        for line in process.stdout:
-            said += line
-            if found := re.search(r"http://(\S+)/\?token=(\S+)", line):
-                yield Served(process, found[1], found[2], folder)
-                break
+        found, said = _next_match(process, _ADDRESS)
+        yield Served(process, found[1], found[2], folder)
         process.send_signal(end)
         rest, _ = process.communicate(timeout=PATIENCE_S)
         usual = 0 if end == signal.SIGINT else 128 + end
         assert process.returncode in (usual, -signal.SIGKILL) and "Traceback" not in rest, said + rest
     finally:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=PATIENCE_S)
 
 
 def browser_cookie(address: str, token: str) -> str:

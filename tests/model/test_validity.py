@@ -368,6 +368,20 @@ def test_the_phase_between_directions_is_that_of_their_shift() -> None:
     assert SourceExtent().sample_phase(system, values) == pytest.approx(2 * math.pi * 12e-3 * step / 16e-6)
 
 
+@pytest.mark.parametrize("effect", ["effects.source_extent.radius", "effects.bandwidth.sigma"])
+def test_the_phase_between_samples_is_the_same_on_both_sides_of_a_field(effect: str) -> None:
+    """The phase grows with the way that light goes, forth or back; planes further away on either side count."""
+    plane = hv.Modulator("8 um", (64, 64), content="field")
+    value = "5 mrad" if "radius" in effect else "5 nm"
+    field = hv.System(
+        ["520 nm"], [[1.0]], [plane], planes_m=["3 mm"], observer="mono", sampling=hv.Sampling(upsample=1)
+    )
+    field = field.edit({effect: value})
+    phases = [limit_of(field.edit({"planes": planes})) for planes in (["20 mm"], ["-20 mm"], ["-20 mm", "1 mm"])]
+    assert phases[0] > 0
+    assert phases[1:] == pytest.approx([phases[0]] * 2, rel=1e-12)
+
+
 # --- the eye --------------------------------------------------------------------------------------------------------
 
 

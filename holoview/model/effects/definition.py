@@ -179,6 +179,8 @@ def _wrong_parameter(p: Parameter, where: str) -> Iterator[UserError]:
     if not isinstance(p.name, str) or not _NAME.fullmatch(p.name):
         yield UserError(where, f"the name {p.name!r}", expected="letters, digits and _")
         return
+    if p.acts_on and p.acts_on not in PLACES:
+        yield UserError(f"{where}.acts_on", f'"{p.acts_on}" is no place', remedy=suggest_matches(p.acts_on, PLACES))
     if p.display_unit and not p.is_quantity and (si := _known_unit(p.display_unit)):
         yield UserError(f"{where}.display_unit", f'"{p.display_unit}"', expected=f"{si}, which are converted")
     try:

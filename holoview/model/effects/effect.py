@@ -71,6 +71,9 @@ class Parameter:
     times within a step of their derivatives.
     secondary: the parameter is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at
     first.
+    acts_on: the one part of a bench, of `PLACES`, without which it would change nothing; "" for those of its effect.
+    laser: the number of the one laser on which it acts, 1 for the shortest wavelength; 0 for all.
+    modifies: parameters of the same effect, all of which at their identity leave nothing that this one could change.
     """
 
     name: str
@@ -85,6 +88,9 @@ class Parameter:
     non_smooth: bool = False
     passes_edges: bool = False
     secondary: bool = False
+    acts_on: str = ""
+    laser: int = 0
+    modifies: tuple[str, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -130,8 +136,9 @@ class Parameter:
         return min(max(known + found - self.identity, self.low), self.high)
 
     def free_entries(self, value: Any) -> tuple[Parameter, ...]:
-        """The parameters that a fit varies where this one has this value: itself, or the entries of a list."""
-        return (self,)
+        """The parameters that a fit varies where this one has this value: itself, or the entries of a list; none where
+        the bounds leave one value only."""
+        return (self,) if self.low < self.high else ()
 
     def read(self, values: Mapping[str, Any]) -> Any:
         """Its value among those of its effect, the identity where none is given."""
@@ -194,7 +201,8 @@ class Values(Mapping[str, float]):
         given = given or {}
         check_keys(given, {p.name for p in parameters}, noun="parameter")
         self._values = {p.name: given.get(p.name, p.identity) for p in parameters}
-        self._is_identity = all(_is_identity(self._values[p.name], p.identity) for p in parameters)
+        self._is_off = {p.name: _is_identity(self._values[p.name], p.identity) for p in parameters}
+        self._is_identity = all(self._is_off.values())
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -209,6 +217,10 @@ class Values(Mapping[str, float]):
     def is_identity(self) -> bool:
         """Whether all values are identities, so that the effect is off."""
         return self._is_identity
+
+    def is_off(self, name: str) -> bool:
+        """Whether the value of a parameter is its identity."""
+        return self._is_off[name]
 
     @property
     def cache_key(self) -> tuple[Any, ...]:
@@ -382,6 +394,7 @@ class DataProperties:
     irises: whether relay 1 and relay 2 have an iris or a square stop.
     is_fourier: whether the camera is in the far field of the modulator, on a Fourier bench.
     is_field: whether the bench has the plane of a complex field in place of modulators.
+    lasers: how many the bench has; None where it doesn't matter.
     """
 
     wavelengths: int
@@ -391,6 +404,7 @@ class DataProperties:
     irises: tuple[bool, bool]
     is_fourier: bool
     is_field: bool = False
+    lasers: int | None = None
 
     @property
     def parts(self) -> frozenset[str]:

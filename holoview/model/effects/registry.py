@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 import os
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 
 _LIBRARY = "holoview.effects"
+_REMEDY = "switch it off, or describe what it acts on"
 _USER_MODULES = "holoview_user_effects"
 _user_effects: dict[str, Effect] = {}
 
@@ -321,9 +323,12 @@ def require_possible_effects(system: System) -> None:
 
 
 def _require_possible(pairs: Iterable[ActivePair], bench: DataProperties) -> None:
-    for effect, _ in pairs:
+    for effect, v in pairs:
         if missing := unmet_by_bench(effect, bench):
-            raise UserError(f"effects.{effect.id}", missing, remedy="switch it off, or describe what it acts on")
+            raise UserError(f"effects.{effect.id}", missing, remedy=_REMEDY)
+        for p in effect.parameters:
+            if not v.is_off(p.name) and (missing := parameter_unmet_by_bench(p, bench)):
+                raise UserError(f"effects.{effect.id}.{p.name}", missing, remedy=_REMEDY)
 
 
 def bench_properties(system: System) -> DataProperties:
@@ -336,6 +341,7 @@ def bench_properties(system: System) -> DataProperties:
         irises=(system.relay1.has_aperture, system.relay2.has_aperture),
         is_fourier=False,
         is_field=system.is_field,
+        lasers=len(system.wavelengths_m),
     )
 
 
@@ -358,6 +364,47 @@ def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     if bench.is_fourier and effect.hooks == ("pupil",):
         return "acts on the pupil of a relay, and a Fourier bench has none"
     return ""
+
+
+def parameter_unmet_by_bench(parameter: Parameter, bench: DataProperties) -> str:
+    """Why a parameter would change nothing on a bench that can have its effect, in words; empty when it can."""
+    if parameter.acts_on and parameter.acts_on not in bench.parts:
+        return f"acts on {parameter.acts_on}, which this bench doesn't have"
+    return ""
+
+
+def idle_parameters(effect: Effect, v: Values, bench: DataProperties) -> list[str]:
+    """What parameters of an effect aren't at their identity and yet change nothing on a bench, in words.
+
+    They are not refused: some lasers of a bench may be left out, and what another parameter scales may be set first.
+    """
+    found = []
+    for p in effect.parameters:
+        if v.is_off(p.name):
+            continue
+        if lacks_laser(p, bench):
+            found.append(f"effects.{effect.id}.{p.name} acts on laser {p.laser}, and there are {bench.lasers}")
+        elif p.modifies and all(v.is_off(name) for name in p.modifies):
+            found.append(f"effects.{effect.id}.{p.name} changes nothing without {' or '.join(p.modifies)}")
+    return found
+
+
+def lacks_laser(parameter: Parameter, bench: DataProperties) -> bool:
+    """Whether a parameter is that of a laser which a bench doesn't have."""
+    return bench.lasers is not None and parameter.laser > bench.lasers
+
+
+def effect_on_bench(effect: Effect, bench: DataProperties) -> Effect:
+    """The effect as a search varies it on a bench: parameters that would change nothing keep their identity."""
+    held = [p for p in effect.parameters if parameter_unmet_by_bench(p, bench) or lacks_laser(p, bench)]
+    if not held:
+        return effect
+    own = copy.copy(effect)
+    own.parameters = tuple(  # type: ignore[misc]  # of this instance
+        dataclasses.replace(p, low=p.identity, high=p.identity, scan=None) if p in held else p
+        for p in effect.parameters
+    )
+    return own
 
 
 def unmet_by_data(effect: Effect, properties: DataProperties) -> str:

@@ -1,8 +1,6 @@
 """Tables of numbers as text, one row a line, separated by spaces, tabs, commas or semicolons.
 
-Numbers may have decimal points or decimal commas, and may be complex ("0.5+0.3i"). A comma is a decimal sign where
-something else separates the numbers, and where it couldn't as well group thousands or join pairs: such tables are
-refused.
+Numbers may have decimal points or decimal commas (`holoview.util.number_text`), and may be complex ("0.5+0.3i").
 """
 
 from __future__ import annotations
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
 from holoview.util.memory_limit import require_memory
+from holoview.util.number_text import NumberLayout, find_layout
 from holoview.wavefield.readers.contents import Contents, StoredArray
 from holoview.wavefield.request import ReadRequest
 
@@ -33,10 +32,6 @@ _LEAST_COUNTED = 8  # numbers in a row that count
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 _BETWEEN = re.compile(r"[\s,;]+")
-_SPACED = re.compile(r"[^,;\s][ \t]+[^,;\s]")
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
-_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
-_WITH_POINTS = "write its numbers with decimal points"
 
 
 class TextReader:
@@ -61,15 +56,15 @@ class TextReader:
         table = [line.strip() for line in lines[first:] if not line.lstrip().startswith(("#", "%"))]
         _check_blocks(path, table)
         table = [line for line in table if line]
-        separator, has_decimal_commas = _dialect(path, table[:_JUDGED_LINES])
-        values = _values(_rows(path, table, separator, has_decimal_commas))
+        layout = find_layout(table[:_JUDGED_LINES], str(path))
+        values = _values(_rows(path, table, layout))
         _check_is_picture(path, values)
         values, counted = _without_counts(values)
         notes: tuple[str, ...] = ()
         if first:
             notes = (f"the first {'line is' if first == 1 else f'{first} lines are'} left out",)
         notes += counted
-        if has_decimal_commas:
+        if layout.has_decimal_commas:
             notes += ("its commas are taken as decimal signs",)
         yield Contents.of([StoredArray.of("", values)], notes=notes)
 
@@ -112,49 +107,11 @@ def _check_blocks(path: Path, lines: Sequence[str]) -> None:
         raise UserError(str(path), found, expected="one table", remedy=remedy)
 
 
-def _dialect(path: Path, lines: Sequence[str]) -> tuple[str, bool]:
-    """What separates the numbers, "" for spaces and tabs, and whether commas are decimal signs.
-
-    Raises UserError where the commas may mean either.
-    """
-    text = "\n".join(lines)
-    separator = ";" if ";" in text else "" if _SPACED.search(text) else ","
-    if "," not in text:
-        return ("" if separator == "," else separator), False
-    if separator == ",":
-        _check_plain_commas(path, lines)
-        return separator, False
-    words = [word.strip() for line in lines for word in line.split(separator or None)]
-    with_commas = [word for word in words if "," in word]
-    odd = next((word for word in with_commas if not _DECIMAL_COMMA.fullmatch(word)), None)
-    if odd is not None or any("." in word for word in words):
-        shown = odd or next(word for word in words if "." in word)
-        found = f'both commas and {"semicolons" if separator else "spaces"} stand between digits, as in "{shown[:24]}"'
-        raise UserError(str(path), found, expected="one separator", remedy=f"{_WITH_POINTS} and one separator")
-    if all(_GROUPED.fullmatch(word) for word in with_commas):
-        found = f'"{with_commas[0]}" may be {with_commas[0].replace(",", ".")} or {with_commas[0].replace(",", "")}'
-        raise UserError(str(path), found, expected="decimal points", remedy=_WITH_POINTS)
-    return separator, True
-
-
-def _check_plain_commas(path: Path, lines: Sequence[str]) -> None:
-    """Raises UserError where commas seem to be both decimal signs and separators: every second word is the digits
-    behind a decimal comma if there are no points, and some of these words begin with 0 as no whole number does."""
-    rows = [[word.strip() for word in line.rstrip(", \t").split(",")] for line in lines]
-    behind = [word for row in rows for word in row[1::2]]
-    is_doubtful = all(word.isdecimal() for word in behind) and any(len(w) > 1 and w[0] == "0" for w in behind)
-    if is_doubtful and all(len(row) % 2 == 0 and row[0].lstrip("-+").isdecimal() for row in rows):
-        shown = ",".join(rows[0][:4])
-        found = f'commas may be decimal signs as well as separators, as in "{shown}"'
-        raise UserError(str(path), found, expected="one meaning", remedy=f"{_WITH_POINTS}, or semicolons between them")
-
-
-def _rows(path: Path, lines: Sequence[str], separator: str, has_decimal_commas: bool) -> list[list[str]]:
+def _rows(path: Path, lines: Sequence[str], layout: NumberLayout) -> list[list[str]]:
     """The words of each row. Raises UserError for rows of several lengths, and for empty cells."""
     rows = []
     for number, line in enumerate(lines, start=1):
-        trimmed = line.rstrip(f"{separator} \t").replace(",", "." if has_decimal_commas else ",")
-        row = [word.strip() for word in trimmed.split(separator or None)]
+        row = layout.words(line)
         if "" in row:
             found = f"the cell in row {number}, column {row.index('') + 1} is empty"
             raise UserError(str(path), found, expected="a number in each cell")
