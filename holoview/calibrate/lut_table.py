@@ -7,8 +7,10 @@ vendor_table                       the fitted table in a vendor's layout
 
 A vendor's table says which drive the electronics of a modulator give to a pixel for each grey level, so that the phase
 rises in proportion to the level by one turn. Layouts that are read: two columns, grey level and drive, separated by
-spaces (Meadowlark's `.lut`: 256 or more lines "level drive", with drives of 12 bits), comma or semicolon; or drives
-alone, one a line. The bits of the drive follow from the largest: 8, 10, 12 or 16.
+spaces (Meadowlark's `.lut` and `.txt`: 256 or more lines "level drive", as public code that writes them for Blink
+has it), comma or semicolon; or drives alone, one a line. The bits of the drive follow from the
+largest: 8, 10, 12 or 16. Of HOLOEYE's, Santec's and Hamamatsu's tables we know no public description; a Hamamatsu LCOS
+has none, but one level that is 2π. Texas Instruments states 16 displacements, no drives.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ FORMAT, VERSION = "holoview-lut", 1
 _TABLE_SIZE = 256  # numbers of `phase_pi`
 _WIDEST_GAP = 2.0  # levels before the first and behind the last that take their phases
 _DRIVE_BITS = (8, 10, 12, 16)
+_FAR_BETTER = 0.4  # of the deviation with other bits, with which a table's bits are doubted
 
 
 def lut_table(
@@ -238,10 +241,14 @@ def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class VendorTable:
-    """The drive that a vendor's table gives to each grey level: drives (level,); bits: of the drive."""
+    """The drive that a vendor's table gives to each grey level: drives (level,); bits: of the drive.
+
+    is_stated: whether somebody stated the bits; else they are those of the largest drive.
+    """
 
     drives: Floats
     bits: int
+    is_stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -259,14 +266,14 @@ class VendorComparison:
     is_reversed: bool
 
 
-def read_vendor_table(path: str | os.PathLike[str]) -> VendorTable:
-    """Reads a vendor's table; see the module for layouts.
+def read_vendor_table(path: str | os.PathLike[str], bits: int | None = None) -> VendorTable:
+    """Reads a vendor's table; see the module for layouts. bits: of the drive; as the largest says when None.
 
     Raises UserError for a file that is missing or isn't such a table: fewer than 16 levels, levels that don't count
     from 0, drives below 0 or above 16 bits.
     """
     file = Path(path)
-    expected = "a table of one or two columns: grey level and drive"
+    expected = "a table of one or two columns, grey level and drive: no other layout of a vendor is known"
     rows = parse_columns(read_text(file, expected), 2, expected, str(file))
     drives = rows[:, -1]
     if len(rows) < 16:
@@ -279,20 +286,40 @@ def read_vendor_table(path: str | os.PathLike[str]) -> VendorTable:
     if drives.min() < 0 or drives.max() >= 2 ** _DRIVE_BITS[-1] or (drives != np.round(drives)).any():
         found = f"drives from {drives.min():g} to {drives.max():g}"
         raise UserError(str(file), found, expected="whole numbers from 0 to 65535")
-    return VendorTable(drives, next(bits for bits in _DRIVE_BITS if drives.max() < 2**bits))
+    if bits is not None and drives.max() >= 2**bits:
+        raise UserError(str(file), f"a drive of {drives.max():g}", expected=f"0 to {2**bits - 1} at {bits} bits")
+    of_largest = next(n for n in _DRIVE_BITS if drives.max() < 2**n)
+    return VendorTable(drives, of_largest if bits is None else bits, bits is not None)
 
 
 def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
     """The deviation of the fitted phase from what a vendor's table promises, up to a constant phase.
 
     The sweep's levels are those without the table (a linear one): from 0 to the highest drive, or reversed. The
-    direction that is nearer is taken. Raises UserError if less than half of the table's drives were measured.
+    direction that is nearer is taken. Raises UserError if less than half of the table's drives were measured, and where
+    the table fits far better as one of more bits than its largest drive needs and nobody stated them.
     """
+    found = _compared(lut, table.drives, table.bits)
+    for bits in [] if table.is_stated else [bits for bits in _DRIVE_BITS if bits > table.bits]:
+        other = _compared(lut, table.drives, bits)
+        if other is not None and (found is None or other.rms < _FAR_BETTER * found.rms):
+            said = "nothing that was measured" if found is None else f"{found.rms / math.pi:.2f} π r.m.s. off"
+            words = f"drives up to {table.drives.max():g}: as of {table.bits} bits {said}, as of {bits} bits "
+            words += f"{other.rms / math.pi:.2f} π"
+            raise UserError("vendor's table", words, expected="its bits stated", remedy=f"--drive-bits {bits}")
+    if found is None:
+        expected = f"drives that the sweep holds, levels {lut.levels[0]:g} to {lut.levels[-1]:g}"
+        raise UserError("vendor's table", f"drives of {table.bits} bits", expected=expected)
+    return found
+
+
+def _compared(lut: Lut, drives: Floats, bits: int) -> VendorComparison | None:
+    """The comparison with drives of so many bits; None if less than half of them were measured."""
     highest = (
         lut.levels[-1] if lut.levels[0] > 0 else float(2 ** math.ceil(math.log2(max(lut.levels[-1], 1.0) + 1)) - 1)
     )
-    levels = table.drives * (highest + 1) / 2**table.bits
-    promised = 2 * math.pi * np.arange(len(table.drives)) / (len(table.drives) - 1)
+    levels = drives * (highest + 1) / 2**bits
+    promised = 2 * math.pi * np.arange(len(drives)) / (len(drives) - 1)
     best: VendorComparison | None = None
     for is_reversed in (False, True):
         phase = _clamped(lut, highest - levels if is_reversed else levels)
@@ -306,9 +333,6 @@ def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
             rms, worst = float(np.sqrt(np.mean(error[inside] ** 2))), int(np.abs(error).argmax())
             if best is None or rms < best.rms:
                 best = VendorComparison(rms, float(error[worst]), worst, float(inside.mean()), is_reversed)
-    if best is None:
-        expected = f"drives that the sweep holds, levels {lut.levels[0]:g} to {lut.levels[-1]:g}"
-        raise UserError("vendor's table", f"drives of {table.bits} bits", expected=expected)
     return best
 
 

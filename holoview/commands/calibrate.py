@@ -21,9 +21,10 @@ from holoview.calibrate.lut_table import (
     vendor_table,
     with_lut,
 )
-from holoview.calibrate.sweep import read_sweep
+from holoview.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
 from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
+from holoview.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
 from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
@@ -174,7 +175,7 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "vendor_table")
+_LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "drive_bits", "vendor_table")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 
 
@@ -201,6 +202,7 @@ def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     )
     add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
     add_input(group, "--compare", metavar="VENDOR.lut", type=Path, help="compare with a vendor's table")
+    group.add_argument("--drive-bits", type=whole(8, 16), metavar="N", help="of its drives (default: by the largest)")
     add_output(
         group, "--vendor-table", metavar="LUT", suffix=".lut", help="write a turn as lines: grey level, 12-bit drive"
     )
@@ -220,6 +222,7 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     """
     wavelengths = [_parse_wavelength(text) for text in args.wavelength or ()]
     periods: list[float] = args.period or []
+    sweeps, files, periods, wavelengths = _read_sweeps(files, periods, wavelengths)
     for option, values in (("--wavelength", wavelengths), ("--period", periods)):
         if len(values) not in (0, 1, len(files)):
             raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
@@ -229,10 +232,10 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
     preset_system = None if args.preset is None else preset.load(args.preset)
-    vendor = None if args.compare is None else read_vendor_table(args.compare)
+    vendor = None if args.compare is None else read_vendor_table(args.compare, args.drive_bits)
     groups = [sorted(set(wavelengths), key=wavelengths.index).index(value) for value in wavelengths]
     order = None if args.order in (None, "auto") else args.order
-    lut = fit_lut([read_sweep(file) for file in files], order, groups if len(groups) == len(files) else None)
+    lut = fit_lut(sweeps, order, groups if len(groups) == len(files) else None)
     name = files[0].name
     figures = lut_table(lut, name, wavelengths, periods)
     lines = format_lut(lut, wavelengths, periods)
@@ -271,6 +274,27 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     if args.plot is not None:
         plot_lut(args.plot, lut, name)
     return 0
+
+
+def _read_sweeps(
+    files: list[Path], periods: list[float], wavelengths: list[float]
+) -> tuple[list[Sweep], list[Path], list[float], list[float]]:
+    """The sweeps of files, with one file, period and wavelength for each; those of slmsuite's pixel calibration."""
+    if files[0].suffix.lower() != ".h5":
+        return [read_sweep(file) for file in files], files, periods, wavelengths
+    found = read_slmsuite(files[0]) if len(files) == 1 else None
+    if not isinstance(found, PixelCalibration):
+        kind = "several HDF5 files" if found is None else "is a Fourier calibration"
+        raise UserError(str(files[0]), kind, expected="one pixel calibration of slmsuite")
+    if periods:
+        raise UserError("--period", "with a pixel calibration", expected="none: the file states them")
+    sweeps = [
+        sweep_of_readings(one.levels, one.power, f"{files[0].name} period {one.period_px:g} {one.direction}")
+        for one in found.sweeps
+    ]
+    if not wavelengths and found.wavelength_m is not None:
+        wavelengths = [found.wavelength_m]
+    return sweeps, files * len(sweeps), [one.period_px for one in found.sweeps], wavelengths
 
 
 def _parse_wavelength(text: str) -> float:

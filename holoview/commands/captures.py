@@ -29,6 +29,7 @@ from holoview.captures.picture_files import (
 )
 from holoview.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
 from holoview.captures.records import find_record_errors
+from holoview.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
 from holoview.captures.validation import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands.arguments import (
@@ -91,6 +92,13 @@ def _configure_import(convert: argparse.ArgumentParser) -> None:
         action="append",
         metavar="PICTURE",
         help="the pattern that the modulator showed, once for each picture",
+    )
+    add_input(
+        one,
+        "--slmsuite",
+        type=Path,
+        metavar="H5",
+        help="a Fourier calibration, which states the lengths that aren't given",
     )
     one.add_argument("--wavelength", metavar="LENGTH")
     one.add_argument("--pitch", metavar="LENGTH", help="of the modulator's pixels")
@@ -224,7 +232,7 @@ _UNKNOWN_OPTIONS = {
     "exposure": "s, of all pictures",
 }
 _PICTURE_LENGTHS = ("wavelength", "pitch", "camera_pitch", "focal_length", "stroke")
-_PICTURE_OPTIONS = (*_PICTURE_LENGTHS, "levels", "bit_depth", *_UNKNOWN_OPTIONS, "overlay")
+_PICTURE_OPTIONS = (*_PICTURE_LENGTHS, "slmsuite", "levels", "bit_depth", *_UNKNOWN_OPTIONS, "overlay")
 
 
 def _import(args: argparse.Namespace) -> int:
@@ -258,7 +266,8 @@ def _pairs(args: argparse.Namespace) -> list[Pair] | None:
     sources: list[Path] = args.source
     first, table = sources[0], sources[0] / TABLE_FILE
     is_table = first.suffix.lower() == ".csv" or (table.is_file() and not (first / BENCH_FILE).is_file())
-    if len(sources) == 1 and args.pattern is None and is_table and args.wavelength is not None:
+    is_stated = args.wavelength is not None or args.slmsuite is not None
+    if len(sources) == 1 and args.pattern is None and is_table and is_stated:
         return read_pairs(first if first.suffix.lower() == ".csv" else table)
     if args.pattern is None:
         if len(sources) > 1 or first.suffix.lower() == ".csv":
@@ -273,6 +282,8 @@ def _pairs(args: argparse.Namespace) -> list[Pair] | None:
 
 def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[str]) -> Captures:
     """The captures of pictures and their patterns; what was found and assumed is added to the notes."""
+    if args.slmsuite is not None:
+        _take_slmsuite(args, notes)
     for name in ("wavelength", "pitch", "camera_pitch"):
         if getattr(args, name) is None:
             expected = "the wavelength and the pitches of modulator and camera"
@@ -302,6 +313,26 @@ def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[st
         write_png(args.overlay, overlay_sheet(found), {"holoview.captures": str(args.output)})
     notes += found.notes
     return found.captures
+
+
+def _take_slmsuite(args: argparse.Namespace, notes: list[str]) -> None:
+    """Sets the lengths that weren't given to those of a Fourier calibration."""
+    found = read_slmsuite(args.slmsuite)
+    if not isinstance(found, FourierCalibration):
+        remedy = f"holoview calibrate lut {args.slmsuite}"
+        raise UserError(str(args.slmsuite), "is a pixel calibration", expected="a Fourier calibration", remedy=remedy)
+    known = {"wavelength": found.wavelength_m, "pitch": found.pitch_m, "camera_pitch": found.camera_pitch_m}
+    taken = {name: length for name, length in known.items() if length is not None and getattr(args, name) is None}
+    for name, length in taken.items():
+        setattr(args, name, units.format_exact(length, "um"))
+    if args.focal_length is None and args.camera_pitch is not None:
+        taken["focal_length"] = found.focal_px * _length(args, "camera_pitch")
+        args.focal_length = units.format_exact(taken["focal_length"], "mm")
+    words = [f"{name.replace('_', ' ')} {units.format_rounded(m, 'um', 5)}" for name, m in taken.items()]
+    y, x = found.axis_px
+    notes.append(
+        f"{args.slmsuite.name}: {', '.join(words) or 'nothing was needed'}; its axis is at row {y:.0f}, column {x:.0f}"
+    )
 
 
 def _usable(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:

@@ -233,6 +233,19 @@ def test_a_vendors_table_is_read_written_and_compared(tmp_path: Path) -> None:
         vendor_table(low)
 
 
+def test_a_table_whose_bits_its_drives_do_not_tell_is_refused(tmp_path: Path) -> None:
+    """A turn of a stroke of 9 π needs 2/9 of the drives: those of 12 bits end near 910, which 10 bits hold too."""
+    lut = fit_lut(parse_sweep("".join(f"{k} {np.sin(4.5 * np.pi * k / 255) ** 2:.6f}\n" for k in range(256))))
+    file = tmp_path / "mine.lut"
+    file.write_text(vendor_table(lut))
+    with pytest.raises(UserError, match="--drive-bits 12"):
+        compare_vendor(lut, read_vendor_table(file))
+    # Rounding to whole levels of 12 bits, and the fitted curve between its knots, as above.
+    assert compare_vendor(lut, read_vendor_table(file, 12)).rms < 2 * np.pi * 9 / 4096 + 0.01
+    with pytest.raises(UserError, match="at 8 bits"):
+        read_vendor_table(file, 8)
+
+
 BAD_TABLES = {
     "no such file": None,
     "rows; expected a table": "0 1\n1 2\n",
