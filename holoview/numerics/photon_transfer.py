@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 Masks = NDArray[np.bool_]
 
 _DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / math.sqrt(70)  # of white noise it keeps the variance
+_FINER = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0]) / math.sqrt(924)  # the sixth, likewise
+_MOST_COLOUR = 1.2  # of the variances after both differences, which are equal for white noise
+_MOST_NOISE = 0.2  # of the pictures' variance: else speckle is finer than the pixels, and white too
 _LEVELS = 24  # groups of pixels of equal light
 _LEAST_PX = 200  # pixels in a group
 _MOST_LEAK = 0.5  # of speckle, over the shot noise, of the brighter half of the groups
@@ -41,11 +44,17 @@ def transfer_of_pictures(lights: Sequence[Floats], usable: Sequence[Masks]) -> P
 
     usable: of each picture, pixels that aren't saturated or left out.
     """
-    samples = []
+    samples, coarse, fine = [], 0.0, 0.0
     for light, counts in zip(lights, usable, strict=True):
         noise = convolve1d(convolve1d(light, _DIFFERENCE, axis=0), _DIFFERENCE, axis=1)
-        inside = minimum_filter(counts, size=5, mode="constant", cval=0)
-        samples.append((uniform_filter(light, 5)[inside], np.square(noise[inside])))
+        inside = minimum_filter(counts, size=7, mode="constant", cval=0)
+        own = convolve1d(convolve1d(light, _DIFFERENCE**2, axis=0), _DIFFERENCE**2, axis=1)  # light of that variance
+        finer = convolve1d(convolve1d(light, _FINER, axis=0), _FINER, axis=1)
+        coarse, fine = coarse + float(np.square(noise[inside]).sum()), fine + float(np.square(finer[inside]).sum())
+        samples.append((uniform_filter(light, 5)[inside], own[inside], np.square(noise[inside])))
+    variance = sum(float(light[counts].var() * counts.sum()) for light, counts in zip(lights, usable, strict=True))
+    if coarse > _MOST_COLOUR * fine or coarse > _MOST_NOISE * variance:
+        return None
     return _fit(*(np.concatenate(values) for values in zip(*samples, strict=True)), 3)
 
 
@@ -56,16 +65,20 @@ def transfer_of_repeats(first: Floats, second: Floats, usable: Masks) -> PhotonT
     if not 0.5 < factor < 2:
         return None
     light = (first + factor * second) / 2
-    difference = np.square(first - factor * second) / (1 + factor**2)
-    return _fit(light[usable], difference[usable], 2)
+    difference = np.square(first - factor * second) / (1 + factor)  # of variance s/g + r² (1 + f²)/(1 + f)
+    read_share = (1 + factor**2) / (1 + factor)
+    return _fit(uniform_filter(light, 5)[usable], light[usable], difference[usable], 2, read_share)
 
 
-def _fit(light: Floats, squared: Floats, terms: int) -> PhotonTransfer | None:
-    """σ² = r² + s/g + c·s², or its first terms, weighted, from squares of noise at pixels of light s."""
+def _fit(around: Floats, light: Floats, squared: Floats, terms: int, read_share: float = 1.0) -> PhotonTransfer | None:
+    """σ² = r² + s/g + c·s², or its first terms, weighted, from squares of noise at pixels of light s.
+
+    around: light around each pixel, by which they are grouped: not by their own noise. read_share: factor of r².
+    """
     if len(light) < _LEVELS * _LEAST_PX:
         return None
-    edges = np.geomspace(max(float(np.quantile(light, 0.02)), 0.5), max(float(np.quantile(light, 0.999)), 1.0), _LEVELS)
-    group = np.searchsorted(edges, light)
+    low, high = np.quantile(around, (0.02, 0.999))
+    group = np.searchsorted(np.geomspace(max(float(low), 0.5), max(float(high), 1.0), _LEVELS), around)
     counts = np.bincount(group, minlength=_LEVELS + 1)
     kept = counts >= _LEAST_PX
     if kept.sum() < 5:
@@ -96,4 +109,4 @@ def _fit(light: Floats, squared: Floats, terms: int) -> PhotonTransfer | None:
     bright = mean >= np.median(mean)
     if error > _MOST_ERROR or float((leak * mean[bright] / slope).mean()) > _MOST_LEAK:
         return None
-    return PhotonTransfer(1 / slope, error, math.sqrt(max(found.get(0, 0.0) - 1 / 12, 0.0)))
+    return PhotonTransfer(1 / slope, error, math.sqrt(max(found.get(0, 0.0) / read_share - 1 / 12, 0.0)))
