@@ -202,7 +202,12 @@ def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     )
     add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
     add_input(group, "--compare", metavar="VENDOR.lut", type=Path, help="compare with a vendor's table")
-    group.add_argument("--drive-bits", type=whole(8, 16), metavar="N", help="of its drives (default: by the largest)")
+    group.add_argument(
+        "--drive-bits",
+        type=whole(8, 16),
+        metavar="N",
+        help="of these tables' drives (default: read by the largest, written 12)",
+    )
     add_output(
         group, "--vendor-table", metavar="LUT", suffix=".lut", help="write a turn as lines: grey level, 12-bit drive"
     )
@@ -264,7 +269,7 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
         raise UserError(name, found, expected="a residual below 0.05 or of the noise", remedy=remedy)
     wavelength = wavelengths[0] if wavelengths else None
     system = None if preset_system is None else with_lut(preset_system, lut, wavelength)
-    drives = None if args.vendor_table is None else vendor_table(lut)
+    drives = None if args.vendor_table is None else vendor_table(lut, args.drive_bits or 12)
     if args.output is not None:
         save_lut(args.output, lut, name, wavelengths, periods)
     if system is not None:

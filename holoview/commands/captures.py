@@ -91,7 +91,7 @@ def _configure_import(convert: argparse.ArgumentParser) -> None:
         type=Path,
         action="append",
         metavar="PICTURE",
-        help="the pattern that the modulator showed, once for each picture",
+        help="the pattern that was shown, once for each picture, behind all of these",
     )
     add_input(
         one,
@@ -328,7 +328,8 @@ def _take_slmsuite(args: argparse.Namespace, notes: list[str]) -> None:
     if args.focal_length is None and args.camera_pitch is not None:
         taken["focal_length"] = found.focal_px * _length(args, "camera_pitch")
         args.focal_length = units.format_exact(taken["focal_length"], "mm")
-    words = [f"{name.replace('_', ' ')} {units.format_rounded(m, 'um', 5)}" for name, m in taken.items()]
+    unit = {"wavelength": "nm", "focal_length": "mm"}
+    words = [f"{name.replace('_', ' ')} {units.format_rounded(m, unit.get(name, 'um'))}" for name, m in taken.items()]
     y, x = found.axis_px
     notes.append(
         f"{args.slmsuite.name}: {', '.join(words) or 'nothing was needed'}; its axis is at row {y:.0f}, column {x:.0f}"
