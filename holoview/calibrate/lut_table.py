@@ -7,10 +7,11 @@ vendor_table                       the fitted table in a vendor's layout
 
 A vendor's table says which drive the electronics of a modulator give to a pixel for each grey level, so that the phase
 rises in proportion to the level by one turn. Layouts that are read: two columns, grey level and drive, separated by
-spaces (Meadowlark's `.lut` and `.txt`: 256 or more lines "level drive", as public code that writes them for Blink
-has it), comma or semicolon; or drives alone, one a line. The bits of the drive follow from the
-largest: 8, 10, 12 or 16. Of HOLOEYE's, Santec's and Hamamatsu's tables we know no public description; a Hamamatsu LCOS
-has none, but one level that is 2π. Texas Instruments states 16 displacements, no drives.
+spaces (Meadowlark's `.lut` and `.txt`: 256 or more lines, drives of 12 bits for 0 to 5 V, as the public programs
+marijnleonardus/MScProject, calibration/look_up_table.py, and FanchLeroux/phd_bioedge, manip/LUT_calibration, read them),
+comma or semicolon; or drives alone, one a line. The bits of the drive follow from the largest: 8, 10, 12 or 16. Of
+HOLOEYE's, Santec's and Hamamatsu's tables we know no public description; a Hamamatsu LCOS has none, but one level that
+is 2π. Texas Instruments states 16 displacements, no drives.
 """
 
 from __future__ import annotations
@@ -76,6 +77,7 @@ def lut_table(
     }
     if lut.unseen_shift is not None:
         table["unseen_shift_pi"] = lut.unseen_shift / math.pi
+    table["turn_level"] = turn_level(lut)
     turn = turn_deviation(lut)
     if turn is not None:
         table["deviation_from_turn_pi"] = {"rms": turn[0] / math.pi, "greatest": turn[1] / math.pi, "level": turn[2]}
@@ -121,6 +123,13 @@ def _clamped(lut: Lut, levels: Floats) -> Floats:
     return np.where(np.abs(near - levels) <= _WIDEST_GAP, lut.phase_at(near), math.nan)
 
 
+def turn_level(lut: Lut) -> float | None:
+    """The level of a phase of 2π, which makers of linear modulators state for each wavelength; None below a turn."""
+    if lut.stroke < 2 * math.pi:
+        return None
+    return float(np.interp(2 * math.pi, lut.stroke_fractions * lut.stroke, lut.levels))
+
+
 def turn_deviation(lut: Lut) -> tuple[float, float, float] | None:
     """How far a table is from a phase that rises by one turn in proportion to the level, as behind a vendor's table.
 
@@ -145,6 +154,7 @@ def save_lut(
     known = [phase is not None for phase in table["phase_pi"]]
     for key in ("phase_pi", "phase_levels"):
         table[key] = [value for value, is_known in zip(table[key], known, strict=True) if is_known]
+    table = {key: value for key, value in table.items() if value is not None}
     write_file(path, tomli_w.dumps(table))
 
 
@@ -176,6 +186,9 @@ def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[
         f"residual {lut.residual:.3g} of the power's range; "
         f"a straight line leaves {lut.linear_free:.3g} with a free stroke and {lut.linear_2pi:.3g} with 2 π"
     )
+    level = turn_level(lut)
+    if level is not None:
+        lines.append(f"2 π at level {level:.0f}")
     turn = turn_deviation(lut)
     if turn is not None:
         lines.append(

@@ -229,6 +229,8 @@ def test_a_vendors_table_is_read_written_and_compared(tmp_path: Path) -> None:
     file.write_text("".join(f"{k} {4095 - 8 * k}\n" for k in range(256)))  # counts down in the drive
     assert compare_vendor(lut, read_vendor_table(file)).rms > 0.2  # a table in proportion to the level is no turn
     low = fit_lut(parse_sweep(_text(*_table("1", 1.6, seed=18)[:2])))
+    assert lut_table(low, "")["turn_level"] is None
+    assert 0 < lut_table(lut, "")["turn_level"] < 255
     with pytest.raises(UserError, match="holds a whole turn"):
         vendor_table(low)
 
