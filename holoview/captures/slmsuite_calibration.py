@@ -72,10 +72,10 @@ def read_slmsuite(path: str | os.PathLike[str]) -> FourierCalibration | PixelCal
         if all(name in h5 for name in ("data", "levels", "periods", "orders")):
             return _pixel(h5)
         if h5.attrs.get("format") is not None:
-            raise UserError(str(path), "is another kind of file", expected=_EXPECTED)
+            raise UserError("the file", "is of another kind", expected=_EXPECTED)
         names = ", ".join(sorted(str(name) for name in h5)[:6]) or "nothing"
         raise UserError(
-            str(path), f"holds {names}", expected="M and b (Fourier), or data, levels, periods, orders (pixel)"
+            "the file", f"holds {names}", expected="M and b (Fourier), or data, levels, periods, orders (pixel)"
         )
 
 
