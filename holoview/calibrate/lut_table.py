@@ -8,7 +8,7 @@ vendor_table                       the fitted table in a vendor's layout
 A vendor's table says which drive the electronics of a modulator give to a pixel for each grey level, so that the phase
 rises in proportion to the level by one turn. Layouts that are read: two columns, grey level and drive, separated by
 spaces (Meadowlark's `.lut` and `.txt`: 256 or more lines, drives of 12 bits for 0 to 5 V, as the public programs
-marijnleonardus/MScProject, calibration/look_up_table.py, and FanchLeroux/phd_bioedge, manip/LUT_calibration, read them),
+marijnleonardus/MScProject, calibration/look_up_table.py, and FanchLeroux/phd_bioedge, manip/LUT_calibration, read), by
 comma or semicolon; or drives alone, one a line. The bits of the drive follow from the largest: 8, 10, 12 or 16. Of
 HOLOEYE's, Santec's and Hamamatsu's tables we know no public description; a Hamamatsu LCOS has none, but one level that
 is 2π. Texas Instruments states 16 displacements, no drives.

@@ -55,7 +55,8 @@ def transfer_of_pictures(lights: Sequence[Floats], usable: Sequence[Masks]) -> P
     variance = sum(float(light[counts].var() * counts.sum()) for light, counts in zip(lights, usable, strict=True))
     if coarse > _MOST_COLOUR * fine or coarse > _MOST_NOISE * variance:
         return None
-    return _fit(*(np.concatenate(values) for values in zip(*samples, strict=True)), 3)
+    around, light_of, squared = (np.concatenate(values) for values in zip(*samples, strict=True))
+    return _fit(around, light_of, squared, 3)
 
 
 def transfer_of_repeats(first: Floats, second: Floats, usable: Masks) -> PhotonTransfer | None:
