@@ -106,7 +106,6 @@ def import_pictures(
     _require_alike(shown)
     for one in shown:
         _require_speckle(one)
-    notes: list[str] = []
     highest = max(int(one.picture.max()) for one in shown)
     bits = known.bits or next(b for b in (8, 10, 12, 14, 16) if highest < 2**b)
     saturation = 2**bits - 1
@@ -121,36 +120,44 @@ def import_pictures(
     best, matches = common_placement(pictures, cuts, phases, placements[0])
     _require_standing(shown, matches)
     found_m = best.scale_px * pitch_m * camera_pitch_m / wavelength_m
-    notes += _placement_notes(placements, best, matches, found_m, focal_length_m)
-    notes += _apart_notes(shown, matches)
     keep = np.stack([undone(~cut, best.orientation) for cut in cuts])
-    if not keep.all():
-        zero = float(np.mean([zero_order_mask(one.picture, saturation).mean() for one in shown]))
-        masked = f", with what the mask leaves out {100 * (1 - keep.mean()):.2g} %" if usable is not None else ""
-        notes.append(f"the saturated zero order and its rim ({100 * zero:.2g} % of a picture{masked}) are left out")
+    notes = [
+        *_placement_notes(placements, best, matches, found_m, focal_length_m),
+        *_apart_notes(shown, matches),
+        *_left_out_notes(shown, keep, saturation, usable is not None),
+    ]
     if stroke_m is None:
         turn = units.format_rounded(wavelength_m, "nm")
         notes.append(f"assumed: level {of_levels - 1} is a full turn at {turn}, even light, one modulator")
-    axis = upright_place(best.axis_px, pictures[0].shape, best.orientation)
-    images = np.stack([undone(one.picture, best.orientation) for one in shown]).astype(np.uint16)
+    slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
+    sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
+    captures = _upright_captures(shown, best, wavelength_m, slm, sensor)
+    captures = replace(captures, usable=None if keep.all() else keep)
+    captures = with_estimates(captures, known.compression_counts)
+    notes += [f"estimated: {sentence}" for sentence in captures.estimated]
+    check_captures(captures)
+    return ImportedPictures(captures, (best, *placements[1:]), tuple(notes))
+
+
+def _upright_captures(
+    shown: Sequence[Shown], placed: Placement, wavelength_m: float, slm: SlmSpec, camera: Camera
+) -> Captures:
+    """The captures with upright pictures, whose focal length and axis are those of the placement."""
+    axis = upright_place(placed.axis_px, shown[0].picture.shape, placed.orientation)
+    images = np.stack([undone(one.picture, placed.orientation) for one in shown]).astype(np.uint16)
     rows, columns = images.shape[1:]
-    captures = Captures(
+    return Captures(
         levels=np.stack([one.pattern for one in shown])[:, None],
         images=images,
         wavelength_m=np.full(len(shown), wavelength_m),
         distance_m=np.zeros(len(shown)),
         power=np.array([one.power for one in shown]),
         exposure_s=np.array([one.exposure_s for one in shown]),
-        slms=(SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m),),
-        camera=Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level),
-        usable=None if keep.all() else keep,
-        focal_length_m=found_m,
-        axis_m=((axis[0] - (rows - 1) / 2) * camera_pitch_m, (axis[1] - (columns - 1) / 2) * camera_pitch_m),
+        slms=(slm,),
+        camera=camera,
+        focal_length_m=placed.scale_px * slm.pitch_m * camera.pitch_m / wavelength_m,
+        axis_m=((axis[0] - (rows - 1) / 2) * camera.pitch_m, (axis[1] - (columns - 1) / 2) * camera.pitch_m),
     )
-    captures = with_estimates(captures, known.compression_counts)
-    notes += [f"estimated: {sentence}" for sentence in captures.estimated]
-    check_captures(captures)
-    return ImportedPictures(captures, (best, *placements[1:]), tuple(notes))
 
 
 def _require_alike(shown: Sequence[Shown]) -> None:
@@ -247,6 +254,14 @@ def _placement_notes(
                 "times less"
             )
     return notes
+
+
+def _left_out_notes(shown: Sequence[Shown], keep: Masks, saturation: int, is_masked: bool) -> list[str]:
+    if keep.all():
+        return []
+    zero = float(np.mean([zero_order_mask(one.picture, saturation).mean() for one in shown]))
+    masked = f", with what the mask leaves out {100 * (1 - keep.mean()):.2g} %" if is_masked else ""
+    return [f"the saturated zero order and its rim ({100 * zero:.2g} % of a picture{masked}) are left out"]
 
 
 def _apart_notes(shown: Sequence[Shown], matches: Sequence[SpeckleMatch]) -> list[str]:
