@@ -101,8 +101,8 @@ def _plan_wavelength(
 ) -> ExposureSetting:
     full_range = captures.camera.saturation - black
     indices = np.flatnonzero(captures.wavelength_m == wavelength_m)
-    images = captures.images[indices].reshape(len(indices), -1)
-    brightest = np.quantile(images, 1 - _CLIPPED_SHARE, axis=1) - black
+    pictures = (captures.images[k][captures.usable_pixels(k)] for k in indices.tolist())
+    brightest = np.array([float(np.quantile(counts, 1 - _CLIPPED_SHARE)) for counts in pictures]) - black
     clipped = brightest >= full_range
     brightest = np.where(clipped, _BACK_OFF * brightest, np.maximum(brightest, 1e-3))
     rates = brightest / (captures.power[indices] * captures.exposure_s[indices])

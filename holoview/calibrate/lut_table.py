@@ -7,8 +7,11 @@ vendor_table                       the fitted table in a vendor's layout
 
 A vendor's table says which drive the electronics of a modulator give to a pixel for each grey level, so that the phase
 rises in proportion to the level by one turn. Layouts that are read: two columns, grey level and drive, separated by
-spaces (Meadowlark's `.lut`: 256 or more lines "level drive", with drives of 12 bits), comma or semicolon; or drives
-alone, one a line. The bits of the drive follow from the largest: 8, 10, 12 or 16.
+spaces (Meadowlark's `.lut` and `.txt`: 256 or more lines, drives of 12 bits for 0 to 5 V, as the public programs
+marijnleonardus/MScProject, calibration/look_up_table.py, and FanchLeroux/phd_bioedge, manip/LUT_calibration, read), by
+comma or semicolon; or drives alone, one a line. The bits of the drive follow from the largest: 8, 10, 12 or 16. Of
+HOLOEYE's, Santec's and Hamamatsu's tables we know no public description; a Hamamatsu LCOS has none, but one level that
+is 2π. Texas Instruments states 16 displacements, no drives.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ FORMAT, VERSION = "holoview-lut", 1
 _TABLE_SIZE = 256  # numbers of `phase_pi`
 _WIDEST_GAP = 2.0  # levels before the first and behind the last that take their phases
 _DRIVE_BITS = (8, 10, 12, 16)
+_FAR_BETTER = 0.4  # of the deviation with other bits, with which a table's bits are doubted
 
 
 def lut_table(
@@ -73,6 +77,7 @@ def lut_table(
     }
     if lut.unseen_shift is not None:
         table["unseen_shift_pi"] = lut.unseen_shift / math.pi
+    table["turn_level"] = turn_level(lut)
     turn = turn_deviation(lut)
     if turn is not None:
         table["deviation_from_turn_pi"] = {"rms": turn[0] / math.pi, "greatest": turn[1] / math.pi, "level": turn[2]}
@@ -118,6 +123,13 @@ def _clamped(lut: Lut, levels: Floats) -> Floats:
     return np.where(np.abs(near - levels) <= _WIDEST_GAP, lut.phase_at(near), math.nan)
 
 
+def turn_level(lut: Lut) -> float | None:
+    """The level of a phase of 2π, which makers of linear modulators state for each wavelength; None below a turn."""
+    if lut.stroke < 2 * math.pi:
+        return None
+    return float(np.interp(2 * math.pi, lut.stroke_fractions * lut.stroke, lut.levels))
+
+
 def turn_deviation(lut: Lut) -> tuple[float, float, float] | None:
     """How far a table is from a phase that rises by one turn in proportion to the level, as behind a vendor's table.
 
@@ -142,6 +154,7 @@ def save_lut(
     known = [phase is not None for phase in table["phase_pi"]]
     for key in ("phase_pi", "phase_levels"):
         table[key] = [value for value, is_known in zip(table[key], known, strict=True) if is_known]
+    table = {key: value for key, value in table.items() if value is not None}
     write_file(path, tomli_w.dumps(table))
 
 
@@ -173,6 +186,9 @@ def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[
         f"residual {lut.residual:.3g} of the power's range; "
         f"a straight line leaves {lut.linear_free:.3g} with a free stroke and {lut.linear_2pi:.3g} with 2 π"
     )
+    level = turn_level(lut)
+    if level is not None:
+        lines.append(f"2 π at level {level:.0f}")
     turn = turn_deviation(lut)
     if turn is not None:
         lines.append(
@@ -238,10 +254,14 @@ def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class VendorTable:
-    """The drive that a vendor's table gives to each grey level: drives (level,); bits: of the drive."""
+    """The drive that a vendor's table gives to each grey level: drives (level,); bits: of the drive.
+
+    is_stated: whether somebody stated the bits; else they are those of the largest drive.
+    """
 
     drives: Floats
     bits: int
+    is_stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -259,14 +279,14 @@ class VendorComparison:
     is_reversed: bool
 
 
-def read_vendor_table(path: str | os.PathLike[str]) -> VendorTable:
-    """Reads a vendor's table; see the module for layouts.
+def read_vendor_table(path: str | os.PathLike[str], bits: int | None = None) -> VendorTable:
+    """Reads a vendor's table; see the module for layouts. bits: of the drive; as the largest says when None.
 
     Raises UserError for a file that is missing or isn't such a table: fewer than 16 levels, levels that don't count
     from 0, drives below 0 or above 16 bits.
     """
     file = Path(path)
-    expected = "a table of one or two columns: grey level and drive"
+    expected = "a table of one or two columns, grey level and drive: no other layout of a vendor is known"
     rows = parse_columns(read_text(file, expected), 2, expected, str(file))
     drives = rows[:, -1]
     if len(rows) < 16:
@@ -279,20 +299,40 @@ def read_vendor_table(path: str | os.PathLike[str]) -> VendorTable:
     if drives.min() < 0 or drives.max() >= 2 ** _DRIVE_BITS[-1] or (drives != np.round(drives)).any():
         found = f"drives from {drives.min():g} to {drives.max():g}"
         raise UserError(str(file), found, expected="whole numbers from 0 to 65535")
-    return VendorTable(drives, next(bits for bits in _DRIVE_BITS if drives.max() < 2**bits))
+    if bits is not None and drives.max() >= 2**bits:
+        raise UserError(str(file), f"a drive of {drives.max():g}", expected=f"0 to {2**bits - 1} at {bits} bits")
+    of_largest = next(n for n in _DRIVE_BITS if drives.max() < 2**n)
+    return VendorTable(drives, of_largest if bits is None else bits, bits is not None)
 
 
 def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
     """The deviation of the fitted phase from what a vendor's table promises, up to a constant phase.
 
     The sweep's levels are those without the table (a linear one): from 0 to the highest drive, or reversed. The
-    direction that is nearer is taken. Raises UserError if less than half of the table's drives were measured.
+    direction that is nearer is taken. Raises UserError if less than half of the table's drives were measured, and where
+    the table fits far better as one of more bits than its largest drive needs and nobody stated them.
     """
+    found = _compared(lut, table.drives, table.bits)
+    for bits in [] if table.is_stated else [bits for bits in _DRIVE_BITS if bits > table.bits]:
+        other = _compared(lut, table.drives, bits)
+        if other is not None and (found is None or other.rms < _FAR_BETTER * found.rms):
+            said = "nothing that was measured" if found is None else f"{found.rms / math.pi:.2f} π r.m.s. off"
+            words = f"drives up to {table.drives.max():g}: as of {table.bits} bits {said}, as of {bits} bits "
+            words += f"{other.rms / math.pi:.2f} π"
+            raise UserError("vendor's table", words, expected="its bits stated", remedy=f"--drive-bits {bits}")
+    if found is None:
+        expected = f"drives that the sweep holds, levels {lut.levels[0]:g} to {lut.levels[-1]:g}"
+        raise UserError("vendor's table", f"drives of {table.bits} bits", expected=expected)
+    return found
+
+
+def _compared(lut: Lut, drives: Floats, bits: int) -> VendorComparison | None:
+    """The comparison with drives of so many bits; None if less than half of them were measured."""
     highest = (
         lut.levels[-1] if lut.levels[0] > 0 else float(2 ** math.ceil(math.log2(max(lut.levels[-1], 1.0) + 1)) - 1)
     )
-    levels = table.drives * (highest + 1) / 2**table.bits
-    promised = 2 * math.pi * np.arange(len(table.drives)) / (len(table.drives) - 1)
+    levels = drives * (highest + 1) / 2**bits
+    promised = 2 * math.pi * np.arange(len(drives)) / (len(drives) - 1)
     best: VendorComparison | None = None
     for is_reversed in (False, True):
         phase = _clamped(lut, highest - levels if is_reversed else levels)
@@ -306,9 +346,6 @@ def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
             rms, worst = float(np.sqrt(np.mean(error[inside] ** 2))), int(np.abs(error).argmax())
             if best is None or rms < best.rms:
                 best = VendorComparison(rms, float(error[worst]), worst, float(inside.mean()), is_reversed)
-    if best is None:
-        expected = f"drives that the sweep holds, levels {lut.levels[0]:g} to {lut.levels[-1]:g}"
-        raise UserError("vendor's table", f"drives of {table.bits} bits", expected=expected)
     return best
 
 

@@ -133,6 +133,11 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def sweep_of_readings(levels: Floats, power: Floats, name: str) -> Sweep:
+    """A sweep from arrays (n,), checked as those of files are."""
+    return _checked(np.column_stack([levels, power]), name, [])
+
+
 def _checked(table: Floats, name: str, notes: list[str]) -> Sweep:
     """The sweep of a table (n, 2 or 3) in the order of its file. Raises UserError if it can't be one."""
     starts_high = bool((np.diff(table[:, 0]) < 0).all())

@@ -45,13 +45,12 @@ from typing import Any
 
 import h5py
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
-from PIL import Image
 
 from holoview.captures.count_bits import counts_as_stated
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Captures, Masks
 from holoview.captures.nominal_bench import (
+    MAY_BE_UNKNOWN,
     STOP_KEYS,
     BenchTables,
     camera_from_attributes,
@@ -60,14 +59,10 @@ from holoview.captures.nominal_bench import (
     stop_attributes,
     stops_from_attributes,
 )
+from holoview.captures.picture_files import UNKNOWN, read_greyscale
+from holoview.captures.unknown_settings import with_estimates
 from holoview.captures.validation import check_captures
 from holoview.model.fields import Number
-from holoview.targets.image_reader import (
-    check_page_list,
-    naming_missing_codecs,
-    require_page_memory,
-    require_picture_memory,
-)
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
@@ -85,6 +80,13 @@ LEVELS = tuple(ArraySchema(f"slm{n}/levels", _COUNTS, ("capture", "row", "column
 """Of each modulator; a file of one modulator has only the first."""
 
 IMAGES = ArraySchema("camera/images", _COUNTS, ("capture", "camera row", "camera column"))
+
+MASK = "camera/mask"
+MASKS = tuple(
+    ArraySchema(MASK, ("uint8", "bool"), axes)
+    for axes in (("camera row", "camera column"), ("capture", "camera row", "camera column"))
+)
+"""Optional: 0 leaves a pixel out, of all pictures or of each."""
 
 PER_CAPTURE = tuple(ArraySchema(name, _REAL, ("capture",)) for name in ("wavelength", "distance", "power", "exposure"))
 
@@ -119,7 +121,7 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
     """
     remedy = "`holoview captures import` converts a folder of pictures"
     with open_plain_hdf5(Path(path), "a capture file (HDF5)", remedy) as h5:
-        captures = _read(h5)
+        captures = with_estimates(_read(h5))
         check(captures)
     return captures
 
@@ -141,12 +143,18 @@ def write_captures(
         h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
         if captures.corrections:
             h5.attrs["corrections"] = list(captures.corrections)
+        if captures.estimated:
+            h5.attrs["estimated"] = list(captures.estimated)
         for number, slm in enumerate(captures.slms):
             group = h5.create_group(f"slm{number + 1}")
             group.create_dataset("levels", data=captures.levels[:, number], compression="gzip", compression_opts=4)
             group.attrs.update(pitch=slm.pitch_m, num_levels=slm.num_levels, opd_range=slm.opd_range_m)
         camera = h5.create_group("camera")
         camera.create_dataset("images", data=captures.images, compression="gzip", compression_opts=4)
+        if captures.usable is not None:
+            is_one = bool((captures.usable == captures.usable[:1]).all())
+            mask = captures.usable[0] if is_one else captures.usable
+            camera.create_dataset("mask", data=mask.astype(np.uint8), compression="gzip", compression_opts=4)
         c = captures.camera
         if any(captures.axis_m):
             camera.attrs.update(axis_y=captures.axis_m[0], axis_x=captures.axis_m[1])
@@ -170,8 +178,12 @@ def _read(h5: h5py.File) -> Captures:
     slms = ["slm1", "slm2"] if plain_child(h5, "slm2") is not None else ["slm1"]
     levels = [DatasetReader(h5, schema, sizes) for schema in LEVELS[: len(slms)]]
     images = DatasetReader(h5, IMAGES, sizes)
-    columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in PER_CAPTURE}
-    datasets = [*levels, images, *columns.values()]
+    known = [schema for schema in PER_CAPTURE if not _is_unknown(h5, schema.name)]
+    columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in known}
+    found = plain_child(h5, MASK)
+    is_each = isinstance(found, h5py.Dataset) and found.ndim == 3
+    mask = None if found is None else DatasetReader(h5, MASKS[is_each], sizes)
+    datasets = [*levels, images, *columns.values(), *([] if mask is None else [mask])]
     needed = _PEAK_SHARE * sum(d.size_bytes for d in datasets) + 2 * max(d.chunk_bytes for d in datasets)
     require_memory("captures", needed, remedy="give it fewer captures")
     geometry, camera = _geometry(h5), _numbers(h5, "camera", (*CAMERA_NUMBERS, *AXIS_NUMBERS))
@@ -180,17 +192,30 @@ def _read(h5: h5py.File) -> Captures:
         images=_read_images(images),
         wavelength_m=columns["wavelength"].read().astype(np.float64),
         distance_m=columns["distance"].read().astype(np.float64),
-        power=columns["power"].read().astype(np.float64),
-        exposure_s=columns["exposure"].read().astype(np.float64),
+        power=_column(columns, "power", images.shape[0]),
+        exposure_s=_column(columns, "exposure", images.shape[0]),
         slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms),
         camera=camera_from_attributes(camera),
         axis_m=(camera.get("axis_y", 0.0), camera.get("axis_x", 0.0)),
+        usable=_usable(h5, mask, images.shape),
         gap_m=geometry.get("gap"),
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
         relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
         focal_length_m=geometry.get("focal_length"),
-        corrections=_corrections(h5),
+        corrections=_texts(h5, "corrections"),
+        estimated=_texts(h5, "estimated"),
     )
+
+
+def _is_unknown(h5: h5py.File, name: str) -> bool:
+    """Whether powers or exposures are the text "unknown"."""
+    found = plain_child(h5, name) if name in ("power", "exposure") else None
+    is_text = isinstance(found, h5py.Dataset) and found.shape == () and h5py.check_string_dtype(found.dtype) is not None
+    return is_text and _decode_attribute(found[()]) == UNKNOWN  # type: ignore[index]
+
+
+def _column(columns: dict[str, DatasetReader], name: str, count: int) -> NDArray[np.float64]:
+    return columns[name].read().astype(np.float64) if name in columns else np.full(count, np.nan)
 
 
 def _check_format(h5: h5py.File) -> None:
@@ -217,6 +242,37 @@ def _read_images(reader: DatasetReader) -> NDArray[np.uint16]:
     return images
 
 
+def _usable(h5: h5py.File, mask: DatasetReader | None, shape: tuple[int, ...]) -> Masks | None:
+    """The pixels (capture, y, x) of the mask and the region of interest; None where the file has neither."""
+    camera = plain_child(h5, "camera")
+    roi = None if camera is None else read_attribute(camera, "roi")
+    if mask is None and roi is None:
+        return None
+    usable = np.ones(shape[1:], bool) if mask is None else mask.read() != 0
+    if roi is not None:
+        numbers = np.atleast_1d(roi)
+        if numbers.shape != (4,) or numbers.dtype.kind not in "iuf" or (numbers != np.round(numbers)).any():
+            raise UserError("camera attribute roi", f"{roi}", expected="four whole numbers: [y0, y1, x0, x1]")
+        y0, y1, x0, x1 = (int(n) for n in numbers)
+        usable &= region_mask((y0, y1, x0, x1), (shape[1], shape[2]), "camera attribute roi")
+    return np.broadcast_to(usable, shape)
+
+
+def region_mask(roi: tuple[int, int, int, int], shape: tuple[int, int], where: str) -> Masks:
+    """True in the rows y0 … y1 − 1 and columns x0 … x1 − 1 of a picture. roi: (y0, y1, x0, x1).
+
+    Raises UserError that names `where` for a region that is empty or not within the picture.
+    """
+    y0, y1, x0, x1 = roi
+    if not (0 <= y0 < y1 <= shape[0] and 0 <= x0 < x1 <= shape[1]):
+        found = f"rows {y0}:{y1}, columns {x0}:{x1}"
+        expected = f"first and behind the last, within the picture's {shape[0]} rows and {shape[1]} columns"
+        raise UserError(where, found, expected=expected)
+    region = np.zeros(shape, bool)
+    region[y0:y1, x0:x1] = True
+    return region
+
+
 def _geometry(h5: h5py.File) -> dict[str, Any]:
     """The attributes of the geometry that the file has."""
     group, lengths = plain_child(h5, "geometry"), _numbers(h5, "geometry", GEOMETRY_NUMBERS)
@@ -231,16 +287,22 @@ def _numbers(h5: h5py.File, group_name: str, schemas: Sequence[NumberSchema]) ->
     for schema in schemas:
         where = f"{group_name} attribute {schema.name}"
         value = None if group is None else read_attribute(group, schema.name)
-        if value is not None:
+        if value is not None and schema.name in MAY_BE_UNKNOWN and _decode_text(value) == UNKNOWN:
+            values[schema.name] = math.nan
+        elif value is not None:
             values[schema.name] = schema.read(value, where)
         elif not schema.optional:
             raise UserError(where, "is missing", expected="a number")
     return values
 
 
-def _corrections(h5: h5py.File) -> tuple[str, ...]:
-    texts = read_attribute(h5, "corrections")
+def _texts(h5: h5py.File, name: str) -> tuple[str, ...]:
+    texts = read_attribute(h5, name)
     return () if texts is None else tuple(_decode_attribute(text) for text in np.atleast_1d(texts))
+
+
+def _decode_text(value: Any) -> str:
+    return _decode_attribute(value) if isinstance(value, str | bytes) else ""
 
 
 def _decode_attribute(value: Any) -> str:
@@ -396,6 +458,7 @@ class DatasetReader:
 
 
 TABLE_FILE, BENCH_FILE = "captures.csv", "bench.toml"
+_NAMED = f"a picture that {TABLE_FILE} names"
 
 _VALUE_COLUMNS: dict[str, Number] = {
     "wavelength": Number("nm", low=100e-9, high=10e-6),
@@ -422,8 +485,8 @@ def import_folder(
     rows = _read_table(folder / TABLE_FILE, file_columns)
     images, levels = [], []
     for number, row in enumerate(rows):
-        images.append(read_greyscale(folder / row["image"]))
-        levels.append([read_greyscale(folder / row[name]) for name in file_columns[1:]])
+        images.append(read_greyscale(folder / row["image"], _NAMED))
+        levels.append([read_greyscale(folder / row[name], _NAMED) for name in file_columns[1:]])
         if progress is not None:
             progress(number + 1, len(rows))
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _VALUE_COLUMNS}
@@ -436,6 +499,7 @@ def import_folder(
         exposure_s=columns["exposure"],
         **bench.as_fields(),
     )
+    captures = with_estimates(captures)
     check_captures(captures)
     return captures
 
@@ -468,7 +532,8 @@ def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
                 row[name] = text
             else:
                 plain = text.replace(",", ".") if has_decimal_commas else text
-                row[name] = _cell_value(_VALUE_COLUMNS[name], plain, where)
+                is_unknown = name in ("power", "exposure") and text == UNKNOWN
+                row[name] = math.nan if is_unknown else _cell_value(_VALUE_COLUMNS[name], plain, where)
         rows.append(row)
     return rows
 
@@ -483,42 +548,6 @@ def _cell_value(kind: Number, text: str, where: str) -> float:
     number = kind.parse(value, where)
     assert number is not None
     return number
-
-
-def read_greyscale(path: Path) -> NDArray[Any]:
-    """Reads the values (y, x) of a greyscale PNG or TIFF, or of three equal channels, unchanged, as uint8 or uint16.
-
-    Raises UserError for a file that is missing, can't be decoded, or isn't greyscale of 8 or 16 bits.
-    """
-    require_file(path, f"a picture that {TABLE_FILE} names")
-    values = call_in_child(str(path), path, partial(_decode_greyscale, path))
-    if values.ndim == 3 and values.shape[2] in (3, 4) and (values[..., :3] == values[..., :1]).all():
-        values = values[..., 0]  # grey in three equal channels
-    if values.ndim == 2 and values.dtype.kind == "i" and values.size and values.min() >= 0:
-        values = (
-            values.astype(np.uint16) if values.max() < 65536 else values
-        )  # Pillow decodes some 16-bit files as int32
-    if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
-        found = f"an array of shape {values.shape}, {values.dtype}"
-        raise UserError(str(path), found, expected="a greyscale picture of 8 or 16 bits")
-    return values
-
-
-def _decode_greyscale(path: Path) -> NDArray[Any]:
-    try:
-        if path.suffix.lower() in (".tif", ".tiff"):
-            check_page_list(path)
-            with naming_missing_codecs(path), tifffile.TiffFile(path) as file:
-                require_page_memory(path, file.pages.first)
-                return np.asarray(file.pages.first.asarray())
-        else:
-            with Image.open(path, formats=("PNG",)) as image:
-                require_picture_memory(path, image.width, image.height, 1)
-                return np.asarray(image)
-    except UserError:
-        raise
-    except Exception as error:  # each decoder raises exceptions of its own
-        raise UserError(str(path), f"can't be decoded: {error}", expected="a greyscale PNG or TIFF") from error
 
 
 def _stack(arrays: list[NDArray[Any]], what: str) -> NDArray[Any]:

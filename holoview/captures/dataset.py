@@ -90,6 +90,7 @@ def oriented_shape(shape: tuple[int, int], orientation: str) -> tuple[int, int]:
 
 
 Floats = NDArray[np.float64]
+Masks = NDArray[np.bool_]
 Real = TypeVar("Real", bound=np.floating)
 _CLEAR = Relay()
 
@@ -157,11 +158,13 @@ class Captures:
     relay2: the stops between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     corrections: mistakes in the records that have been put right in these captures, in words.
+    estimated: sentences on settings that nobody stated and that were estimated from the pictures.
     lasers_m: wavelengths of the captures that these are a subset of, ascending; empty where these are all.
     frame: (rows, columns) of the whole pictures, where `images` holds only a part; None otherwise.
     slm_frame: (rows, columns) of the whole modulators, where `levels` holds only a part; None otherwise.
-    centre_m: (y, x), where the centre of that part is, in modulators and pictures.
+    centre_m: (y, x), where the centre of that part is, in pictures and, where `slm_frame` is stated, in modulators.
     axis_m: (y, x), where the zero order of a Fourier bench is, from the centre of the pictures.
+    usable: (N, y, x), False for pixels that every fit and measure leaves out; None where all count.
     levels_before: as `levels`, the levels of the capture that was taken before each; for the first capture of all its
     own. None if they follow from the order of these captures. Between whole levels where a modulator hadn't settled.
     levels_first: (modulator, y, x), the levels of the first capture of all; None if it is the first of these.
@@ -180,11 +183,13 @@ class Captures:
     relay2: Relay = _CLEAR
     focal_length_m: float | None = None
     corrections: tuple[str, ...] = ()
+    estimated: tuple[str, ...] = ()
     lasers_m: tuple[float, ...] = ()
     frame: tuple[int, int] | None = None
     slm_frame: tuple[int, int] | None = None
     centre_m: tuple[float, float] = (0.0, 0.0)
     axis_m: tuple[float, float] = (0.0, 0.0)
+    usable: Masks | None = None
     levels_before: NDArray[np.unsignedinteger] | Floats | None = None
     levels_first: NDArray[np.unsignedinteger] | None = None
 
@@ -195,7 +200,12 @@ class Captures:
     def first_pixel(self) -> tuple[int, int]:
         """Row and column of the first modulator pixel, counted in the whole modulator."""
         shape = (self.levels.shape[2], self.levels.shape[3])
-        return first_of_part(self.slm_frame or shape, shape, self.centre_m, self.slms[0].pitch_m)
+        return first_of_part(self.slm_frame or shape, shape, self.slm_centre_m, self.slms[0].pitch_m)
+
+    @property
+    def slm_centre_m(self) -> tuple[float, float]:
+        """(y, x), where the centre of the modulators' part is; of whole modulators (0, 0)."""
+        return (0.0, 0.0) if self.slm_frame is None else self.centre_m
 
     @property
     def is_fourier(self) -> bool:
@@ -239,8 +249,24 @@ class Captures:
         lasers = self.lasers_m or tuple(self.wavelengths_m.tolist())
         before = np.stack([self._levels_before(int(k)) for k in chosen]) if len(chosen) else self.levels[:0]
         parts = {name: getattr(self, name)[chosen] for name in names}
+        parts["usable"] = None if self.usable is None else self.usable[chosen]
         first = self.levels[0] if self.levels_first is None and len(self) else self.levels_first
         return dataclasses.replace(self, **parts, lasers_m=lasers, levels_before=before, levels_first=first)
+
+    def with_pictures(self, change: Callable[[_Images], _Images], **others: Any) -> Captures:
+        """The captures with pictures (capture, y, x), and what is left out of them, cut or turned. others: fields."""
+        usable = None if self.usable is None else change(self.usable)
+        return dataclasses.replace(self, images=change(self.images), usable=usable, **others)
+
+    def usable_pixels(self, capture: int) -> Masks:
+        """The pixels (y, x) of a picture that aren't left out, whether saturated or not."""
+        return np.ones(self.shape, bool) if self.usable is None else self.usable[capture]
+
+    @property
+    def saturated_shares(self) -> Floats:
+        """(N,): share of the pixels that aren't left out that are saturated."""
+        pictures = zip(self.images, map(self.usable_pixels, range(len(self))), strict=True)
+        return np.array([float((image[usable] >= self.camera.saturation).mean()) for image, usable in pictures])
 
     def drive(self, capture: int) -> Floats:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
@@ -311,4 +337,6 @@ def join_captures(parts: Sequence[Captures]) -> Captures:
             for last, part in zip(lasts, parts, strict=True)
         ]
         together["levels_before"] = np.concatenate(before)
+    if any(part.usable is not None for part in parts):
+        together["usable"] = np.concatenate([[part.usable_pixels(k) for k in range(len(part))] for part in parts])
     return dataclasses.replace(parts[0], **together)

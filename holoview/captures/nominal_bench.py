@@ -11,6 +11,7 @@ A program that knows the irises alone reads these files too, without the others.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -107,6 +108,9 @@ KEYS: Mapping[str, Mapping[str, FieldType]] = {
 }
 """Type of each key of each table."""
 
+MAY_BE_UNKNOWN = ("electrons_per_count", "read_noise", "black_level")
+"""Keys and attributes of the camera that may be "unknown", NaN then: they are estimated from the pictures."""
+
 
 @dataclass(frozen=True)
 class BenchTables:
@@ -135,8 +139,11 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
         table = tables.get(name, {})
         if not isinstance(table, Mapping):
             raise UserError(f"{where}: {name}", f"{table!r}", expected=f"a table [{name}]")
-        required = () if name == "geometry" else KEYS[name]
-        bench[name] = read_table(table, KEYS[name], f"{where}: {name}.", required=required)
+        unknown = [k for k in MAY_BE_UNKNOWN if name == "camera" and table.get(k) == "unknown"]
+        required = () if name == "geometry" else [key for key in KEYS[name] if key not in unknown]
+        stated = {key: value for key, value in table.items() if key not in unknown}
+        bench[name] = read_table(stated, KEYS[name], f"{where}: {name}.", required=required)
+        bench[name] |= dict.fromkeys(unknown, math.nan)
     geometry, place = bench.get("geometry", {}), f"{where}: geometry."
     return BenchTables(
         slms=tuple(slm_from_attributes(bench[name]) for name in ("slm1", "slm2") if name in bench),

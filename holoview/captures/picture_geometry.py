@@ -12,15 +12,18 @@ are alike, the speckle decides (`numerics.speckle_match`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import fft2, fftshift, irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter, label
 
-from holoview.captures.dataset import ORIENTATIONS, turned, undone
+from holoview.captures.dataset import ORIENTATIONS, inverse_orientation, turned, undone
 from holoview.numerics.speckle_match import SpeckleMatch, match_speckle
 from holoview.util.progress import ProgressCallback, no_progress
 
@@ -35,10 +38,13 @@ _SCALE_RANGE = 0.25, 2.6  # of the picture's longer side, where no focal length 
 _STATED_RANGE = 0.85  # of the stated scale, and its inverse
 _FINE_SCALES = np.arange(0.97, 1.0301, 0.006)
 _ALIKE = 0.9  # of the best score: a candidate that speckle has to exclude
+_COMMON_SCALES = 0.996, 0.998, 1.0, 1.002, 1.004
 _WINDOW = 480, 640  # camera pixels in which speckle is compared
 _REACH_PX, _AROUND_PX = 25, 80
 _BEAMS = 1.0, 0.7, 0.5, 0.35, 0.25  # radii of light tried, of half the modulator's shorter side
 _STROKES = 0.5, 0.9  # tried, of the assumed one
+_FAINT = 3.0, 15.0  # standard deviations between which wavefronts are tried
+_WAVEFRONTS_RAD = -8.0, -4.0, -2.0, 2.0, 4.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,9 @@ class Placement:
 
     orientation: of the picture, a name of `ORIENTATIONS`. scale_px: camera pixels to a period of the spectrum. axis_px:
     (y, x) of the zero order in the picture. envelope: correlation of the envelopes. speckle: the best match of speckle
-    among simple beams, None where it wasn't tried.
+    among simple beams, None where it wasn't tried. beam, stroke: of that match: radius of light over half of the
+    modulator's shorter side, 1 for even light, and the stroke over the assumed one. wavefront: over that radius, rad at
+    its edge: defocus 2r² − 1 and coma (3r² − 2)·y, (3r² − 2)·x, tried where speckle hardly stands without.
     """
 
     orientation: str
@@ -55,6 +63,9 @@ class Placement:
     axis_px: tuple[float, float]
     envelope: float
     speckle: SpeckleMatch | None = None
+    beam: float = 1.0
+    stroke: float = 1.0
+    wavefront: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def zero_order_mask(picture: NDArray[np.floating] | NDArray[np.unsignedinteger], saturation: float) -> Masks:
@@ -70,18 +81,17 @@ def zero_order_mask(picture: NDArray[np.floating] | NDArray[np.unsignedinteger],
 def find_placements(
     picture: NDArray[np.floating],
     phase: Floats,
-    saturation: float,
+    cut: Masks,
     scale_px: float | None = None,
     progress: ProgressCallback = no_progress,
 ) -> list[Placement]:
     """The ways to lay the spectrum of a pattern over a picture, the best first.
 
-    picture: (y, x), counts. phase: (row, column), of the pattern as the modulator shows it, turns. saturation: counts
-    of a full pixel. scale_px: stated scale, which is looked for within 15 %; any when None. The best few have their
-    speckle compared.
+    picture: (y, x), counts. phase: (row, column), of the pattern as the modulator shows it, turns. cut: (y, x), True
+    for pixels that don't count, such as the zero order. scale_px: stated scale, which is looked for within 15 %; any
+    when None. The best few have their speckle compared.
     """
     spectrum = _spectrum_power(phase)
-    cut = zero_order_mask(picture, saturation)
     longer = max(picture.shape)
     low, high = (_STATED_RANGE * scale_px, scale_px / _STATED_RANGE) if scale_px else (f * longer for f in _SCALE_RANGE)
     scales = np.geomspace(low, high, _SCALES if scale_px is None else 24)
@@ -95,8 +105,8 @@ def find_placements(
             best.append(
                 _scan(picture, cut, spectrum, top.scale_px * _FINE_SCALES, [orientation], binning, no_progress)[0]
             )
-    tried = [_with_speckle(picture, cut, phase, placement) for placement in best]
-    return sorted(tried, key=lambda found: -(found.speckle.correlation if found.speckle else -1.0))
+    tried = [_with_speckle(WindowedPicture(picture, cut, phase, found.orientation), found) for found in best]
+    return sorted(tried, key=lambda found: -_correlation(found))
 
 
 def _spectrum_power(phase: Floats) -> Floats:
@@ -155,30 +165,95 @@ def _scan(
     return sorted(found, key=lambda placement: -placement.envelope)
 
 
-def _with_speckle(picture: NDArray[np.floating], cut: Masks, phase: Floats, placement: Placement) -> Placement:
-    """The placement with the best match of its speckle among simple beams, its axis corrected by the match's shift."""
-    upright = undone(picture, placement.orientation).astype(np.float64)
-    usable = undone(~cut, placement.orientation)
-    axis = upright_place(placement.axis_px, picture.shape, placement.orientation)
-    window = bright_window(upright, usable, _WINDOW)
+class WindowedPicture:
+    """The brightest window of a picture, upright, in which speckle is compared; of a small picture all.
+
+    picture: (y, x), counts, as taken. cut: (y, x), True for pixels that don't count.
+    """
+
+    def __init__(self, picture: NDArray[np.floating], cut: Masks, phase: Floats, orientation: str) -> None:
+        upright, usable = undone(picture, orientation).astype(np.float64), undone(~cut, orientation)
+        self._window = bright_window(upright, usable, _WINDOW)
+        self._light, self._usable = upright[self._window], usable[self._window]
+        self._phase, self._shape = phase, picture.shape
+        least = min(self._light.shape)
+        self._reach = {"reach_px": min(_REACH_PX, least // 8), "around_px": min(_AROUND_PX, least // 3)}
+
+    def matched(self, placement: Placement) -> Placement:
+        """The placement with the match of the speckle that its beam, stroke and wavefront predict."""
+        predicted = simple_prediction(self._phase, placement, self._shape, self._window)
+        return replace(placement, speckle=match_speckle(self._light, predicted, self._usable, **self._reach))
+
+
+def _with_speckle(seen: WindowedPicture, placement: Placement) -> Placement:
+    """The placement with the best match of its speckle among simple beams and wavefronts."""
+    tried = [seen.matched(replace(placement, beam=beam, stroke=stroke)) for beam, stroke in product(_BEAMS, _STROKES)]
+    best = max(tried, key=_correlation)
+    if best.speckle is None or not _FAINT[0] < best.speckle.significance < _FAINT[1]:
+        return best
+    for term, rad in product((2, 1, 0), _WAVEFRONTS_RAD):
+        others = best.wavefront[:term], best.wavefront[term + 1 :]
+        wavefront: Any = (*others[0], rad, *others[1])
+        best = max(best, seen.matched(replace(best, wavefront=wavefront)), key=_correlation)
+    return best
+
+
+def _correlation(placement: Placement) -> float:
+    return placement.speckle.correlation if placement.speckle else -1.0
+
+
+def simple_prediction(
+    phase: Floats, placement: Placement, shape: tuple[int, ...], window: tuple[slice, slice]
+) -> Floats:
+    """Intensity (y, x), in any unit, in a window of the upright picture, with the beam and stroke of the placement.
+
+    phase: (row, column), turns. shape: of the picture as it was taken.
+    """
+    axis = upright_place(placement.axis_px, shape, placement.orientation)
     rows, columns = (np.arange(part.start, part.stop) for part in window)
-    inside = usable[window]
-    best: SpeckleMatch | None = None
     half = min(phase.shape) / 2
     v, u = (np.arange(n) - (n - 1) / 2 for n in phase.shape)
-    for share in _BEAMS:
-        lit_v, lit_u = np.abs(v) <= share * half * 1.2, np.abs(u) <= share * half * 1.2
-        r2 = (v[lit_v][:, None] ** 2 + u[lit_u][None] ** 2) / (share * half) ** 2
-        wave_y = np.exp(-2j * np.pi * (rows - axis[0])[:, None] / placement.scale_px * v[lit_v]).astype(np.complex64)
-        wave_x = np.exp(-2j * np.pi * u[lit_u][:, None] * (columns - axis[1]) / placement.scale_px).astype(np.complex64)
-        amplitude = np.exp(-(np.clip(r2, 1e-4, 50.0) ** 2)) if share < 1 else np.ones_like(r2)
-        for stroke in _STROKES:
-            field = amplitude * np.exp(2j * np.pi * stroke * phase[np.ix_(lit_v, lit_u)])
-            predicted = np.abs(wave_y @ field.astype(np.complex64) @ wave_x) ** 2
-            match = match_speckle(upright[window], predicted, inside, reach_px=_REACH_PX, around_px=_AROUND_PX)
-            if best is None or match.correlation > best.correlation:
-                best = match
-    return replace(placement, speckle=best)
+    reach = 1.2 * half * placement.beam if placement.beam < 1 else math.inf
+    lit_v, lit_u = np.abs(v) <= reach, np.abs(u) <= reach
+    r2 = (v[lit_v][:, None] ** 2 + u[lit_u][None] ** 2) / (placement.beam * half) ** 2
+    amplitude = np.exp(-(np.clip(r2, 1e-4, 50.0) ** 2)) if placement.beam < 1 else np.ones_like(r2)
+    wave_y = np.exp(-2j * np.pi * (rows - axis[0])[:, None] / placement.scale_px * v[lit_v]).astype(np.complex64)
+    wave_x = np.exp(-2j * np.pi * u[lit_u][:, None] * (columns - axis[1]) / placement.scale_px).astype(np.complex64)
+    defocus, coma_y, coma_x = placement.wavefront
+    across_y, across_x = v[lit_v][:, None] / (placement.beam * half), u[lit_u][None] / (placement.beam * half)
+    wavefront = defocus * (2 * r2 - 1) + (3 * r2 - 2) * (coma_y * across_y + coma_x * across_x)
+    field = amplitude * np.exp(1j * (2 * np.pi * placement.stroke * phase[np.ix_(lit_v, lit_u)] + wavefront))
+    return np.asarray(np.abs(wave_y @ field.astype(np.complex64) @ wave_x) ** 2, dtype=np.float64)
+
+
+def common_placement(
+    pictures: Sequence[NDArray[np.floating]], cuts: Sequence[Masks], phases: Sequence[Floats], start: Placement
+) -> tuple[Placement, list[SpeckleMatch]]:
+    """The one placement of several pictures of a bench, near a start, and the match of each picture's speckle there.
+
+    The scale is the one of a few around the start's at which the pictures' speckle correlates most, together; the axis
+    moves by the mean shift of the pictures that match.
+    """
+    parts = zip(pictures, cuts, phases, strict=True)
+    seen = [WindowedPicture(*part, start.orientation) for part in parts]
+    best: tuple[float, Placement, list[SpeckleMatch]] | None = None
+    for factor in _COMMON_SCALES if len(pictures) > 1 else (1.0,):
+        tried = replace(start, scale_px=start.scale_px * factor)
+        found = [one.matched(tried).speckle for one in seen]
+        matches = [match for match in found if match is not None]
+        total = sum(match.correlation for match in matches)
+        if best is None or total > best[0]:
+            best = total, tried, matches
+    assert best is not None
+    _, placement, matches = best
+    heaviest = max(match.significance for match in matches)
+    shifts = np.array([m.shift for m in matches if m.significance > heaviest / 3], dtype=np.float64)
+    upright = upright_place(placement.axis_px, pictures[0].shape, placement.orientation)
+    moved = (upright[0] + float(shifts[:, 0].mean()), upright[1] + float(shifts[:, 1].mean()))
+    shape = undone(pictures[0], placement.orientation).shape
+    return replace(
+        placement, axis_px=upright_place(moved, shape, inverse_orientation(placement.orientation)), speckle=matches[0]
+    ), matches
 
 
 def upright_place(place: tuple[float, float], shape: tuple[int, ...], orientation: str) -> tuple[float, float]:

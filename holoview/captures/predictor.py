@@ -251,7 +251,7 @@ class Predictor:
         earlier = self._earlier_drives(k) if active.with_hooks("settled_share") else None
         model = self._forward_model(plan, active, cache, earlier)
         total: Tensor | None = None
-        laser, part_of = int(self._laser_number[k]), (self.captures.slm_frame, self.captures.centre_m)
+        laser, part_of = int(self._laser_number[k]), (self.captures.slm_frame, self.captures.slm_centre_m)
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
                 for time_fraction, path_factor in exposure_samples:

@@ -64,7 +64,7 @@ class FitQuality:
 
 
 def prepare_captures(captures: Captures) -> PreparedCaptures:
-    """Subtracts the nominal black level and masks the borders, saturated pixels and stuck pixels.
+    """Subtracts the nominal black level; masks the borders, saturated and stuck pixels, and those that are left out.
 
     A saturated pixel only gives a lower bound of the light. Its neighbours stay usable: charge of scientific CMOS
     sensors doesn't spill over to them. A pixel that reads 0 only gives an upper bound. Where noise alone can't take it
@@ -74,6 +74,8 @@ def prepare_captures(captures: Captures) -> PreparedCaptures:
     camera = captures.camera
     light = captures.images.astype(np.float32) - np.float32(camera.black_level)
     usable = captures.images < camera.saturation
+    if captures.usable is not None:
+        usable &= captures.usable
     if camera.black_level > _DARK_SIGMAS * camera.dark_noise:
         usable &= minimum_filter(captures.images, size=(1, 3, 3)) > 0
     usable &= _border_mask(captures.shape) & ~stuck_pixel_mask(captures.images)

@@ -7,6 +7,7 @@ Errors name the dataset or attribute of the capture file (`docs/captures.md`).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _USUAL_MAX_DISTANCE_M = 0.05  # a hint suggests the unit in which a distance wou
 _MIN_LIGHT_SIGMAS = 0.5  # of a pixel's dark noise, for the mean signal of the brightest image
 _WHITE_QUANTILE = 0.999  # of the pixels are darker than light that is shown white
 _BRIGHT_SIGMAS = 8.0  # … above black: noise alone brings a thousandth of the pixels to 3
+_LEAST_USABLE_PX = 256  # of a picture, that aren't left out
 _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 
 
@@ -186,6 +188,7 @@ def _check_images(captures: Captures) -> None:
     error = bits_error(images, camera.bit_depth)
     if error is not None:
         raise error
+    _check_usable(captures)
     is_dim = float(images.mean(axis=(1, 2)).max()) - camera.black_level < _MIN_LIGHT_SIGMAS * camera.dark_noise
     if is_dim and not _has_bright_pixels(captures):
         raise UserError(
@@ -194,8 +197,21 @@ def _check_images(captures: Captures) -> None:
             expected="light above black_level + noise",
             remedy="check shutter, exposure and black_level",
         )
-    if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > _MAX_SATURATED:
+    if float(captures.saturated_shares.min()) > _MAX_SATURATED:
         raise UserError("camera/images", "all are saturated", expected="a shorter exposure or less laser power")
+
+
+def _check_usable(captures: Captures) -> None:
+    if captures.usable is None:
+        return
+    if captures.usable.shape != captures.images.shape:
+        found = f"a mask of {captures.usable.shape} for pictures of {captures.images.shape}"
+        raise UserError("camera/mask", found, expected="the shape of the pictures")
+    least = min(_LEAST_USABLE_PX, math.prod(captures.shape) // 4)
+    counts = captures.usable.sum(axis=(1, 2))
+    if (counts < least).any():
+        found = f"leaves {counts.min()} pixels of capture {counts.argmin()}"
+        raise UserError("camera/mask", found, expected=f"{least} or more", remedy="0 leaves a pixel out")
 
 
 def _has_bright_pixels(captures: Captures) -> bool:
@@ -227,6 +243,7 @@ def _check_orientation(captures: Captures) -> None:
 
 _DARK_SIGMAS = 3.0  # an image is dark if its mean signal is less than this many standard deviations of a dark mean
 _SATURATED_COLOUR = (230, 40, 40)
+_LEFT_OUT_COLOUR = (40, 80, 200)  # half of it, over the picture
 _TILE_WIDTH_PX = 420
 
 
@@ -235,13 +252,15 @@ def summarise(captures: Captures) -> dict[str, Any]:
 
     stops: the stops of each relay in words, the first relay before the second. saturated: fractions of the pixels, in
     the worst capture and on average. clipped: where counts are clipped below the full scale, else absent. dark:
-    captures without significant light. mean_electrons: median over the captures of the mean signal per pixel.
+    captures without significant light. left_out: share of the pixels that no fit and measure uses, and the rows and
+    columns [first, behind the last] of the others, absent where all count. estimated: sentences on what nobody stated.
+    mean_electrons: median over the captures of the mean signal per pixel.
     cant_tell: {effect id: why these data can't show it}.
     """
     camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level
     dark_limit = _DARK_SIGMAS * camera.dark_noise / np.sqrt(captures.images[0].size)
-    saturated = (captures.images >= camera.saturation).mean(axis=(1, 2))
+    saturated = captures.saturated_shares
     clip = find_clipping(captures.images)
     clipped = {"level": clip.level, "share": clip.share} if clip and clip.level < camera.saturation else None
     unmet = {name: unmet_by_data(effect, properties) for name, effect in listed_effects().items()}
@@ -258,16 +277,25 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "powers": properties.powers,
         "saturated": {"worst": float(saturated.max()), "mean": float(saturated.mean())},
         **({"clipped": clipped} if clipped else {}),
+        **({} if captures.usable is None else {"left_out": _left_out(captures.usable)}),
+        **({"estimated": list(captures.estimated)} if captures.estimated else {}),
         "dark": np.flatnonzero(signal < dark_limit).tolist(),
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
         "cant_tell": {name: reason for name, reason in unmet.items() if reason},
     }
 
 
+def _left_out(usable: NDArray[np.bool_]) -> dict[str, Any]:
+    """The share that is left out, and the smallest box of rows and columns that holds the others."""
+    lines = (np.flatnonzero(usable.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+    rows, columns = ([int(k[0]), int(k[-1]) + 1] for k in lines)
+    return {"share": 1.0 - float(usable.mean()), "rows": rows, "columns": columns}
+
+
 def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint8]:
     """A contact sheet (y, x, 3): patterns and image of at most `max_captures` captures, evenly spread.
 
-    Each image is scaled to its own range; saturated pixels are red.
+    Each image is scaled to its own range; saturated pixels are red, pixels that are left out are blue.
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, max_captures).round().astype(int))
     titles = [*(f"modulator {n + 1}" for n in range(len(captures.slms))), "camera"]
@@ -286,4 +314,6 @@ def _camera_pixels(captures: Captures, k: int) -> NDArray[np.uint8]:
     white = max(float(np.quantile(image, _WHITE_QUANTILE)) - camera.black_level, 1.0)
     pixels = greyscale_pixels(np.sqrt(np.clip((image - camera.black_level) / white, 0, 1)))
     pixels[captures.images[k] >= camera.saturation] = _SATURATED_COLOUR
+    left_out = ~captures.usable_pixels(k)
+    pixels[left_out] = (pixels[left_out] + np.array(_LEFT_OUT_COLOUR)) // 2
     return pixels

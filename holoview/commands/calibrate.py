@@ -21,10 +21,11 @@ from holoview.calibrate.lut_table import (
     vendor_table,
     with_lut,
 )
-from holoview.calibrate.sweep import read_sweep
+from holoview.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
 from holoview.calibrate.train import TrainingState, load_checkpoint
 from holoview.captures import read_captures
 from holoview.captures.count_bits import with_clipped_as_saturated
+from holoview.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
 from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
@@ -176,7 +177,7 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "vendor_table")
+_LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "drive_bits", "vendor_table")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 
 
@@ -203,6 +204,12 @@ def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     )
     add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
     add_input(group, "--compare", metavar="VENDOR.lut", type=Path, help="compare with a vendor's table")
+    group.add_argument(
+        "--drive-bits",
+        type=whole(8, 16),
+        metavar="N",
+        help="of these tables' drives (default: read by the largest, written 12)",
+    )
     add_output(
         group, "--vendor-table", metavar="LUT", suffix=".lut", help="write a turn as lines: grey level, 12-bit drive"
     )
@@ -222,6 +229,7 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     """
     wavelengths = [_parse_wavelength(text) for text in args.wavelength or ()]
     periods: list[float] = args.period or []
+    sweeps, files, periods, wavelengths = _read_sweeps(files, periods, wavelengths)
     for option, values in (("--wavelength", wavelengths), ("--period", periods)):
         if len(values) not in (0, 1, len(files)):
             raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
@@ -231,10 +239,10 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
     preset_system = None if args.preset is None else preset.load(args.preset)
-    vendor = None if args.compare is None else read_vendor_table(args.compare)
+    vendor = None if args.compare is None else read_vendor_table(args.compare, args.drive_bits)
     groups = [sorted(set(wavelengths), key=wavelengths.index).index(value) for value in wavelengths]
     order = None if args.order in (None, "auto") else args.order
-    lut = fit_lut([read_sweep(file) for file in files], order, groups if len(groups) == len(files) else None)
+    lut = fit_lut(sweeps, order, groups if len(groups) == len(files) else None)
     name = files[0].name
     figures = lut_table(lut, name, wavelengths, periods)
     lines = format_lut(lut, wavelengths, periods)
@@ -263,7 +271,7 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
         raise UserError(name, found, expected="a residual below 0.05 or of the noise", remedy=remedy)
     wavelength = wavelengths[0] if wavelengths else None
     system = None if preset_system is None else with_lut(preset_system, lut, wavelength)
-    drives = None if args.vendor_table is None else vendor_table(lut)
+    drives = None if args.vendor_table is None else vendor_table(lut, args.drive_bits or 12)
     if args.output is not None:
         save_lut(args.output, lut, name, wavelengths, periods)
     if system is not None:
@@ -273,6 +281,27 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     if args.plot is not None:
         plot_lut(args.plot, lut, name)
     return 0
+
+
+def _read_sweeps(
+    files: list[Path], periods: list[float], wavelengths: list[float]
+) -> tuple[list[Sweep], list[Path], list[float], list[float]]:
+    """The sweeps of files, with one file, period and wavelength for each; those of slmsuite's pixel calibration."""
+    if files[0].suffix.lower() != ".h5":
+        return [read_sweep(file) for file in files], files, periods, wavelengths
+    found = read_slmsuite(files[0]) if len(files) == 1 else None
+    if not isinstance(found, PixelCalibration):
+        kind = "several HDF5 files" if found is None else "is a Fourier calibration"
+        raise UserError(str(files[0]), kind, expected="one pixel calibration of slmsuite")
+    if periods:
+        raise UserError("--period", "with a pixel calibration", expected="none: the file states them")
+    sweeps = [
+        sweep_of_readings(one.levels, one.power, f"{files[0].name} period {one.period_px:g} {one.direction}")
+        for one in found.sweeps
+    ]
+    if not wavelengths and found.wavelength_m is not None:
+        wavelengths = [found.wavelength_m]
+    return sweeps, files * len(sweeps), [one.period_px for one in found.sweeps], wavelengths
 
 
 def _parse_wavelength(text: str) -> float:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-from dataclasses import asdict
+import math
+import re
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -14,11 +16,20 @@ from numpy.typing import NDArray
 
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures, write_captures
-from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, read_greyscale
+from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, region_mask
 from holoview.captures.count_bits import counts_as_stated
 from holoview.captures.dataset import Captures
-from holoview.captures.picture_import import import_picture
+from holoview.captures.picture_files import (
+    Pair,
+    known_number,
+    read_camera_picture,
+    read_greyscale,
+    read_pairs,
+    read_pattern,
+)
+from holoview.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
 from holoview.captures.records import find_record_errors
+from holoview.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
 from holoview.captures.validation import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands.arguments import (
@@ -56,24 +67,51 @@ def configure(parser: argparse.ArgumentParser) -> None:
     show.set_defaults(run=_show)
     convert = commands.add_parser(
         "import",
-        help=f"a folder of PNG or TIFF with {TABLE_FILE} and {BENCH_FILE}, or one picture and its pattern",
+        help=f"a folder of PNG or TIFF with {TABLE_FILE} and {BENCH_FILE}, or pictures and their patterns",
         description=f"Converts a folder of greyscale PNG or TIFF; {TABLE_FILE} has a line a capture, "
-        f"{BENCH_FILE} the geometry. Or, with --pattern, one picture of a Fourier bench: its orientation, focal length "
-        "and axis are found.",
+        f"{BENCH_FILE} the geometry. Or pictures of a Fourier bench with the patterns that were shown, by --pattern "
+        "once for each or by a CSV with columns image and slm1: orientation, focal length and axis are found.",
     )
-    add_input(convert, "source", type=Path, metavar="FOLDER | PICTURE")
+    _configure_import(convert)
+    plan = commands.add_parser("plan", help="exposures and laser powers", description=_plan.__doc__)
+    _configure_plan(plan)
+
+
+def _configure_import(convert: argparse.ArgumentParser) -> None:
+    add_input(convert, "source", type=Path, nargs="+", metavar="FOLDER | PAIRS.csv | PICTURE …")
     add_output(convert, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
-    one = convert.add_argument_group("one picture of a Fourier bench")
-    add_input(one, "--pattern", type=Path, metavar="PICTURE", help="the pattern that the modulator showed")
+    add_input(
+        convert, "--mask", type=Path, metavar="PICTURE", help="black pixels are left out of every fit and measure"
+    )
+    convert.add_argument("--roi", metavar="Y0:Y1,X0:X1", help="rows and columns beyond which pixels are left out")
+    one = convert.add_argument_group("pictures of a Fourier bench")
+    add_input(
+        one,
+        "--pattern",
+        type=Path,
+        action="append",
+        metavar="PICTURE",
+        help="the pattern that was shown, once for each picture, behind all of these",
+    )
+    add_input(
+        one,
+        "--slmsuite",
+        type=Path,
+        metavar="H5",
+        help="a Fourier calibration, which states the lengths that aren't given",
+    )
     one.add_argument("--wavelength", metavar="LENGTH")
     one.add_argument("--pitch", metavar="LENGTH", help="of the modulator's pixels")
     one.add_argument("--camera-pitch", metavar="LENGTH", help="of the camera's pixels")
     one.add_argument("--focal-length", metavar="LENGTH", help="about; found in any case")
     one.add_argument("--stroke", metavar="LENGTH", help="optical path of the highest level (default: a wavelength)")
+    one.add_argument("--levels", type=whole(2, 65536), help="of the modulator (default 256)")
     one.add_argument("--bit-depth", type=whole(1, 16), help="of the camera (default: the least that holds the counts)")
+    for name, text in _UNKNOWN_OPTIONS.items():
+        option = f"--{name.replace('_', '-')}"
+        one.add_argument(option, metavar="N | unknown", help=f"{text} (default unknown: estimated)")
+    add_output(one, "--overlay", metavar="PNG", suffix=".png", help="draw the predicted over the measured picture")
     convert.set_defaults(run=_import)
-    plan = commands.add_parser("plan", help="exposures and laser powers", description=_plan.__doc__)
-    _configure_plan(plan)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -160,6 +198,12 @@ def _check(args: argparse.Namespace) -> int:
     print(f"  wavelengths  {wavelengths}")
     print(f"  distances    {distances}")
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
+    if "left_out" in summary:
+        (y0, y1), (x0, x1) = summary["left_out"]["rows"], summary["left_out"]["columns"]
+        share = f"{summary['left_out']['share']:.2%} of the pixels"
+        print(f"  left out     {share}; the others are in rows {y0} to {y1 - 1}, columns {x0} to {x1 - 1}")
+    for sentence in summary.get("estimated", []):
+        print(f"  estimated    {sentence}")
     if "clipped" in summary:
         clipped = summary["clipped"]
         print(f"  clipped      {clipped['share']:.2%} of the counts, at {clipped['level']:g}: below the full scale")
@@ -173,25 +217,42 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draws patterns and camera images of captures spread over the file; saturated pixels are red."""
+    """Draws patterns and camera images of captures spread over the file; saturated pixels are red, masked ones blue."""
     captures = read_captures(args.captures)
     write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
     print(args.output)
     return 0
 
 
+_UNKNOWN_OPTIONS = {
+    "electrons_per_count": "photo-electrons a count",
+    "read_noise": "electrons r.m.s.",
+    "black_level": "counts without light",
+    "power": "of the laser, in any unit, of all pictures",
+    "exposure": "s, of all pictures",
+}
+_PICTURE_LENGTHS = ("wavelength", "pitch", "camera_pitch", "focal_length", "stroke")
+_PICTURE_OPTIONS = (*_PICTURE_LENGTHS, "slmsuite", "levels", "bit_depth", *_UNKNOWN_OPTIONS, "overlay")
+
+
 def _import(args: argparse.Namespace) -> int:
     notes: list[str] = []
-    if args.pattern is not None:
-        captures = _import_picture(args, notes)
+    pairs = _pairs(args)
+    if pairs is not None:
+        captures = _import_pictures(args, pairs, notes)
     else:
-        given = [name for name in (*_PICTURE_LENGTHS, "bit_depth") if getattr(args, name) is not None]
+        given = [name for name in _PICTURE_OPTIONS if getattr(args, name) is not None]
         if given:
             raise UserError(
                 f"--{given[0].replace('_', '-')}", "without --pattern", expected="a picture and its pattern"
             )
         with progress_bar("reading") as report:
-            captures = import_folder(args.source, lambda done, total: report(done, total, "captures"), notes.append)
+            captures = import_folder(args.source[0], lambda done, total: report(done, total, "captures"), notes.append)
+        usable = _usable(args, captures.shape)
+        if usable is not None:
+            captures = replace(captures, usable=np.broadcast_to(usable, captures.images.shape))
+            notes.append(f"{100 * (1 - usable.mean()):.2g} % of each picture are left out")
+        notes += [f"estimated: {sentence}" for sentence in captures.estimated]
     for note in notes:
         print_stderr(f"note: {note}")
     saver = ResultSaver()
@@ -200,22 +261,100 @@ def _import(args: argparse.Namespace) -> int:
     return saver.exit_code
 
 
-_PICTURE_LENGTHS = ("wavelength", "pitch", "camera_pitch", "focal_length", "stroke")
+def _pairs(args: argparse.Namespace) -> list[Pair] | None:
+    """The pictures with their patterns; None for a folder with a description of the bench."""
+    sources: list[Path] = args.source
+    first, table = sources[0], sources[0] / TABLE_FILE
+    is_table = first.suffix.lower() == ".csv" or (table.is_file() and not (first / BENCH_FILE).is_file())
+    is_stated = args.wavelength is not None or args.slmsuite is not None
+    if len(sources) == 1 and args.pattern is None and is_table and is_stated:
+        return read_pairs(first if first.suffix.lower() == ".csv" else table)
+    if args.pattern is None:
+        if len(sources) > 1 or first.suffix.lower() == ".csv":
+            missing = "--pattern" if len(sources) > 1 else "--wavelength"
+            raise UserError(missing, "is missing", expected="pictures, their patterns, the wavelength and the pitches")
+        return None
+    if len(args.pattern) != len(sources):
+        found = f"{len(args.pattern)} patterns for {len(sources)} pictures"
+        raise UserError("--pattern", found, expected="one for each picture, in their order")
+    return [Pair(*one) for one in zip(sources, args.pattern, strict=True)]
 
 
-def _import_picture(args: argparse.Namespace, notes: list[str]) -> Captures:
-    """The captures of one picture and its pattern; what was found and assumed is added to the notes."""
+def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[str]) -> Captures:
+    """The captures of pictures and their patterns; what was found and assumed is added to the notes."""
+    if args.slmsuite is not None:
+        _take_slmsuite(args, notes)
     for name in ("wavelength", "pitch", "camera_pitch"):
         if getattr(args, name) is None:
             expected = "the wavelength and the pitches of modulator and camera"
             raise UserError(f"--{name.replace('_', '-')}", "is missing", expected=expected)
     stated = [name for name in _PICTURE_LENGTHS if getattr(args, name) is not None]
     lengths = {f"{name}_m": _length(args, name) for name in stated}
-    picture, pattern = read_greyscale(args.source), read_greyscale(args.pattern)
-    with progress_bar("placing the picture") as report:
-        found = import_picture(picture, pattern, bit_depth=args.bit_depth, progress=report, **lengths)
+    given = {
+        name: math.nan
+        if (text := getattr(args, name)) is None
+        else known_number(text, f"--{name.replace('_', '-')}", -1e-9 if name in ("read_noise", "black_level") else 0.0)
+        for name in _UNKNOWN_OPTIONS
+    }
+    power, exposure_s = given.pop("power"), given.pop("exposure")
+    shown, losses = [], [0.0]
+    for pair in pairs:
+        picture, loss = read_camera_picture(pair.picture)
+        if loss is not None:
+            notes.append(loss.sentence(pair.picture.name))
+            losses.append(loss.error_counts)
+        settings = [a if math.isnan(b) else b for a, b in ((pair.power, power), (pair.exposure_s, exposure_s))]
+        shown.append(Shown(picture, read_pattern(pair.pattern), pair.picture.name, pair.pattern.name, *settings))
+    usable = _usable(args, shown[0].picture.shape[:2])
+    camera = KnownCamera(args.bit_depth, **given, compression_counts=max(losses))
+    with progress_bar("placing the pictures") as report:
+        found = import_pictures(shown, levels=args.levels, camera=camera, usable=usable, progress=report, **lengths)
+    if args.overlay is not None:
+        write_png(args.overlay, overlay_sheet(found), {"holoview.captures": str(args.output)})
     notes += found.notes
     return found.captures
+
+
+def _take_slmsuite(args: argparse.Namespace, notes: list[str]) -> None:
+    """Sets the lengths that weren't given to those of a Fourier calibration."""
+    found = read_slmsuite(args.slmsuite)
+    if not isinstance(found, FourierCalibration):
+        remedy = f"holoview calibrate lut {args.slmsuite}"
+        raise UserError(str(args.slmsuite), "is a pixel calibration", expected="a Fourier calibration", remedy=remedy)
+    known = {"wavelength": found.wavelength_m, "pitch": found.pitch_m, "camera_pitch": found.camera_pitch_m}
+    taken = {name: length for name, length in known.items() if length is not None and getattr(args, name) is None}
+    for name, length in taken.items():
+        setattr(args, name, units.format_exact(length, "um"))
+    if args.focal_length is None and args.camera_pitch is not None:
+        taken["focal_length"] = found.focal_px * _length(args, "camera_pitch")
+        args.focal_length = units.format_exact(taken["focal_length"], "mm")
+    unit = {"wavelength": "nm", "focal_length": "mm"}
+    words = [f"{name.replace('_', ' ')} {units.format_rounded(m, unit.get(name, 'um'))}" for name, m in taken.items()]
+    y, x = found.axis_px
+    notes.append(
+        f"{args.slmsuite.name}: {', '.join(words) or 'nothing was needed'}; its axis is at row {y:.0f}, column {x:.0f}"
+    )
+
+
+def _usable(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    """The pixels (y, x) that --mask and --roi leave, None without these."""
+    rows, columns = shape
+    usable = np.ones((rows, columns), bool)
+    if args.mask is not None:
+        mask = read_greyscale(args.mask, "a mask")
+        if mask.shape != usable.shape:
+            found = f"{mask.shape[1]} × {mask.shape[0]} pixels"
+            raise UserError(str(args.mask), found, expected=f"{columns} × {rows}, as the pictures")
+        usable &= mask > 0
+    if args.roi is not None:
+        numbers = re.fullmatch(r"(\d+):(\d+),(\d+):(\d+)", args.roi.replace(" ", ""))
+        if numbers is None:
+            raise UserError("--roi", f'"{args.roi}"', expected="rows and columns, such as 100:500,200:900")
+        y0, y1, x0, x1 = (int(text) for text in numbers.groups())
+        usable &= region_mask((y0, y1, x0, x1), (rows, columns), "--roi")
+    if not usable.any():
+        raise UserError("--mask", "leaves no pixel", expected="some that aren't black")
+    return None if args.mask is None and args.roi is None else usable
 
 
 # --- `plan`: exposures and laser powers for captures, from a few first captures ---

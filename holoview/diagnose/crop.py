@@ -26,7 +26,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import SamplingConfig
 from holoview.captures.prepared_captures import Images, prepare_captures
-from holoview.captures.records.trials import central_region, central_slices, speckle_px
+from holoview.captures.records.trials import central_region, central_slices, picture_window, speckle_px
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig
 from holoview.diagnose.fit import FittedValues
@@ -69,6 +69,8 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         cut = middle_captures(captures, config, further)
         if pixel_ratio(captures, cut) < config.min_saving:
             return None
+    shape = cut.shape
+    window = picture_window(captures, shape) if captures.is_fourier else central_slices(captures.shape, shape)
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
         samples = field_samples(captures)
@@ -85,7 +87,7 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
         variances=NeighbourVariances(data),
         end=context.end.after_share(MAX_TIME_SHARE),
         pace=Pace(),
-        windows=(central_slices(captures.shape, cut.shape),),
+        windows=(window,),
     )
 
 
@@ -269,7 +271,7 @@ def within_limits(captures: Captures, sampling: SamplingConfig, config: RegionCo
         f"light field takes {gigabytes:.2g} GB of memory; up to {config.max_picture_pixels / 1e6:.3g} million and "
         f"{config.max_grid_samples * _COMPLEX64 / 1e9:.2g} GB are taken whole."
     )
-    return replace(cut, images=cut.images.copy()), [note]
+    return cut.with_pictures(np.copy), [note]
 
 
 def grid_samples(captures: Captures, sampling: SamplingConfig) -> int:

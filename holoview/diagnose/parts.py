@@ -114,5 +114,6 @@ def _offsets(captures: Captures, cut: Captures) -> list[tuple[int, int]] | None:
 
 def _one_below_the_other(parts: Sequence[Captures]) -> Captures:
     """Captures whose pictures and patterns have those of all parts; their place in the modulators means nothing."""
-    levels, images = (np.concatenate([getattr(p, name) for p in parts], axis=-2) for name in ("levels", "images"))
-    return dataclasses.replace(parts[0], levels=levels, images=images, levels_before=None, levels_first=None)
+    names = ("levels", "images") if parts[0].usable is None else ("levels", "images", "usable")
+    together: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts], axis=-2) for name in names}
+    return dataclasses.replace(parts[0], **together, levels_before=None, levels_first=None)

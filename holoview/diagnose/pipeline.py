@@ -438,6 +438,7 @@ def prepare_search(
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
     if properties.planes == 1 and not properties.is_fourier:
         notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
+    notes += [f"Estimated, because nobody stated it: {sentence}." for sentence in captures.estimated]
     options = {"captures": captures, "known_values": known, **sampling.keywords}
     data = prepare_captures(captures)
     context = SearchContext(

@@ -229,8 +229,23 @@ def test_a_vendors_table_is_read_written_and_compared(tmp_path: Path) -> None:
     file.write_text("".join(f"{k} {4095 - 8 * k}\n" for k in range(256)))  # counts down in the drive
     assert compare_vendor(lut, read_vendor_table(file)).rms > 0.2  # a table in proportion to the level is no turn
     low = fit_lut(parse_sweep(_text(*_table("1", 1.6, seed=18)[:2])))
+    assert lut_table(low, "")["turn_level"] is None
+    assert 0 < lut_table(lut, "")["turn_level"] < 255
     with pytest.raises(UserError, match="holds a whole turn"):
         vendor_table(low)
+
+
+def test_a_table_whose_bits_its_drives_do_not_tell_is_refused(tmp_path: Path) -> None:
+    """A turn of a stroke of 9 π needs 2/9 of the drives: those of 12 bits end near 910, which 10 bits hold too."""
+    lut = fit_lut(parse_sweep("".join(f"{k} {np.sin(4.5 * np.pi * k / 255) ** 2:.6f}\n" for k in range(256))))
+    file = tmp_path / "mine.lut"
+    file.write_text(vendor_table(lut))
+    with pytest.raises(UserError, match="--drive-bits 12"):
+        compare_vendor(lut, read_vendor_table(file))
+    # Rounding to whole levels of 12 bits, and the fitted curve between its knots, as above.
+    assert compare_vendor(lut, read_vendor_table(file, 12)).rms < 2 * np.pi * 9 / 4096 + 0.01
+    with pytest.raises(UserError, match="at 8 bits"):
+        read_vendor_table(file, 8)
 
 
 BAD_TABLES = {

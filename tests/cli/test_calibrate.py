@@ -18,8 +18,10 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, make_capt
 from holoview.model import preset
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.system import System
+from tests.captures.slmsuite_files import fourier, pixel, save
 
 SHAPE = (24, 32)
+Run = Callable[..., Any]
 
 
 def _measure(path: Path, effects: dict[str, dict[str, float]], **settings: Any) -> Path:
@@ -162,3 +164,16 @@ def test_a_plan_says_what_to_set(holoview: Callable[..., Any], captures: Path, t
     lines = (tmp_path / "plan.csv").read_text().splitlines()
     assert lines[0] == "wavelength_nm,power,exposure_s,reached_counts,note"
     assert len(lines) == 3
+
+
+def test_a_pixel_calibration_of_slmsuite_is_a_sweep(holoview: Run) -> None:
+    truth = 2.4 * np.pi * (np.arange(64) / 63) ** 1.3
+    save(Path("p.h5"), pixel(truth))
+    outcome = holoview("calibrate", "lut", "p.h5", "-o", "t.toml", "--json")
+    assert outcome.code == 0, outcome.err
+    found = json.loads(outcome.out)
+    assert found["stroke_pi"] == pytest.approx(2.4, rel=0.01)  # as in `test_slmsuite_calibration`
+    assert found["wavelength"] == "532 nm"
+    assert [sweep["period"] for sweep in found["sweeps"]] == [8, 16]
+    save(Path("f.h5"), fourier(1000.0, (5, 6)))
+    assert "is a Fourier calibration" in holoview("calibrate", "lut", "f.h5", "-o", "t.toml").err

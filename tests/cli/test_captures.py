@@ -15,6 +15,8 @@ from PIL import Image
 
 from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE
+from tests.captures.far_field import FarField, photograph, spread_pattern
+from tests.captures.slmsuite_files import fourier, save
 
 Run = Callable[..., Any]
 SMALL = (
@@ -229,3 +231,77 @@ def test_a_table_with_semicolons_and_decimal_commas_is_imported(holoview: Run, t
     found = read_captures("b.h5")
     assert np.array_equal(found.power, captures.power)
     assert found.wavelength_m == pytest.approx(captures.wavelength_m, rel=1e-8)  # nine digits
+
+
+def _far_field_files(seeds: list[int]) -> list[str]:
+    """Pictures and patterns of an independent program's bench as PNG, and the arguments that import them."""
+    for seed in seeds:
+        pattern = spread_pattern(seed)
+        Image.fromarray(pattern).save(f"mask{seed}.png")
+        Image.fromarray(photograph(pattern, FarField(coma=-0.3, defocus=0.1), seed)).save(f"seen{seed}.png")
+    patterns = [text for seed in seeds for text in ("--pattern", f"mask{seed}.png")]
+    return [*(f"seen{seed}.png" for seed in seeds), *patterns]
+
+
+GEOMETRY = ("--wavelength", "532nm", "--pitch", "36um", "--camera-pitch", "12um", "--focal-length", "255mm")
+
+
+def test_pictures_and_patterns_become_captures_that_say_what_was_assumed(holoview: Run) -> None:
+    arguments = _far_field_files([31, 32])
+    mask = np.full((240, 320), 255, np.uint8)
+    mask[:, :20] = 0
+    Image.fromarray(mask).save("mask.png")
+    more = ("--mask", "mask.png", "--roi", "5:235,0:320", "--overlay", "over.png", "-o", "c.h5")
+    outcome = holoview("captures", "import", *arguments, *GEOMETRY, *more)
+    assert outcome.code == 0, outcome.err
+    for words in ("orientation none", "in each of 2 pictures", "a full turn", "electrons a count", "exposures from"):
+        assert words in outcome.err
+    captures = read_captures("c.h5")
+    assert captures.usable is not None
+    assert not captures.usable[:, :, :20].any() and not captures.usable[:, :5].any()
+    with Image.open("over.png") as overlay:
+        assert overlay.width > 1000
+    told = holoview("captures", "check", "c.h5", "--quick").out
+    assert "left out" in told and "rows 5 to 234, columns 20 to 319" in told
+    assert "estimated    electrons a count" in told
+    assert holoview("captures", "show", "c.h5", "-o", "sheet.png").code == 0
+
+
+def test_pairs_in_a_table_and_lengths_of_slmsuite_do_too(holoview: Run) -> None:
+    _far_field_files([31])
+    Path("pairs.csv").write_text("image,slm1,exposure\nseen31.png,mask31.png,0.02\n", encoding="utf-8")
+    save(Path("cal.h5"), fourier(0.25 / 12e-6, (163, 118)))
+    outcome = holoview(
+        "captures", "import", "pairs.csv", "--slmsuite", "cal.h5", "--power", "1", "--read-noise", "8", "-o", "c.h5"
+    )
+    assert outcome.code == 0, outcome.err
+    assert "wavelength 532 nm, pitch 36 um, camera pitch 12 um, focal length 250 mm" in outcome.err
+    captures = read_captures("c.h5")
+    assert captures.focal_length_m == pytest.approx(0.25, rel=0.01)
+    assert (captures.power[0], captures.exposure_s[0], captures.camera.read_noise) == (1.0, 0.02, 8.0)
+
+
+BAD_IMPORTS = {
+    "one for each picture": ("a.png", "b.png", "--pattern", "a.png", *GEOMETRY),
+    "such as 100:500,200:900": ("a.png", "--pattern", "a.png", "--roi", "3-9", *GEOMETRY),
+    "as the pictures": ("a.png", "--pattern", "a.png", "--mask", "small.png", *GEOMETRY),
+    'or "unknown"': ("a.png", "--pattern", "a.png", "--read-noise", "much", *GEOMETRY),
+    "is missing": ("a.png", "--pattern", "a.png", "--wavelength", "532nm"),
+    "differ by up to": ("a.png", "--pattern", "colour.png", *GEOMETRY),
+    "stands nowhere": ("seen31.png", "--pattern", "a.png", *GEOMETRY),
+}
+
+
+@pytest.mark.parametrize("said", BAD_IMPORTS)
+def test_imports_that_cant_be_are_refused_in_words(said: str, holoview: Run) -> None:
+    rng = np.random.default_rng(1)
+    Image.fromarray(rng.integers(0, 256, (96, 128), dtype=np.uint8)).save("a.png")
+    Image.fromarray(rng.integers(0, 256, (96, 128), dtype=np.uint8)).save("b.png")
+    Image.fromarray(rng.integers(0, 256, (20, 30), dtype=np.uint8)).save("small.png")
+    Image.fromarray(rng.integers(0, 256, (96, 128, 3), dtype=np.uint8)).save("colour.png")
+    if "seen31.png" in BAD_IMPORTS[said]:
+        _far_field_files([31])
+    outcome = holoview("captures", "import", *BAD_IMPORTS[said], "-o", "c.h5")
+    assert outcome.code != 0
+    assert said in outcome.err
+    assert not Path("c.h5").exists()

@@ -149,7 +149,7 @@ class CameraOrientation(Correction):
         return Words("camera_orientation", self.orientation, sentence)
 
     def apply(self, captures: Captures) -> Captures:
-        return dataclasses.replace(captures, images=self.undone(captures.images))
+        return captures.with_pictures(self.undone)
 
     def undone(self, images: Images) -> Images:
         """Images (…, y, x) the right way up."""

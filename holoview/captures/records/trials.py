@@ -85,9 +85,8 @@ def cut_out(
     of_pictures = central_slices(captures.shape, seen, (round(offset[0] * scale), round(offset[1] * scale)))
     before, first = captures.levels_before, captures.levels_first
     y, x = (there + n * pitch_m for there, n in zip(captures.centre_m, offset, strict=True))
-    cut = dataclasses.replace(
-        captures,
-        images=captures.images[..., *of_pictures],
+    cut = captures.with_pictures(
+        lambda pictures: pictures[..., *of_pictures],
         levels=captures.levels[part],
         levels_before=None if before is None else before[part],
         levels_first=None if first is None else first[part],
@@ -117,11 +116,34 @@ def _speckles_px(captures: Captures, count: int) -> tuple[int, int]:
 
 
 def _cut_pictures(captures: Captures, shape: tuple[int, int]) -> Captures:
-    """The captures with pictures cut to their middle (rows, columns)."""
+    """The captures of a Fourier bench with pictures cut to `picture_window`."""
     if shape == captures.shape:
         return captures
-    middle = (..., *central_slices(captures.shape, shape))
-    return dataclasses.replace(captures, images=captures.images[middle], frame=captures.frame or captures.shape)
+    window, pitch_m = picture_window(captures, shape), captures.camera.pitch_m
+    beside = [(part.start + part.stop - n) / 2 * pitch_m for part, n in zip(window, captures.shape, strict=True)]
+    return captures.with_pictures(
+        lambda pictures: pictures[..., *window],
+        frame=captures.frame or captures.shape,
+        centre_m=(captures.centre_m[0] + beside[0], captures.centre_m[1] + beside[1]),
+        axis_m=(captures.axis_m[0] - beside[0], captures.axis_m[1] - beside[1]),
+    )
+
+
+def picture_window(captures: Captures, shape: tuple[int, int]) -> tuple[slice, slice]:
+    """The rows and columns of pictures in which causes are looked for: the middle, if pixels there count.
+
+    Where some are left out, the place where the most count, of equal ones the nearest to the middle.
+    """
+    middle = central_slices(captures.shape, shape)
+    if captures.usable is None:
+        return middle
+    sums = np.pad(captures.usable.sum(axis=0, dtype=np.int64), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    (rows, columns) = shape
+    counts = sums[rows:, columns:] - sums[:-rows, columns:] - sums[rows:, :-columns] + sums[:-rows, :-columns]
+    y, x = np.nonzero(counts == counts.max())
+    nearest = int(np.argmin((y - middle[0].start) ** 2 + (x - middle[1].start) ** 2))
+    top, left = int(y[nearest]), int(x[nearest])
+    return slice(top, top + rows), slice(left, left + columns)
 
 
 def central_captures(captures: Captures, most: int) -> Captures:
@@ -320,9 +342,12 @@ class Trials:
     def __init__(self, captures: Captures, effects: Values) -> None:
         self.captures, self._effects = captures, effects
         light = captures.images.astype(np.float32) - np.float32(captures.camera.black_level)
-        self._light = _without_stuck_pixels(light, stuck_pixel_mask(captures.images))
+        left_out = np.broadcast_to(stuck_pixel_mask(captures.images), light.shape)
+        if captures.usable is not None:
+            left_out = left_out | ~captures.usable
+        self._light = _filled(light, left_out)
         without_pictures = np.broadcast_to(np.uint16(0), captures.images.shape)
-        self._records = dataclasses.replace(captures, images=without_pictures)
+        self._records = dataclasses.replace(captures, images=without_pictures, usable=None)
         self._comparisons: dict[tuple[int, int], SpeckleComparison] = {}
         self._predicted: dict[_Key, Contrast | None] = {}
         self._seen: dict[tuple[int, str], Contrast] = {}
@@ -465,9 +490,15 @@ def _at_common_shift(hypothesis: Hypothesis, matches: Sequence[Match]) -> TrialS
     return TrialScore(hypothesis, at_best, grains)
 
 
-def _without_stuck_pixels(light: NDArray[np.float32], stuck: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """The picture with dead and hot pixels at the mean of the others; their contrast would be in every picture."""
-    if stuck.any() and not stuck.all():
-        light = light.copy()
-        light[:, stuck] = light[:, ~stuck].mean(axis=1, keepdims=True)
+def _filled(light: NDArray[np.float32], left_out: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Pictures (capture, y, x) with their surroundings in pixels that are left out, whose contrast nobody predicts."""
+    if not left_out.any():
+        return light
+    light = light.copy()
+    for picture, unknown in zip(light, left_out, strict=True):
+        sigma_px, known = BACKGROUND * min(picture.shape), (~unknown).astype(np.float32)
+        share = gaussian_filter(known, sigma_px, mode="nearest")
+        around = gaussian_filter(picture * known, sigma_px, mode="nearest") / np.maximum(share, 1e-6)
+        mean = picture[~unknown].mean() if not unknown.all() else 0.0
+        picture[unknown] = np.where(share > 0.01, around, mean)[unknown]
     return light

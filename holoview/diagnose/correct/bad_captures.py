@@ -147,7 +147,7 @@ def find_useless_captures(captures: Captures, known: Values) -> tuple[BadCapture
         expected = light.predicted[k] * usual[k]
         sentence = f"Its mean light is {light.seen[k]:.2g} counts above black"
         found[k] = BadCapture(k, DARK, sentence + (f"; {expected:.2g} were expected." if expected > 0 else "."))
-    saturated = np.array([float((image >= captures.camera.saturation).mean()) for image in captures.images])
+    saturated = captures.saturated_shares
     common = float(np.median(saturated))
     for k in np.flatnonzero(saturated > SATURATED_SHARE).tolist():
         is_useless = saturated[k] > USELESS_SHARE or light.pixels[k] < 1
@@ -221,7 +221,9 @@ def _is_dark(
 
     least: mean counts of light that aren't noise. usual: gain.
     """
-    variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
+    variance = np.array(
+        [float(image[captures.usable_pixels(k)].var(dtype=np.float64)) for k, image in enumerate(captures.images)]
+    )
     is_flat = variance < FLAT_VARIANCE * captures.camera.noise_variance(light.seen)
     gain = np.nan_to_num(light.gain)
     around = [float(np.median(gain[list(near)])) if near else np.inf for near in siblings]

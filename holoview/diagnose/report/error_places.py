@@ -38,6 +38,7 @@ from holoview.diagnose.starts.transmission_slopes import (
 from holoview.effects.slm_stuck import describe_places
 from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
+from holoview.numerics.sampling import first_of_part
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -297,7 +298,7 @@ def placed_map(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
     if location == "camera":
         rows, columns = captures.shape
         whole = captures.frame or captures.shape
-        top, left = (whole[0] - rows) // 2, (whole[1] - columns) // 2
+        top, left = first_of_part(whole, captures.shape, captures.centre_m, captures.camera.pitch_m)
     else:
         (rows, columns), (top, left) = captures.levels.shape[2:], captures.first_pixel
     extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
