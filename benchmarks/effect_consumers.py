@@ -65,7 +65,7 @@ VALUES: dict[str, Values] = {
     "aberration2": {"z4": 8e-8, "z8": 5e-8},
     "ambient": {"level": 50.0},
     "bandwidth": {"sigma": 2e-9},
-    "beam": {"size": 1.4, "edge": 2.0, "centre_y": 20e-6, "ellipse": 0.1, "z4": 60e-9, "z8": -50e-9},
+    "beam": {"size": 1.4, "edge": 2.0, "centre_y": 0.3, "ellipse": 0.1, "z4": 60e-9, "z8": -50e-9},
     "camera_alignment": {"shift_y": 3e-6},
     "camera_black": {"black": 10.0},
     "camera_blur": {"sigma": 1.0},

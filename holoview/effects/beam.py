@@ -34,8 +34,8 @@ def _term(noll: int) -> Parameter:
 
 def _centre(name: str) -> Parameter:
     moved = ("size", *(f"z{noll}" for noll in WAVEFRONT_TERMS))
-    doc = "Place of its centre."
-    return Parameter(name, doc, "mm", low=-0.05, high=0.05, prior=1e-3, secondary=True, modifies=moved)
+    doc = "Place of its centre, in half the modulator's longer side."
+    return Parameter(name, doc, low=-2.0, high=2.0, prior=0.1, secondary=True, modifies=moved)
 
 
 class Beam(Effect):
@@ -92,7 +92,8 @@ class Beam(Effect):
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """`v` may hold tensors; the light is differentiable with respect to them."""
-        centre_m, half_m = (v["centre_y"], v["centre_x"]), context.half_width()
+        half_m = context.half_width()
+        centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
         y, x = (place - centre for place, centre in zip(context.positions(transmission), centre_m, strict=True))
         stretch = (0.0 * y + v["ellipse"]).exp()
         square = ((y * stretch).square() + (x / stretch).square()) * (v["size"] / half_m) ** 2
@@ -115,7 +116,7 @@ class Beam(Effect):
             kind = "a disc" if v["edge"] > _DISC_EDGE else "a Gaussian beam"
             shape = f"{kind} of radius {format_rounded(self.radius_m(half_m, v), 'mm', 3)} (1/e of amplitude)"
             if v["centre_y"] or v["centre_x"]:
-                y, x = (format_rounded(v[f"centre_{axis}"], "mm", 3) for axis in "yx")
+                y, x = (format_rounded(v[f"centre_{axis}"] * half_m, "mm", 3) for axis in "yx")
                 shape += f", centred at y = {y}, x = {x}"
         sizes: dict[str, float] = {}
         for noll in WAVEFRONT_TERMS:

@@ -25,10 +25,10 @@ def near(make_session: Make) -> Captures:
 
 def test_a_gaussian_beam_is_the_one_of_source_profile(near: Captures, predicted: Predicted) -> None:
     """exp(−fall·r² + slope·x) is a beam of fall = size², centred at slope/(2·fall) in half sides, times a number."""
-    size, centre = 1.3, 25e-6
+    size, centre = 1.3, 0.22
     beam = predicted(near, {"beam": {"size": size, "centre_x": centre}})
-    profile = predicted(near, {"source_profile": {"fall": size**2, "slope_x": 2 * size**2 * centre / HALF}})
-    factor = math.exp(-2 * (size * centre / HALF) ** 2)
+    profile = predicted(near, {"source_profile": {"fall": size**2, "slope_x": 2 * size**2 * centre}})
+    factor = math.exp(-2 * (size * centre) ** 2)
     torch.testing.assert_close(beam, profile * factor, rtol=1e-5, atol=1e-9 * float(profile.max()))
 
 
@@ -67,7 +67,7 @@ def test_even_light_with_a_wavefront_is_one_of_the_modulator(near: Captures, pre
 
 def test_it_says_shape_radius_and_wavefront(make_session: Make) -> None:
     system, effect = make_session().nominal_system(), get_effect("beam")
-    said = effect.format_finding(system, {"size": 2.0, "edge": 6.0, "centre_x": 5e-6, "z7": 30e-9, "z8": 40e-9})
-    assert "a disc of radius 0.056 mm" in said and "x = 0.005 mm" in said and "50 nm of coma" in said
+    said = effect.format_finding(system, {"size": 2.0, "edge": 6.0, "centre_x": 0.05, "z7": 30e-9, "z8": 40e-9})
+    assert "a disc of radius 0.056 mm" in said and "x = 0.0056 mm" in said and "50 nm of coma" in said
     assert "a Gaussian beam" in effect.format_finding(system, {"size": 1.0})
     assert "even, with 20 nm of defocus" in effect.format_finding(system, {"z4": 20e-9})
