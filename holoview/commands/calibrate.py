@@ -229,12 +229,12 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     """
     wavelengths = [_parse_wavelength(text) for text in args.wavelength or ()]
     periods: list[float] = args.period or []
+    if args.plot is not None:
+        require_matplotlib("--plot")
     sweeps, files, periods, wavelengths = _read_sweeps(files, periods, wavelengths)
     for option, values in (("--wavelength", wavelengths), ("--period", periods)):
         if len(values) not in (0, 1, len(files)):
             raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
-    if args.plot is not None:
-        require_matplotlib("--plot")
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")

@@ -4,6 +4,7 @@ plane, roughness of the pattern, radius, spatial frequency and brightness.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import FitQuality
 from holoview.diagnose.likelihood import Comparison, GainFit
+from holoview.numerics.speckle_match import match_speckle
 from holoview.util.units import format_rounded
 
 Image = NDArray[np.float32]
@@ -27,6 +29,8 @@ count."""
 
 FREQUENCY_BANDS = 4
 """[1] Bands of spatial frequency up to the camera's Nyquist frequency. Evidence: presentation only."""
+
+_SPECKLE_AROUND_PX = 40  # [px] Of the shifts whose correlations tell what chance gives. Evidence: presentation only.
 
 RADII = (0.25, 0.5, 0.75)
 """[1] Limits between classes of radius, over the distance of the corners. Evidence: presentation only."""
@@ -116,6 +120,34 @@ def sample_captures(
         )
         for k in chosen[:SAMPLES]
     )
+
+
+@dataclass(frozen=True)
+class SpeckleChange:
+    """Correlation of predicted with measured speckle on held-out pixels, by the nominal and the extended model.
+
+    significance: of the extended model's, in standard deviations of the correlations at other places.
+    """
+
+    before: float
+    after: float
+    significance: float
+
+
+def speckle_change(comparison: Comparison, before: GainFit, after: GainFit) -> SpeckleChange:
+    """Mean over a few held-out captures of the correlation of local contrasts (`numerics.speckle_match`); NaN where
+    pictures are too small."""
+    around = min(_SPECKLE_AROUND_PX, min(comparison.light.shape[1:]) // 3)
+    matches = [
+        [match_speckle(light, fit.expected[k], weight > 0, reach_px=0, around_px=around) for fit in (before, after)]
+        for k, (light, weight) in enumerate(zip(comparison.light[:SAMPLES], comparison.weight[:SAMPLES], strict=True))
+        if around > 0 and (weight > 0).any()
+    ]
+    if not matches:
+        return SpeckleChange(math.nan, math.nan, math.nan)
+    nominal, extended = ([pair[which] for pair in matches] for which in (0, 1))
+    mean = [float(np.mean([one.correlation for one in each])) for each in (nominal, extended)]
+    return SpeckleChange(mean[0], mean[1], float(np.mean([one.significance for one in extended])))
 
 
 # The excess broken down: χ²/n of pixels by wavelength, plane, pattern, radius, spatial frequency and brightness.

@@ -50,6 +50,9 @@ MODEL_ACCURACY = 1e-3
 same physics hardly agree better on grids of this size; the value: none recorded."""
 
 
+_FAR_CHI2 = 25.0
+"""[χ²/n] Of fits that leave more, how χ² rises away from the solution isn't measured. Evidence: a reason: what is
+missing decides it. Cost: twenty numbers of a light that speckle found took four minutes."""
 _PARABOLA_SHARE = 0.9  # [1] Where χ² rises by this share of a parabola's rise, the interval stays.
 _MAX_WIDENING = 8.0  # [1] An interval becomes at most so many times as wide as derivatives say.
 _EDGE_STEPS = (0.25, 8.0)  # [steps] The shortest and the longest move of a hard edge that is tried.
@@ -151,8 +154,11 @@ def _half_widths(fit: CandidateFit, at: LocalInformation, comparison: Comparison
         return np.empty(0)
     inverse = np.linalg.pinv(at.normal, rcond=1e-10, hermitian=True)
     robust = inverse @ (at.scores.T @ at.scores * (captures / max(captures - 1, 1))) @ inverse
-    noise = inverse * max(1.0, float(np.mean(np.square(at.residual[at.residual != 0.0]))))
+    chi2 = float(np.mean(np.square(at.residual[at.residual != 0.0])))
+    noise = inverse * max(1.0, chi2)
     half_widths = factor * np.sqrt(np.maximum(np.diag(robust), np.diag(noise)))
+    if chi2 > _FAR_CHI2:
+        return half_widths
     function, minimum, bounds = _at_solution(fit, at, comparison)
     for i, (_, parameter) in enumerate(at.parameters.entries):
         if inverse[i, i] > 0 and not parameter.non_smooth:

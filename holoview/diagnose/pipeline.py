@@ -32,7 +32,7 @@ from holoview.diagnose.crop import (
 )
 from holoview.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
 from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import SearchResult, Verdict
+from holoview.diagnose.judge import Lookalikes, SearchResult, Verdict
 from holoview.diagnose.likelihood import Values
 from holoview.diagnose.nuisances import detect_nuisances
 from holoview.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
@@ -54,6 +54,8 @@ from holoview.diagnose.search_context import (
     field_samples,
 )
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
+from holoview.diagnose.speckle_evidence import NEAR_CORRELATION, light_by_speckle
+from holoview.diagnose.speckle_search import FoundLight
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import (
@@ -175,6 +177,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     said: list[str] = []
     captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
+    ids = [effect.id for effect in request.candidates]
+    if not request.known and (by_speckle := light_by_speckle(records.captures, ids, request.progress)):
+        window, light = by_speckle
+        return _search(replace(records, captures=window), request, 1.0, light)
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
     diagnosis = _search(records, request, share)
@@ -256,11 +262,14 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
     return replace(request, known=known), correction_notes(corrections, request.uncertain)
 
 
-def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
-    """The diagnosis of captures with checked records, within a share of the budget."""
+def _search(records: CheckedRecords, request: _Request, share: float, light: FoundLight | None = None) -> Diagnosis:
+    """The diagnosis of captures with checked records, within a share of the budget. light: found by speckle before."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
-        outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
+        if light is None:
+            outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
+        else:
+            outcome = _judge_light(prepared, light, request.progress)
         wants_maps = request.free_maps and not prepared.whole.end.was_asked
         diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
@@ -268,6 +277,21 @@ def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnos
         samples = tuple(replace(sample, capture=only) for sample in diagnosis.samples)
         diagnosis = replace(diagnosis, samples=samples)
     return with_wrong_records(diagnosis, records)
+
+
+def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
+    """The causes that stand for the light that was found by speckle, judged by least squares."""
+    fit = CandidateFit(tuple(light.values), light.values, math.inf)
+    initial = InitialCandidates((fit,), are_searched=light.after > NEAR_CORRELATION, over_field_only=True)
+    search = partial(search_once, prepared.whole, progress=progress, initial=initial)
+    outcome = judge_captures(
+        prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress
+    )
+    if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
+        return outcome
+    named = outcome.decision.best.fit  # far from the captures, derivatives tell nothing of what looks alike
+    alike = Lookalikes(named, {cause: {} for cause in named.causes}, {cause: {} for cause in named.causes})
+    return replace(outcome, result=replace(outcome.result, lookalikes=alike))
 
 
 def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: TextCallback) -> SearchOutcome:

@@ -16,6 +16,7 @@ from holoview.diagnose.fit_statistics import (
     fit_quality,
     held_out_groups,
     sample_captures,
+    speckle_change,
 )
 from holoview.diagnose.judge import RIVAL_FACTOR, Verdict, with_further_cause
 from holoview.diagnose.outlier_rejection import SearchOutcome
@@ -70,6 +71,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
         excess_before=break_down_excess(captures, comparison, nominal, roughness),
         excess_after=break_down_excess(captures, comparison, best, roughness),
         signal_explained=(explained_variance(comparison, nominal), explained_variance(comparison, best)),
+        speckle=speckle_change(comparison, nominal, best),
         fixed_pattern=context.prnu,
         gain_spread=gain_spread(context.kept_captures, gain),
         captures=len(captures),

@@ -13,7 +13,7 @@ from holoview.captures.records import RecordFindings
 from holoview.diagnose.correct.bad_captures import BadCapture
 from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.fit import FittedValues
-from holoview.diagnose.fit_statistics import ExcessBreakdown, HeldOutGroup, SampleCapture
+from holoview.diagnose.fit_statistics import ExcessBreakdown, HeldOutGroup, SampleCapture, SpeckleChange
 from holoview.diagnose.intervals import Interval
 from holoview.diagnose.judge import Verdict
 from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, suggest_for
@@ -61,11 +61,12 @@ class Diagnosis:
     excluded. unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain
     much of it. pixel_maps: how far single pixels of each modulator stand out in it. groups: quality by wavelength and
     plane. candidates: all ranked sets of causes, best first. samples: a few held-out captures. signal_explained: share
-    of the captures' variance, before and after. fixed_pattern: standard deviation of the pixels' relative sensitivity.
-    gain_spread: standard deviation of the logarithm of the gains about the mean of their wavelength. captures: number
-    of captures. bad_captures: captures that don't fit their records; no fit used them, and all other fields describe
-    the other captures. known: the effects of the nominal model, corrected where they were uncertain. records: the
-    mistakes in the records; all other fields describe the corrected captures.
+    of the captures' variance, before and after. speckle: how well predicted speckle stands in the pictures.
+    fixed_pattern: standard deviation of the pixels' relative sensitivity. gain_spread: standard deviation of the
+    logarithm of the gains about the mean of their wavelength. captures: number of captures. bad_captures: captures that
+    don't fit their records; no fit used them, and all other fields describe the other captures. known: the effects of
+    the nominal model, corrected where they were uncertain. records: the mistakes in the records; all other fields
+    describe the corrected captures.
     """
 
     verdict: Verdict
@@ -82,6 +83,7 @@ class Diagnosis:
     excess_before: ExcessBreakdown
     excess_after: ExcessBreakdown
     signal_explained: tuple[float, float]
+    speckle: SpeckleChange
     fixed_pattern: float
     gain_spread: float
     captures: int
@@ -145,6 +147,9 @@ class Diagnosis:
             "signal_explained": {
                 "before": _json_number(self.signal_explained[0]),
                 "after": _json_number(self.signal_explained[1]),
+            },
+            "speckle_correlation": {
+                name: _json_number(value) for name, value in dataclasses.asdict(self.speckle).items()
             },
             "fixed_pattern": _json_number(self.fixed_pattern),
             "gain_spread": _json_number(self.gain_spread),

@@ -1,0 +1,59 @@
+"""Large faults together, on pictures of an independent program: speckle finds the light where least squares can't."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from holoview.captures.dataset import Captures
+from holoview.captures.picture_import import Shown, import_pictures
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.speckle_evidence import light_by_speckle
+from holoview.model.effects.registry import listed_effects
+from holoview.util.progress import no_progress
+from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
+from tests.explored import explored
+
+KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
+HALF_PX = 64.0  # of the modulator's longer side
+
+
+def _captures(bench: FarField, seed: int, pictures: int = 1) -> Captures:
+    patterns = [spread_pattern(seed + number) for number in range(pictures)]
+    shown = [
+        Shown(photograph(pattern, bench, seed + 50), pattern, f"{k}", f"{k}") for k, pattern in enumerate(patterns)
+    ]
+    return import_pictures(shown, focal_length_m=0.25, **KNOWN).captures
+
+
+@pytest.mark.parametrize("pictures", explored([1, 2], 1))
+def test_a_disc_with_coma_and_half_the_stroke_is_named_and_measured(pictures: int) -> None:
+    """Coma a·(3ρ³ − 2ρ)·cos is a/√8 r.m.s., which is Noll's z8. The edge exp(−ρ⁸) is at ρ = 1 where the beam's is."""
+    bench = FarField()
+    found = diagnose(_captures(bench, 20, pictures), free_maps=False)
+    causes = {cause.effect: found.values[cause.effect] for cause in found.causes}
+    assert {"beam", "stroke"} <= set(causes)
+    assert not {"camera_blur", "source_extent", "bandwidth", "motion_blur"} & set(causes)
+    assert HALF_PX / causes["beam"]["size"] == pytest.approx(bench.radius, rel=0.1)
+    assert 1 + causes["stroke"]["stroke_error"] == pytest.approx(bench.stroke, rel=0.1)
+    wanted = bench.coma / math.sqrt(8) * WAVELENGTH_M / (2 * math.pi)
+    assert causes["beam"]["z8"] == pytest.approx(wanted, rel=0.25)
+    assert found.speckle.before < 0.6 and found.speckle.after > found.speckle.before + 0.2
+    assert found.speckle.significance > 5
+
+
+def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
+    """The captures' own patterns were never shown: no light makes their speckle stand, and none is named."""
+    captures = _captures(FarField(coma=-0.3, defocus=0.1), 30)
+    levels = captures.levels.copy()
+    levels[0, 0] = spread_pattern(77).astype(levels.dtype)
+    wrong = Captures(**{name: getattr(captures, name) for name in captures.__dataclass_fields__} | {"levels": levels})
+    assert light_by_speckle(wrong, list(listed_effects()), no_progress) is None
+
+
+def test_a_bench_that_is_right_needs_no_such_search() -> None:
+    """Even light that fills the modulator, a full turn: the nominal bench's speckle stands."""
+    bench = FarField(radius=1e3, coma=0.0, defocus=0.0, stroke=1.0)
+    assert light_by_speckle(_captures(bench, 40), list(listed_effects()), no_progress) is None
