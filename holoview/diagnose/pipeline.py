@@ -54,7 +54,7 @@ from holoview.diagnose.search_context import (
     field_samples,
 )
 from holoview.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.diagnose.speckle_evidence import NEAR_CORRELATION, light_by_speckle
+from holoview.diagnose.speckle_evidence import NEAR_CORRELATION, describe_light, light_by_speckle
 from holoview.diagnose.speckle_search import FoundLight
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
@@ -287,6 +287,7 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
     outcome = judge_captures(
         prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress
     )
+    outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
     if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
         return outcome
     named = outcome.decision.best.fit  # far from the captures, derivatives tell nothing of what looks alike

@@ -27,7 +27,7 @@ _WINDOW_PX = 320, 640
 _PART_PX = 192, 384  # [px] … of its brightest part, in which it is sought at first. Evidence: the cost.
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
-_CAUSES = ("beam", "stroke", "undiffracted", "camera_alignment")
+_CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
 
 
 def window_of(captures: Captures, size: tuple[int, int]) -> Captures:
@@ -62,6 +62,16 @@ def light_by_speckle(
         return None
     found = find_light(data, prepare_captures(window_of(window, _PART_PX)), progress)
     return (window, found) if found.after > max(found.before + _GAIN, _LEAST) else None
+
+
+def describe_light(light: FoundLight) -> str:
+    """In words, how well the speckle stands with the light that was found, and what it loses without each part."""
+    parts = ", ".join(f"{part} {lost:.3f} ({sigmas:.1f} σ)" for part, (lost, sigmas) in light.losses.items())
+    return (
+        "The light on the modulator was sought by speckle in the brightest window, which was judged. On held-out "
+        f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}. Without each "
+        f"part it is lower by: {parts}."
+    )
 
 
 def _nominal_chi2(data: PreparedCaptures) -> float:

@@ -239,13 +239,15 @@ class SpeckleSearch:
             circle = min(math.exp(-point["log_size"]), circle)
             beam = {"size": math.exp(point["log_size"]), "edge": point["edge"]}
             beam |= {f"centre_{axis}": point[f"centre_{axis}"] for axis in "yx"}
-        centred = self.rebased(point, circle, (point["centre_y"], point["centre_x"]))
+        centred = self.rebased(point, circle, (point["centre_y"], point["centre_x"]))  # (0, 0) without a shape
         per_radian = float(captures.wavelength_m[0]) / (2 * math.pi)
         names = [f"z{noll}" for noll in WAVEFRONT_TERMS]
         is_dropped = {name for part in dropped for name in PARTS[part]}
-        beam |= {name: centred[name] * per_radian for name in names if name not in is_dropped}
+        wave = {name: centred[name] * per_radian for name in names if name not in is_dropped}
         if beam:
-            values["beam"] = beam
+            values["beam"] = beam | wave
+        elif wave:  # over the circle around the modulator, whose own wavefront can't be told from the light's
+            values["slm_flatness"] = {f"{name}_1": value for name, value in wave.items()}
         if "stroke" not in dropped:
             values["stroke"] = {"stroke_error": point["stroke"] - 1}
         if "unmodulated light" not in dropped:

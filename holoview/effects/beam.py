@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from holoview.model.effects.effect import DataProperties, Effect, Parameter, Values
+from holoview.model.effects.effect import Effect, Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
@@ -35,7 +35,7 @@ def _term(noll: int) -> Parameter:
 def _centre(name: str) -> Parameter:
     moved = ("size", *(f"z{noll}" for noll in WAVEFRONT_TERMS))
     doc = "Place of its centre, in half the modulator's longer side."
-    return Parameter(name, doc, low=-2.0, high=2.0, prior=0.1, secondary=True, modifies=moved)
+    return Parameter(name, doc, low=-2.0, high=2.0, prior=0.1, modifies=moved)
 
 
 class Beam(Effect):
@@ -81,14 +81,12 @@ class Beam(Effect):
         *map(_term, WAVEFRONT_TERMS),
     )
     acts_on = ("source",)
+    degenerate_with = ("source_profile",)  # which is a Gaussian beam, in fewer numbers
     varies_over_field = True
     order = 3  # it lights what the modulator leaves unmodulated too
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"size": size, "edge": edge} for size in (0.8, 1.2, 1.8, 2.6, 4.0) for edge in (1.0, 4.0)]
-
-    def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
-        return ("source_profile", "slm_flatness") if properties.modulators == 1 else ("source_profile",)
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """`v` may hold tensors; the light is differentiable with respect to them."""
