@@ -390,7 +390,8 @@ def run(path: Path, options: list[str], limit_s: float = math.inf) -> dict[str, 
         told = json.loads(found.read_text())
         result["verdict"], result["named"] = told["verdict"], [c["effect"] for c in told["causes"]]
         result["chi2"] = [told["before"]["chi2_per_pixel"], told["after"]["chi2_per_pixel"]]
-        result["notes"] = told["notes"]
+        result["notes"], result["lives_in"] = told["notes"], told["unexplained"]["lives_in"]
+        result["values"] = {c["effect"]: {p: v["value"] for p, v in c["parameters"].items()} for c in told["causes"]}
     return result
 
 

@@ -609,14 +609,17 @@ class FourierBenchModel(CameraModel):
         return self.cache.get(("fourier", *behind, plane_m, relay, pose_key), compute)
 
     def _camera_intensity(self, field: Tensor, component: IncoherentComponent, pose: Pose) -> Tensor:
+        points = self.pixel_grid.points_per_axis or 1
+        shape = (self.pixel_grid.shape[0] * points, self.pixel_grid.shape[1] * points)
+        point_grid = PixelGrid(self.pixel_grid.pitch_m / points, shape)
         if pose.rotation_rad == 0:
-            return self._intensity_at_pixels(field, component, self.pixel_grid, pose)
+            return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose), points)
         finer = self._finer_grid(field, self.wavelength_m(component), pose)
         unrotated = self._intensity_at_pixels(field, component, finer, Pose())
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
-        scale = self.pixel_grid.pitch_m / finer.pitch_m
+        scale = point_grid.pitch_m / finer.pitch_m
         source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
-        return band_limited_warp(unrotated, source, self.pixel_grid.shape)
+        return mean_over_pixels(band_limited_warp(unrotated, source, shape), points)
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""

@@ -50,6 +50,11 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "padding_errors": ("--size 64x48 --reference 2",),
     "perceptual_scores": (f"--flip {PICTURE} {PICTURE}" + (f" --vdp {PICTURE}" if find_spec("pycvvdp") else ""),),
     "propagation_precision": ("",),
+    "real_benches": (
+        "make {out} --families none --kinds near --size 16",
+        "run {out}/none-near-1.json -o {out}/runs.jsonl --options --time 1s --workers 1 --no-display",
+        "table {out}/runs.jsonl",
+    ),
     "real_sizes": (
         "make {out} --shape 32x24 --only gap",
         "run {out}/near-1.h5 -o {out}/runs.jsonl --options --time 1s --workers 1",

@@ -353,3 +353,25 @@ def test_a_known_effect_that_the_bench_cannot_have_is_refused(
     check_known_effects(captures, {"distance": {"distance_error": 1e-4}, "laser_power": {}})
     with pytest.raises(UserError, match=message):
         check_known_effects(captures, known)
+
+
+@pytest.mark.parametrize("effects", [{}, {"camera_alignment": {"rotation": 0.01}}])
+def test_a_camera_pixel_of_a_fourier_bench_averages_points(effects: dict[str, dict[str, float]]) -> None:
+    """The mean of 2 × 2 points is the mean of pixels half as large; interpolation for a turned one is good to 1e-4."""
+    coarse = dataclasses.replace(
+        _captures(1, 1),
+        relay2=Relay(),
+        distance_m=np.zeros(1),
+        camera=Camera(6e-6, 12, 4.0, 3.0, 64.0),
+        focal_length_m=9e-3,
+    )
+    rows, columns = coarse.shape
+    fine = dataclasses.replace(
+        coarse,
+        images=np.full((1, 2 * rows, 2 * columns), 500, np.uint16),
+        camera=dataclasses.replace(coarse.camera, pitch_m=3e-6),
+    )
+    averaged = Predictor(coarse, double_precision=True, points=2)([0], effects).signal[0].numpy()
+    points = Predictor(fine, double_precision=True)([0], effects).signal[0].numpy()
+    expected = points.reshape(rows, 2, columns, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(averaged, expected, rtol=0, atol=(1e-3 if effects else 1e-9) * expected.max())
