@@ -48,6 +48,7 @@ from holoview.diagnose.search_context import (
     PerThreadPredictor,
     SearchContext,
     SearchEnd,
+    SearchEnded,
     describe_so_far,
     describe_work,
     equivalent_effects,
@@ -73,6 +74,8 @@ from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 _CORRECTION_SHARE = 0.7
 """[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
 virtual rig (48 × 64 pixels, 24 captures)."""
+_SPECKLE_SHARE = 0.6
+"""[1] Of the time, which the search by speckle may take. Evidence: a reason: the usual search needs the rest."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -177,10 +180,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     said: list[str] = []
     captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
-    ids = [effect.id for effect in request.candidates]
-    if not request.known and (by_speckle := light_by_speckle(records.captures, ids, request.progress)):
+    if not request.known and (by_speckle := _light_by_speckle(records.captures, request, said.append)):
         window, light = by_speckle
-        return _search(replace(records, captures=window), request, 1.0, light)
+        diagnosis = _search(replace(records, captures=window), request, 1.0, light)
+        return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
     share = 0.5 if records.are_doubtful else 1.0
     request, notes = _with_corrected_known(records, request)
     diagnosis = _search(records, request, share)
@@ -188,6 +191,24 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
     return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+
+
+def _light_by_speckle(
+    captures: Captures, request: _Request, tell: Callable[[str], None]
+) -> tuple[Captures, FoundLight] | None:
+    """The window and the light that `light_by_speckle` finds; None also where the caller or the time ends it."""
+    began = time.monotonic()
+
+    def progress(done: int, total: int, what: str) -> None:
+        request.progress(done, total, what)
+        if request.is_asked or time.monotonic() - began > _SPECKLE_SHARE * request.time_s:
+            raise SearchEnded
+
+    try:
+        return light_by_speckle(captures, [effect.id for effect in request.candidates], progress)
+    except SearchEnded:
+        tell("The search by speckle was ended before it had found the light")
+        return None
 
 
 @dataclass(frozen=True)

@@ -57,3 +57,11 @@ def test_a_bench_that_is_right_needs_no_such_search() -> None:
     """Even light that fills the modulator, a full turn: the nominal bench's speckle stands."""
     bench = FarField(radius=1e3, coma=0.0, defocus=0.0, stroke=1.0)
     assert light_by_speckle(_captures(bench, 40), list(listed_effects()), no_progress) is None
+
+
+def test_a_search_that_is_asked_to_end_says_so() -> None:
+    """The second question is answered with yes, long before the light is found."""
+    asked = iter([False])
+    found = diagnose(_captures(FarField(), 20), free_maps=False, is_asked_to_end=lambda: next(asked, True))
+    assert any("search by speckle was ended" in note for note in found.notes)
+    assert not found.causes
