@@ -11,6 +11,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.picture_geometry import bright_window, zero_order_mask
 from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import PreparedCaptures, neighbour_variance, prepare_captures
+from holoview.captures.records.trials import cut_pictures
 from holoview.diagnose.speckle_search import FoundLight, SpeckleSearch, find_light
 from holoview.util.progress import ProgressCallback
 
@@ -38,11 +39,7 @@ def window_of(captures: Captures, size: tuple[int, int]) -> Captures:
     usable = ~zero_order_mask(captures.images.max(axis=0), captures.camera.saturation)
     counted = np.stack([captures.usable_pixels(k) & usable for k in range(len(captures))])
     window = bright_window(np.maximum(brightest, 0.0), np.asarray(counted.any(axis=0)), size)
-    centre = [(part.start + part.stop - n) / 2 for part, n in zip(window, captures.shape, strict=True)]
-    axis_y, axis_x = (axis - c * captures.camera.pitch_m for axis, c in zip(captures.axis_m, centre, strict=True))
-    return dataclasses.replace(captures, usable=counted).with_pictures(
-        lambda pictures: pictures[:, window[0], window[1]], axis_m=(axis_y, axis_x)
-    )
+    return cut_pictures(dataclasses.replace(captures, usable=counted), window)
 
 
 def light_by_speckle(

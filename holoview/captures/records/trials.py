@@ -57,7 +57,8 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
     pictures are cut to as many speckles of the longest wavelength across, with the margin on either side.
     """
     if captures.is_fourier:
-        return _cut_pictures(captures, _speckles_px(captures, side_px + 2 * further_px))
+        shape = _speckles_px(captures, side_px + 2 * further_px)
+        return captures if shape == captures.shape else cut_pictures(captures, picture_window(captures, shape))
     pitch_m = captures.slms[0].pitch_m
     margin = math.ceil(_walk_off_m(captures) / pitch_m) + further_px
     rows, columns = (_kept(n, side_px + 2 * margin) for n in captures.levels.shape[2:])
@@ -115,11 +116,9 @@ def _speckles_px(captures: Captures, count: int) -> tuple[int, int]:
     return rows, columns
 
 
-def _cut_pictures(captures: Captures, shape: tuple[int, int]) -> Captures:
-    """The captures of a Fourier bench with pictures cut to `picture_window`."""
-    if shape == captures.shape:
-        return captures
-    window, pitch_m = picture_window(captures, shape), captures.camera.pitch_m
+def cut_pictures(captures: Captures, window: tuple[slice, slice]) -> Captures:
+    """The captures of a Fourier bench with pictures cut to a window, which keeps its place in the whole pictures."""
+    pitch_m = captures.camera.pitch_m
     beside = [(part.start + part.stop - n) / 2 * pitch_m for part, n in zip(window, captures.shape, strict=True)]
     return captures.with_pictures(
         lambda pictures: pictures[..., *window],
