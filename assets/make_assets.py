@@ -19,7 +19,7 @@ from assets.scene.chart import chart
 from assets.scene.lens import focal_stack, pinhole
 from assets.scene.still_life import scene
 from assets.scene.trace import Camera
-from holoview.colour import srgb_encode
+from holoview.light.colour import srgb_encode
 
 PARTS = ("chart", "sharp", "stack")
 _STEPS = 4095  # 12 bits of depth: a step is 0.004 pixels of blur, and the file is half as large as with 16

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.colour import TABLES, import_colour_science
+from holoview.light.colour import TABLES, import_colour_science
 from holoview.util.file_writer import write_file
 
 FOLDER = Path(__file__).parent / "observers"

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.captures import read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.diagnose.pipeline import diagnose
+from holoview.bench.captures import read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.diagnose.pipeline import diagnose
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 
 KINDS = ("exchanged", "other pattern", "dark", "saturated", "moved", "out of focus", "noisy", "duplicate")

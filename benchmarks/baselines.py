@@ -1,4 +1,4 @@
-"""A baseline of the optimiser as in textbooks; a faster one is in `holoview.benchmark.autograd_loop`."""
+"""A baseline of the optimiser as in textbooks; a faster one is in `holoview.evidence.benchmark.autograd_loop`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from holoview.benchmark.autograd_loop import Autograd, Tensor
+from holoview.evidence.benchmark.autograd_loop import Autograd, Tensor
 
 
 class Textbook(Autograd):

@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from holoview.benchmark.autograd_loop import Work
+from holoview.evidence.benchmark.autograd_loop import Work
 
 Tensor = torch.Tensor
 Propagate = Callable[[Tensor, float], Tensor]

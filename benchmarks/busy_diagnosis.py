@@ -21,9 +21,9 @@ from typing import Any
 from benchmarks.busy_machine import busy_loops
 from benchmarks.common import append_line, lines_or_summary, read_lines
 from benchmarks.diagnosis import cases, measure
-from holoview.diagnose.config import BudgetConfig, SearchConfig
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.config import BudgetConfig, SearchConfig
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.effects.registry import listed_effects
 
 _SEED = 82101
 FEW = ("gap", "crosstalk", "tilt", "undiffracted", "camera_blur", "vignetting", "iris1", "ambient", "slm_alignment")

@@ -25,10 +25,10 @@ from statistics import median
 
 import holoview as hv
 from benchmarks.optimiser_work import full_work, ours
-from holoview.benchmark.frame_jobs import full_frame, open_renderer
-from holoview.calibrate.train import CalibrationSettings, map_layout_for, split_captures, train
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.gpu.device import open_device
+from holoview.bench.calibrate.train import CalibrationSettings, map_layout_for, split_captures, train
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.evidence.benchmark.frame_jobs import full_frame, open_renderer
+from holoview.light.gpu.device import open_device
 from holoview.util.processes import process_cpu_count, share_the_machine
 
 _BLOCK = bytes(1 << 18)  # hashing it takes a fraction of a millisecond, without Python's lock

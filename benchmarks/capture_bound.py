@@ -6,7 +6,7 @@
 The loop's own captures to begin with, and a pool of its proposals, are taken once on a virtual bench of 64 × 48 pixels
 (`benchmarks.rig_adaptive`); derivatives of these pictures by all listed effects that have some are kept. Each bench
 hides one effect, every fourth two, and has noise of its own. Hypotheses are all effects, and pairs with the most
-probable of them. Fits, evidence and criteria are those of `holoview.experiment`, exact here, and cost no fields, so
+probable of them. Fits, evidence and criteria are those of `holoview.bench.experiment`, exact here, and cost no fields, so
 that many benches can be tried, and an oracle: it knows the truth from the first capture on, and takes the proposal that
 raises its odds most. Choices are made among 20 proposals of the pool; all end once the leader has 0.99.
 """
@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 
 from benchmarks.common import append_line, lines_or_summary, read_lines
 from benchmarks.rig_adaptive import are_same, hidden_candidates, make_rig, sample_effects
-from holoview.captures.dataset import join_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import effect_jacobian, free_parameters_of, identity_values
-from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.search_context import NEVER
-from holoview.experiment.capture_choice import (
+from holoview.bench.captures.dataset import join_captures
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.fit import effect_jacobian, free_parameters_of, identity_values
+from holoview.bench.diagnose.power_law import changes_only_power
+from holoview.bench.diagnose.search_context import NEVER
+from holoview.bench.experiment.capture_choice import (
     START_COUNT,
     Response,
     draw_proposals,
@@ -42,7 +42,7 @@ from holoview.experiment.capture_choice import (
     pairwise_delta_chi2,
     starting_proposals,
 )
-from holoview.experiment.hypotheses import (
+from holoview.bench.experiment.hypotheses import (
     PRIOR_WIDTH,
     covariance_root,
     log_evidence,
@@ -51,8 +51,8 @@ from holoview.experiment.hypotheses import (
     probabilities,
     shows_at_identity,
 )
-from holoview.model.effects.registry import get_effect, listed_effects
-from holoview.rig.measurement import Measurement
+from holoview.bench.rig.measurement import Measurement
+from holoview.light.model.effects.registry import get_effect, listed_effects
 from tests.experiment.next_capture.benches import BenchInProcess
 
 SIZES = (0.01, 0.03, 0.1)  # of the edge of the range that a diagnosis scans

@@ -20,14 +20,14 @@ import numpy as np
 import torch
 
 from holoview.commands.conformance import propagated
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu.device import open_device
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.wavefield.conformance import Case, all_cases
-from holoview.wavefield.conformance_score import error_of
-from holoview.wavefield.field_bench import bench_of_field
-from holoview.wavefield.wavefield import Wavefield
+from holoview.evidence.conformance.cases import Case, all_cases
+from holoview.evidence.conformance.score import error_of
+from holoview.holograms.fields.field_bench import bench_of_field
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.device import open_device
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 
 Adapter = Callable[[Case], np.ndarray]
 

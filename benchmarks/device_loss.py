@@ -35,7 +35,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from benchmarks.common import count_of
 from benchmarks.lossy_viewer import LOSE
-from holoview.document.session_store import SessionStore
+from holoview.viewer.document.session_store import SessionStore
 from tests.gui.served import Served, browser_cookie, next_frame, serving
 from tests.patience import PATIENCE_S
 

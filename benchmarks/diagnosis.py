@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from holoview.captures.dataset import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.registry import listed_effects
-from holoview.model.system import System
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.diagnose.effect_sampling import sample_effect
 

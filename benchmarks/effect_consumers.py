@@ -31,31 +31,31 @@ import wgpu
 from numpy.typing import NDArray
 
 import holoview as hv
-import holoview.page
-from holoview.captures.predictor import Predictor
-from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.engine.torch_executor import StageField, TorchExecutor, beam_at_stage
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu.device import Device, open_device
-from holoview.model.effects.registry import (
+import holoview.viewer.page
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures
+from holoview.holograms.optimise.autograd_model import make_forward_model
+from holoview.holograms.optimise.kernels import TORCH_KERNELS
+from holoview.holograms.optimise.lasers import changes_lasers
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.torch_executor import StageField, TorchExecutor, beam_at_stage
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.device import Device, open_device
+from holoview.light.model.effects.registry import (
     ActiveEffects,
     bench_properties,
     get_effect,
     listed_effects,
     parameter_unmet_by_bench,
 )
-from holoview.model.plan import Beam, Plan, make_plan
-from holoview.model.system import System
-from holoview.model.validity import check_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.slm import optical_path
-from holoview.optimise.autograd_model import make_forward_model
-from holoview.optimise.kernels import TORCH_KERNELS
-from holoview.optimise.lasers import changes_lasers
-from holoview.page.frame_recording import page_document, unpack_content
+from holoview.light.model.plan import Beam, Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.model.validity import check_plan
+from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.light.optics.slm import optical_path
 from holoview.util.errors import UserError
+from holoview.viewer.page.frame_recording import page_document, unpack_content
 from tests.chromium import started_browser
 
 Values = Mapping[str, Any]
@@ -390,7 +390,7 @@ class PageReplay:
     def __init__(self, tab: Any, device: Device) -> None:
         self._tab, self._gpu = tab, device.raw
         self._pipelines: dict[str, Any] = {}
-        folder = Path(holoview.page.__file__).parent
+        folder = Path(holoview.viewer.page.__file__).parent
         scripts = [(folder / name).read_text(encoding="utf-8") for name in ("bench.js", "hologram.js")]
         tab.add_script_tag(content="\n".join([*scripts, _DRIVER]))
 

@@ -17,16 +17,16 @@ from itertools import count
 import numpy as np
 
 from benchmarks.common import count_of, markdown_table, shape_of
-from holoview.document.target_builder import example_target
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.gpu.device import open_device
-from holoview.model import preset
-from holoview.model.system import System
-from holoview.optimise.checkpoint import IterationState
-from holoview.optimise.eyes import OptimisedEyes, target_at_places
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.view import random_drive
+from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.holograms.view import random_drive
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.gpu.device import open_device
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.viewer.document.target_builder import example_target
 
 _PUPILS = ("", "2x2:0.8mm", "3x3:0.6mm", "random:4:0.8mm")
 _WARM_UP = 2

@@ -23,11 +23,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import append_line, count_of, lines_or_summary, markdown_table, read_lines
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.effect import Effect
-from holoview.model.system import System
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.effect import Effect
+from holoview.light.model.system import System
 
 ARRANGEMENTS = ("near field, one modulator", "near field, two modulators", "Fourier bench")
 BLURS_PX = {"smooth": (6.0, 4.0, 3.0), "rough": (0.0, 0.5), "mixed": (6.0, 3.0, 1.5, 0.0)}

@@ -20,11 +20,11 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
-from holoview.benchmark.frame_jobs import JobTimings, time_interleaved
-from holoview.gpu.device import Device, open_device
-from holoview.gpu.fft import FftPlan
-from holoview.gpu.line_fft import Strategy, supported_strategies
-from holoview.gpu.recorder import CommandRecorder
+from holoview.evidence.benchmark.frame_jobs import JobTimings, time_interleaved
+from holoview.light.gpu.device import Device, open_device
+from holoview.light.gpu.fft import FftPlan
+from holoview.light.gpu.line_fft import Strategy, supported_strategies
+from holoview.light.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
 
 SIZES = "1024x768,512x512,1024x1024,2048x1536"

@@ -35,11 +35,11 @@ from scipy.ndimage import gaussian_filter
 from scipy.special import j1
 
 from benchmarks.common import append_line, count_of, lines_or_summary, markdown_table, read_lines
+from holoview.holograms.fields.demodulation import field_of_recording
+from holoview.holograms.fields.focus import default_range_m, find_focus
+from holoview.holograms.fields.reading import Recording
+from holoview.holograms.fields.wavefield import Wavefield
 from holoview.util.errors import UserError
-from holoview.wavefield.demodulation import field_of_recording
-from holoview.wavefield.focus import default_range_m, find_focus
-from holoview.wavefield.reading import Recording
-from holoview.wavefield.wavefield import Wavefield
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -19,17 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
-from holoview.engine.frame import Executor, spectrum_behind_modulators
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu.device import open_device
-from holoview.gpu.recorder import CommandRecorder
-from holoview.model import preset
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.holograms.view import random_drive
+from holoview.light.engine.frame import Executor, spectrum_behind_modulators
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.device import open_device
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.model import preset
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.view import random_drive
 
 STAGES = ("illuminate", "modulate", "spectrum", "transmit", "field", "accumulate", "composite")
 SUM, FRAME, EMPTY = "sum of the stages", "frame in one go", "empty submission"

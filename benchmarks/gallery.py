@@ -14,11 +14,11 @@ from pathlib import Path
 from PIL import Image
 
 from holoview.commands.console import progress_bar
-from holoview.study.charts import render_figure
-from holoview.study.report import version_summary, write_report
-from holoview.study.runner import ResultStore, run_jobs
-from holoview.study.studies import studies_by_name
-from holoview.study.study import QUICK, Findings, Study, StudyFigure, StudyPicture
+from holoview.evidence.study.charts import render_figure
+from holoview.evidence.study.report import version_summary, write_report
+from holoview.evidence.study.runner import ResultStore, run_jobs
+from holoview.evidence.study.studies import studies_by_name
+from holoview.evidence.study.study import QUICK, Findings, Study, StudyFigure, StudyPicture
 from holoview.util.file_writer import write_file
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

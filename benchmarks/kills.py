@@ -33,19 +33,19 @@ import psutil
 from PIL import Image
 from safetensors import safe_open
 
-from holoview.calibrate.train import load_checkpoint as load_calibration_checkpoint
-from holoview.captures import read_captures
-from holoview.cli import main as holoview
-from holoview.document.editing_session import EditingSession
-from holoview.document.session_store import SessionStore
-from holoview.experiment.camera_loop import load_loop_checkpoint
-from holoview.io.hologram import load_hologram
-from holoview.model import preset
-from holoview.model.effects.learned_maps import read_calibration
-from holoview.optimise.checkpoint import load_checkpoint
-from holoview.rig import read_rig
+from holoview.bench.calibrate.train import load_checkpoint as load_calibration_checkpoint
+from holoview.bench.captures import read_captures
+from holoview.bench.experiment.camera_loop import load_loop_checkpoint
+from holoview.bench.rig import read_rig
+from holoview.commands.cli import main as holoview
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.optimise.checkpoint import load_checkpoint
+from holoview.light.model import preset
+from holoview.light.model.effects.learned_maps import read_calibration
 from holoview.util.safetensors_file import format_of, metadata_of
 from holoview.util.tables import parse_toml
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import SessionStore
 from tests.fuzz.trial import preload
 from tests.fuzz.valid_files import valid, write
 from tests.rig.align.hidden_bench import Hidden

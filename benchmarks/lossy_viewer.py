@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from holoview.cli import main
+from holoview.commands.cli import main
 from holoview.commands.supervisor import supervise
 
 LOSE = "HOLOVIEW_BENCHMARK_LOSE"
@@ -28,7 +28,7 @@ def _lose_device(told: Path) -> None:
         time.sleep(0.02)
     from wgpu.backends.wgpu_native import lib  # the start of the viewer isn't to wait for them
 
-    from holoview.gpu.device import Device
+    from holoview.light.gpu.device import Device
 
     devices = [found for found in gc.get_objects() if type(found) is Device]  # isinstance asks dead weak references
     told.unlink()

@@ -22,7 +22,7 @@ import torch
 from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed, optimiser_stops
 from benchmarks.common import count_of
 from holoview import __version__
-from holoview.benchmark.time_to_quality import STEPS_RAD, QualityRun
+from holoview.evidence.benchmark.time_to_quality import STEPS_RAD, QualityRun
 
 Section = tuple[Callable[[argparse.Namespace], Any], Callable[[Any], str]]
 

@@ -21,7 +21,7 @@ from benchmarks.baselines import Textbook
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_speed import CACHED, OWN, SOLVING, TEXTBOOK
 from benchmarks.optimiser_work import colour_work, ours
-from holoview.benchmark.autograd_loop import StoredLoop, Work
+from holoview.evidence.benchmark.autograd_loop import StoredLoop, Work
 
 VARIANTS = (OWN, SOLVING, TEXTBOOK, CACHED)
 _ITERATIONS = 3

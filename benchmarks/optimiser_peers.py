@@ -12,10 +12,10 @@ from typing import Any
 from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed, odak_kept
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
-from holoview.benchmark.autograd_loop import Work
-from holoview.benchmark.frame_benchmark import torch_threads
-from holoview.benchmark.frame_jobs import time_interleaved
-from holoview.benchmark.time_to_quality import MARGIN_DB, STEPS_RAD
+from holoview.evidence.benchmark.autograd_loop import Work
+from holoview.evidence.benchmark.frame_benchmark import torch_threads
+from holoview.evidence.benchmark.frame_jobs import time_interleaved
+from holoview.evidence.benchmark.time_to_quality import MARGIN_DB, STEPS_RAD
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}

@@ -19,8 +19,8 @@ from benchmarks.optimiser_work import (
     summary,
     times_table,
 )
-from holoview.benchmark.autograd_loop import Autograd, StoredLoop, Work
-from holoview.benchmark.frame_benchmark import torch_threads
+from holoview.evidence.benchmark.autograd_loop import Autograd, StoredLoop, Work
+from holoview.evidence.benchmark.frame_benchmark import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
 TEXTBOOK, CACHED, FLOOR = "autograd, textbook", "autograd, cached H", "its FFTs alone"

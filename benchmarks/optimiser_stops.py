@@ -8,11 +8,11 @@ from typing import Any
 import torch
 
 from benchmarks.optimiser_work import STOPS, Run, colour_work, interleaved, ours, summary, times_table
-from holoview.benchmark.autograd_loop import Autograd, StoredLoop, Tensor, Work
-from holoview.benchmark.frame_benchmark import torch_threads
-from holoview.model.plan import make_plan
-from holoview.numerics.fourier import PrunedAxis, PrunedTransform
-from holoview.optics.slm import pixel_spectrum
+from holoview.evidence.benchmark.autograd_loop import Autograd, StoredLoop, Tensor, Work
+from holoview.evidence.benchmark.frame_benchmark import torch_threads
+from holoview.light.model.plan import make_plan
+from holoview.light.numerics.fourier import PrunedAxis, PrunedTransform
+from holoview.light.optics.slm import pixel_spectrum
 
 OWN, MASKED, PRUNED = "holoview", "autograd, cached H", "autograd, cached H, pruned"
 _TOLERANCE = 3e-4  # of the loss: a float32 sum of 1.2e7 squares is right to 1e-4

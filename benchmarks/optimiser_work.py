@@ -11,10 +11,10 @@ import torch
 
 import holoview as hv
 from benchmarks.common import markdown_table
-from holoview.benchmark.autograd_loop import Work
-from holoview.benchmark.frame_jobs import time_interleaved
-from holoview.model.system import System
-from holoview.optimise.checkpoint import IterationState
+from holoview.evidence.benchmark.autograd_loop import Work
+from holoview.evidence.benchmark.frame_jobs import time_interleaved
+from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.light.model.system import System
 from holoview.util.files import data_dir
 
 Seconds = dict[str, list[float]]

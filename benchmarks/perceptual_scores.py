@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.colour import srgb_decode
-from holoview.metrics.perceptual import color_video_vdp, flip
-from holoview.targets.image_reader import read_raster
+from holoview.holograms.files.image_reader import read_raster
+from holoview.holograms.metrics.perceptual import color_video_vdp, flip
+from holoview.light.colour import srgb_decode
 
 PUBLISHED_FLIP, PUBLISHED_BLUR, PUBLISHED_NOISE = 0.133285, 8.514, 8.955
 _WHITE_CD_M2, _BLACK_CD_M2, _ROOM_CD_M2 = 200.0, 0.2, 250 / np.pi * 0.005

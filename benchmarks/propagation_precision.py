@@ -13,12 +13,12 @@ import math
 
 import numpy as np
 
-from holoview.numerics.sampling import positions
-from holoview.optics.free_space import Window
+from holoview.holograms.fields.propagation import Method, propagate_field
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.light.numerics.sampling import positions
+from holoview.light.optics.free_space import Window
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.wavefield.propagation import Method, propagate_field
-from holoview.wavefield.wavefield import Wavefield
 
 DISTANCES_M = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 2.0)
 WAVELENGTH_M, WAIST_M = 473e-9, 0.8e-3

@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import count_of, markdown_table
-from holoview.captures.records import find_record_errors
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.registry import listed_effects
-from holoview.model.system import System
+from holoview.bench.captures.records import find_record_errors
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.captures.records.mistakes import Name, all_mistakes, spoiled
 from tests.diagnose.effect_sampling import sample_effect

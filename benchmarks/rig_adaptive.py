@@ -30,20 +30,20 @@ import tomli_w
 
 from benchmarks.common import append_line, count_of, lines_or_summary, read_lines
 from benchmarks.diagnosis import bench
-from holoview.diagnose.fit import free_parameters_of, has_list
-from holoview.diagnose.power_law import changes_only_power
-from holoview.experiment.capture_choice import Choice, Proposal, draw_proposals
-from holoview.experiment.closed_loop import (
+from holoview.bench.diagnose.fit import free_parameters_of, has_list
+from holoview.bench.diagnose.power_law import changes_only_power
+from holoview.bench.experiment.capture_choice import Choice, Proposal, draw_proposals
+from holoview.bench.experiment.closed_loop import (
     ClosedLoop,
     InformedPlanner,
     LoopSettings,
     Planner,
     PlannerState,
 )
-from holoview.experiment.hypotheses import Hypothesis, with_probabilities
-from holoview.model.effects.registry import get_effect, listed_effects
-from holoview.rig.capture_plan import default_plan
-from holoview.rig.description import RigDescription, read_rig
+from holoview.bench.experiment.hypotheses import Hypothesis, with_probabilities
+from holoview.bench.rig.capture_plan import default_plan
+from holoview.bench.rig.description import RigDescription, read_rig
+from holoview.light.model.effects.registry import get_effect, listed_effects
 from tests.diagnose.effect_sampling import sample_effect
 from tests.experiment.next_capture.benches import BenchInProcess
 

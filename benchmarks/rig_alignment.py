@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.rig.align import find_geometry, registration_of
+from holoview.bench.rig.align import find_geometry, registration_of
 from holoview.util.errors import UserError
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 

@@ -30,23 +30,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import cli
-from holoview.captures import write_captures
-from holoview.captures.dataset import join_captures
-from holoview.diagnose.extended_model import extended_system
-from holoview.experiment.bench_camera import BenchCamera
-from holoview.experiment.camera_loop import CameraLoop, ModelUpdates
-from holoview.experiment.rig_bench import on_rig, system_of_rig
-from holoview.io.hologram import Hologram
-from holoview.model import preset
-from holoview.model.system import System
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.capture_plan import default_plan
-from holoview.rig.measurement import Measurement
-from holoview.targets.picture import read_picture
-from holoview.targets.target import Placement, target_for
+from holoview.bench.captures import write_captures
+from holoview.bench.captures.dataset import join_captures
+from holoview.bench.diagnose.extended_model import extended_system
+from holoview.bench.experiment.bench_camera import BenchCamera
+from holoview.bench.experiment.camera_loop import CameraLoop, ModelUpdates
+from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
+from holoview.bench.rig import RigDescription, open_rig, read_rig
+from holoview.bench.rig.capture_plan import default_plan
+from holoview.bench.rig.measurement import Measurement
+from holoview.commands import cli
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.holograms.targets.picture import read_picture
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.light.model import preset
+from holoview.light.model.system import System
 
 PICTURE = Path(__file__).resolve().parent.parent / "assets" / "still-life.png"
 

@@ -37,11 +37,10 @@ import numpy as np
 import tomli_w
 
 from benchmarks.common import count_of
-from holoview import cli
-from holoview.captures import Captures, read_captures
-from holoview.captures.validation import check_settings
-from holoview.commands import console, measure
-from holoview.rig.virtual import client, server
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.validation import check_settings
+from holoview.bench.rig.virtual import client, server
+from holoview.commands import cli, console, measure
 
 WAYS = ("device", "Ctrl-C", "SIGTERM", "kill -9", "full disk")
 _SIGNALS = {"Ctrl-C": signal.SIGINT, "SIGTERM": signal.SIGTERM, "kill -9": signal.SIGKILL}

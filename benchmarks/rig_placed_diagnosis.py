@@ -20,9 +20,9 @@ from pathlib import Path
 import tomli_w
 
 from benchmarks.common import count_of
-from holoview.captures import Captures, read_captures
-from holoview.diagnose.pipeline import diagnose
-from holoview.rig.registration import read_registration
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.rig.registration import read_registration
 
 FAULTS: tuple[dict[str, dict[str, float]], ...] = (
     {},

@@ -16,11 +16,11 @@ import numpy as np
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from benchmarks.common import count_of, shape_of
-from holoview.app.app import App
-from holoview.app.script import InputDriver
-from holoview.document.editing_session import EditingSession
-from holoview.gpu.device import open_device
-from holoview.model import preset
+from holoview.light.gpu.device import open_device
+from holoview.light.model import preset
+from holoview.viewer.app.app import App
+from holoview.viewer.app.script import InputDriver
+from holoview.viewer.document.editing_session import EditingSession
 
 
 def main() -> None:

@@ -46,57 +46,57 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # type checkers know the name; importing `typing` would take as long as all else here
 if TYPE_CHECKING:
-    from holoview.app.notebook import show
-    from holoview.io.hologram import Hologram, load_hologram
-    from holoview.io.load_field import load_field
-    from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-    from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
-    from holoview.model.plan import Plan, make_plan
-    from holoview.model.preset import load
-    from holoview.model.stops import SquareStop
-    from holoview.model.system import System
-    from holoview.optimise.settings import Settings
-    from holoview.optimise.solve import iterate
-    from holoview.page.page import export_html
-    from holoview.targets.target import Placement, target_for
+    from holoview.holograms.fields.exchange import push
+    from holoview.holograms.hologram import Hologram, load_hologram
+    from holoview.holograms.load_field import load_field
+    from holoview.holograms.optimise.settings import Settings
+    from holoview.holograms.optimise.solve import iterate
+    from holoview.holograms.targets.target import Placement, target_for
+    from holoview.holograms.view import View, as_field, field_at, point_light, random_drive, sections, simulate
+    from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
+    from holoview.light.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
+    from holoview.light.model.plan import Plan, make_plan
+    from holoview.light.model.preset import load
+    from holoview.light.model.stops import SquareStop
+    from holoview.light.model.system import System
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
-    from holoview.view import View, as_field, field_at, point_light, random_drive, sections, simulate
-    from holoview.wavefield.exchange import push
+    from holoview.viewer.app.notebook import show
+    from holoview.viewer.page.page import export_html
 
 _MODULES = {
-    "Eye": "holoview.model.eye",
-    "Hologram": "holoview.io.hologram",
-    "Modulator": "holoview.model.bench_parts",
-    "Placement": "holoview.targets.target",
-    "Plan": "holoview.model.plan",
-    "Prescription": "holoview.model.eye",
-    "Relay": "holoview.model.bench_parts",
-    "Sampling": "holoview.model.bench_parts",
-    "Settings": "holoview.optimise.settings",
-    "Source": "holoview.model.bench_parts",
-    "SquareStop": "holoview.model.stops",
-    "System": "holoview.model.system",
+    "Eye": "holoview.light.model.eye",
+    "Hologram": "holoview.holograms.hologram",
+    "Modulator": "holoview.light.model.bench_parts",
+    "Placement": "holoview.holograms.targets.target",
+    "Plan": "holoview.light.model.plan",
+    "Prescription": "holoview.light.model.eye",
+    "Relay": "holoview.light.model.bench_parts",
+    "Sampling": "holoview.light.model.bench_parts",
+    "Settings": "holoview.holograms.optimise.settings",
+    "Source": "holoview.light.model.bench_parts",
+    "SquareStop": "holoview.light.model.stops",
+    "System": "holoview.light.model.system",
     "UserError": "holoview.util.errors",
-    "View": "holoview.view",
+    "View": "holoview.holograms.view",
     "__version__": "holoview.util.packages",
-    "as_field": "holoview.view",
-    "chromatic_refraction": "holoview.model.eye",
-    "export_html": "holoview.page.page",
-    "field_at": "holoview.view",
-    "iterate": "holoview.optimise.solve",
-    "load": "holoview.model.preset",
-    "load_field": "holoview.io.load_field",
-    "load_hologram": "holoview.io.hologram",
-    "make_plan": "holoview.model.plan",
-    "natural_pupil_diameter": "holoview.model.eye",
-    "point_light": "holoview.view",
-    "push": "holoview.wavefield.exchange",
-    "random_drive": "holoview.view",
-    "sections": "holoview.view",
-    "show": "holoview.app.notebook",
-    "simulate": "holoview.view",
-    "target_for": "holoview.targets.target",
+    "as_field": "holoview.holograms.view",
+    "chromatic_refraction": "holoview.light.model.eye",
+    "export_html": "holoview.viewer.page.page",
+    "field_at": "holoview.holograms.view",
+    "iterate": "holoview.holograms.optimise.solve",
+    "load": "holoview.light.model.preset",
+    "load_field": "holoview.holograms.load_field",
+    "load_hologram": "holoview.holograms.hologram",
+    "make_plan": "holoview.light.model.plan",
+    "natural_pupil_diameter": "holoview.light.model.eye",
+    "point_light": "holoview.holograms.view",
+    "push": "holoview.holograms.fields.exchange",
+    "random_drive": "holoview.holograms.view",
+    "sections": "holoview.holograms.view",
+    "show": "holoview.viewer.app.notebook",
+    "simulate": "holoview.holograms.view",
+    "target_for": "holoview.holograms.targets.target",
 }
 
 __all__ = [

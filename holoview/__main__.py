@@ -14,7 +14,7 @@ def run() -> int:
     _leave_on_interrupt()
     if not sys.warnoptions:  # warnings of libraries are for programmers: python -W default -m holoview
         _silence_libraries()
-    from holoview.cli import main
+    from holoview.commands.cli import main
 
     code = main()
     _leave_on_interrupt(code)

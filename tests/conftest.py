@@ -19,8 +19,8 @@ import hypothesis
 import psutil
 import torch
 
-from holoview.gpu.device import Device, open_device
-from holoview.model.effects.registry import without_user_effects
+from holoview.light.gpu.device import Device, open_device
+from holoview.light.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import give_back_freed_memory
 from holoview.util.processes import wait_for_threads

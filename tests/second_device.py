@@ -14,7 +14,7 @@ import torch
 from torch.overrides import TorchFunctionMode
 
 import holoview as hv
-from holoview.model.system import System
+from holoview.light.model.system import System
 
 CARD = torch.device("cuda")
 _TO_HOST = (torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from assets import make_observers
-from holoview import colour
+from holoview.light import colour
 from holoview.util.errors import UserError
 
 EIGHT = np.linspace(460e-9, 650e-9, 8)

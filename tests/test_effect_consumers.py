@@ -9,8 +9,8 @@ import pytest
 
 import holoview as hv
 from benchmarks.effect_consumers import Consumer, benches, consumers, deviation, measured, shown_by, values_of
-from holoview.model.effects.registry import ActiveEffects, listed_effects
-from holoview.model.system import System
+from holoview.light.model.effects.registry import ActiveEffects, listed_effects
+from holoview.light.model.system import System
 from tests.chromium import needs_chromium
 
 pytestmark = [pytest.mark.gpu, needs_chromium]

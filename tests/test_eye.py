@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.engine.torch_executor import TorchExecutor, TorchField
-from holoview.model.plan import Plan
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.light.engine.torch_executor import TorchExecutor, TorchField
+from holoview.light.model.plan import Plan
+from holoview.light.optics.frame_inputs import FrameInputs
 
 F = 40e-3
 PITCH, UPSAMPLE = 8e-6, 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.figures import CaptionedTile, contact_sheet
+from holoview.util.figures import CaptionedTile, contact_sheet
 
 PAPER = (24, 24, 27)
 MARGIN, TOP, CAPTION = 16, 96, 33

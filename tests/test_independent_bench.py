@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.model.bench_parts import Modulator, Relay, Sampling
-from holoview.model.system import System
+from holoview.light.model.bench_parts import Modulator, Relay, Sampling
+from holoview.light.model.system import System
 
 h5py = pytest.importorskip("h5py", reason="h5py reads the sample captures")
 

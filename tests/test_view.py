@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.colour import observer_weights, to_srgb8, xyz_to_linear_srgb
+from holoview.light.colour import observer_weights, to_srgb8, xyz_to_linear_srgb
 
 
 def _system(**changes: Any) -> hv.System:

@@ -13,18 +13,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import holoview as hv
-from holoview.captures import read_captures, write_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession
-from holoview.figures import png_figure
-from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.pictures import write_pattern, write_png
-from holoview.model import preset
-from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
-from holoview.study.runner import ResultStore
-from holoview.study.study import JobResult, StudyJob
+from holoview.bench.captures import read_captures, write_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.evidence.study.runner import ResultStore
+from holoview.evidence.study.study import JobResult, StudyJob
+from holoview.holograms.files.pictures import write_pattern, write_png
+from holoview.holograms.hologram import Hologram, load_hologram
+from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
+from holoview.light.model import preset
+from holoview.util.figures import png_figure
 from holoview.util.file_writer import WriteError
+from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
+from holoview.viewer.document.editing_session import EditingSession
 from tests.file_limits import limit_of_file_size
 
 PACKAGE = Path(hv.__file__).resolve().parent

@@ -161,7 +161,7 @@ def _holoview(words: list[str], where: str) -> None:
 @cache
 def _program() -> Callable[[list[str]], int]:
     """The function behind the command `holoview`."""
-    return import_module("holoview.cli").main  # type: ignore[no-any-return]
+    return import_module("holoview.commands.cli").main  # type: ignore[no-any-return]
 
 
 def _difference(shown: str, printed: str, within: float) -> str:

@@ -11,19 +11,25 @@ from typing import Any
 
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
-from holoview.io.hologram import system_name_of
-from holoview.io.pictures import png_texts
-from holoview.model import preset
-from holoview.model.effects.registry import NO_EFFECTS, ActiveEffects, EffectTable, EffectValues, load_user_effects
-from holoview.model.scheme import with_scheme
-from holoview.model.system import System
-from holoview.numerics.sampling import Region
+from holoview.holograms.files.pictures import png_texts
+from holoview.holograms.hologram import system_name_of
+from holoview.light.model import preset
+from holoview.light.model.effects.registry import (
+    NO_EFFECTS,
+    ActiveEffects,
+    EffectTable,
+    EffectValues,
+    load_user_effects,
+)
+from holoview.light.model.scheme import with_scheme
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
 from holoview.util.text import plain_name, printable
 
-SAMPLING_OPTIONS = ("finer", "padding", "points")  # fields of holoview.captures.predictor.SamplingConfig
+SAMPLING_OPTIONS = ("finer", "padding", "points")  # fields of holoview.bench.captures.predictor.SamplingConfig
 _MAX_SEED = 2**63 - 1
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 

@@ -10,7 +10,11 @@ from typing import Any
 
 import torch
 
-from holoview.benchmark.frame_benchmark import (
+from holoview.commands.arguments import add_system, system_from_args
+from holoview.commands.bench_report import write_report
+from holoview.commands.console import deferred_interrupt, print_json, progress_bar
+from holoview.commands.output_files import add_input, add_output_folder
+from holoview.evidence.benchmark.frame_benchmark import (
     Criterion,
     DeviceTime,
     FrameTimings,
@@ -19,19 +23,15 @@ from holoview.benchmark.frame_benchmark import (
     first_image_criteria,
     first_image_timings,
 )
-from holoview.benchmark.frame_jobs import tune
-from holoview.benchmark.machine import versions
-from holoview.benchmark.report_run import ReportOptions
-from holoview.commands.arguments import add_system, system_from_args
-from holoview.commands.bench_report import write_report
-from holoview.commands.console import deferred_interrupt, print_json, progress_bar
-from holoview.commands.output_files import add_input, add_output_folder
-from holoview.gpu.device import TIMESTAMPS, Device, open_device
-from holoview.gpu.line_fft import STRATEGIES, supported_strategies
-from holoview.gpu.tune import StrategyOption
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.numerics.sampling import is_fast_length
+from holoview.evidence.benchmark.frame_jobs import tune
+from holoview.evidence.benchmark.machine import versions
+from holoview.evidence.benchmark.report_run import ReportOptions
+from holoview.light.gpu.device import TIMESTAMPS, Device, open_device
+from holoview.light.gpu.line_fft import STRATEGIES, supported_strategies
+from holoview.light.gpu.tune import StrategyOption
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _optimiser(args: argparse.Namespace, rounds: int) -> int:
     """Measure the time to a good hologram, and print it as text or JSON."""
-    from holoview.benchmark.time_to_quality import QualityRun, quality_text, quality_work, time_to_quality
+    from holoview.evidence.benchmark.time_to_quality import QualityRun, quality_text, quality_work, time_to_quality
 
     _refuse_options(args, "--optimiser", "leave it out: the optimiser needs no adapter")
     system = _sized(system_from_args(args), args.size or _OPTIMISER_SIZE)

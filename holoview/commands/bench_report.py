@@ -10,10 +10,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-from holoview.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
-from holoview.benchmark.report_text import report_markdown
 from holoview.commands.console import EXIT_FAILED, deferred_interrupt, print_stderr, progress_bar
-from holoview.gpu.device import Device
+from holoview.evidence.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
+from holoview.evidence.benchmark.report_text import report_markdown
+from holoview.light.gpu.device import Device
 from holoview.util.file_writer import make_folder, write_file
 
 _WINDOW = (1280, 800)
@@ -67,7 +67,7 @@ def _viewer(device: Device, options: ReportOptions) -> Measurement:
     """The measurement of the viewer, which needs the libraries of its window."""
 
     def measure() -> dict[str, Any]:
-        from holoview.app.script import measure_frame_rate
+        from holoview.viewer.app.script import measure_frame_rate
 
         columns, rows = (n // options.system.sampling.upsample for n in options.middle_size)
         system = options.system.edit({"shape": [rows, columns]})

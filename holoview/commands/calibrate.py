@@ -9,9 +9,9 @@ import math
 import time
 from pathlib import Path
 
-from holoview.calibrate.calibration_result import CalibrationTask, format_score, maps_path, plan_calibration
-from holoview.calibrate.lut_fit import ORDERS, fit_lut
-from holoview.calibrate.lut_table import (
+from holoview.bench.calibrate.calibration_result import CalibrationTask, format_score, maps_path, plan_calibration
+from holoview.bench.calibrate.lut_fit import ORDERS, fit_lut
+from holoview.bench.calibrate.lut_table import (
     compare_vendor,
     format_lut,
     lut_table,
@@ -21,19 +21,19 @@ from holoview.calibrate.lut_table import (
     vendor_table,
     with_lut,
 )
-from holoview.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
-from holoview.calibrate.train import TrainingState, load_checkpoint
-from holoview.captures import read_captures
-from holoview.captures.count_bits import with_clipped_as_saturated
-from holoview.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
+from holoview.bench.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
+from holoview.bench.calibrate.train import TrainingState, load_checkpoint
+from holoview.bench.captures import read_captures
+from holoview.bench.captures.count_bits import with_clipped_as_saturated
+from holoview.bench.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
 from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
-from holoview.figures import require_matplotlib
-from holoview.model import preset
-from holoview.optimise.parallel import limit_torch_threads
+from holoview.holograms.optimise.parallel import limit_torch_threads
+from holoview.light.model import preset
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.processes import Interruption
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
-from holoview.captures import read_captures, write_captures
-from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, region_mask
-from holoview.captures.count_bits import counts_as_stated
-from holoview.captures.dataset import Captures
-from holoview.captures.picture_files import (
+from holoview.bench.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
+from holoview.bench.captures import read_captures, write_captures
+from holoview.bench.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, region_mask
+from holoview.bench.captures.count_bits import counts_as_stated
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.picture_files import (
     Pair,
     known_number,
     read_camera_picture,
@@ -27,11 +27,11 @@ from holoview.captures.picture_files import (
     read_pairs,
     read_pattern,
 )
-from holoview.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
-from holoview.captures.records import find_record_errors
-from holoview.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
-from holoview.captures.validation import capture_sheet, summarise
-from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.bench.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
+from holoview.bench.captures.records import find_record_errors
+from holoview.bench.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
+from holoview.bench.captures.validation import capture_sheet, summarise
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands.arguments import (
     add_effects,
     add_system,
@@ -43,7 +43,7 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
-from holoview.io.pictures import write_png
+from holoview.holograms.files.pictures import write_png
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -219,7 +219,7 @@ def _check(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     """Draws patterns and camera images of captures spread over the file; saturated pixels are red, masked ones blue."""
     captures = read_captures(args.captures)
-    write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
+    write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.bench.captures": str(args.captures)})
     print(args.output)
     return 0
 
@@ -310,7 +310,7 @@ def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[st
     with progress_bar("placing the pictures") as report:
         found = import_pictures(shown, levels=args.levels, camera=camera, usable=usable, progress=report, **lengths)
     if args.overlay is not None:
-        write_png(args.overlay, overlay_sheet(found), {"holoview.captures": str(args.output)})
+        write_png(args.overlay, overlay_sheet(found), {"holoview.bench.captures": str(args.output)})
     notes += found.notes
     return found.captures
 

@@ -12,13 +12,13 @@ from holoview.commands.arguments import parse_samples
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, parse_viewpoint, request_from_args
 from holoview.commands.output_files import add_input
-from holoview.io.load_field import field_of_files
-from holoview.metrics.field_scores import check_alike, hologram_scores, scores_at
+from holoview.holograms.fields.synthetic_aperture import aperture_of
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.holograms.files.request import Viewpoint
+from holoview.holograms.load_field import field_of_files
+from holoview.holograms.metrics.field_scores import check_alike, hologram_scores, scores_at
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.wavefield.request import Viewpoint
-from holoview.wavefield.synthetic_aperture import aperture_of
-from holoview.wavefield.wavefield import Wavefield
 
 _COLUMNS = {"psnr_db": "PSNR dB", "ssim": "SSIM", "vifp": "VIFp"}
 

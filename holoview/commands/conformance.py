@@ -10,12 +10,12 @@ import torch
 
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.output_files import add_output_folder
+from holoview.evidence.conformance.cases import Case, all_cases, describe_case, write_cases
+from holoview.evidence.conformance.score import error_of
+from holoview.holograms.fields.propagation import propagate_field
+from holoview.holograms.fields.wavefield import Wavefield
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import make_folder
-from holoview.wavefield.conformance import Case, all_cases, describe_case, write_cases
-from holoview.wavefield.conformance_score import error_of
-from holoview.wavefield.propagation import propagate_field
-from holoview.wavefield.wavefield import Wavefield
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

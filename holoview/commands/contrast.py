@@ -20,19 +20,24 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import add_input, add_output
-from holoview.figures import figure_bytes, require_matplotlib
-from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import central_region, contrast_by_pupil, hologram_luminance, picture_luminance
-from holoview.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
-from holoview.model.focus import parse_plane
-from holoview.page.page import export_html
-from holoview.study.charts import make_figure, retinal_figure, speckle_figure
-from holoview.study.study import StudyFigure
-from holoview.targets.image_reader import file_format
+from holoview.evidence.study.charts import make_figure, retinal_figure, speckle_figure
+from holoview.evidence.study.study import StudyFigure
+from holoview.holograms.files.image_reader import file_format
+from holoview.holograms.files.readers.registry import is_readable
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.image_quality import (
+    central_region,
+    contrast_by_pupil,
+    hologram_luminance,
+    picture_luminance,
+)
+from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
+from holoview.holograms.view import random_drive
+from holoview.light.model.focus import parse_plane
 from holoview.util.errors import UserError
+from holoview.util.figures import figure_bytes, require_matplotlib
 from holoview.util.file_writer import write_file
-from holoview.view import random_drive
-from holoview.wavefield.readers.registry import is_readable
+from holoview.viewer.page.page import export_html
 
 _HOLOGRAM_SUFFIX = ".safetensors"
 

@@ -17,22 +17,28 @@ from holoview.commands.arguments import add_backend, check_adapter_applies, whol
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.optimise import optimise_with_progress
 from holoview.commands.output_files import add_output_folder, check_files
-from holoview.document.target_builder import example_target
-from holoview.engine.backend import open_executor
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import write_png
-from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
-from holoview.model import preset
-from holoview.model.plan import make_plan
-from holoview.optimise.hologram_job import RunOptions
-from holoview.optimise.settings import Settings
-from holoview.study.demonstration import DISPLAYS, DisplayResult, comparison_sheet, render_display, write_planes
-from holoview.targets.focal_stack import Target
+from holoview.evidence.study.demonstration import (
+    DISPLAYS,
+    DisplayResult,
+    comparison_sheet,
+    render_display,
+    write_planes,
+)
+from holoview.holograms.files.pictures import write_png
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
+from holoview.holograms.optimise.hologram_job import RunOptions
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.targets.focal_stack import Target
+from holoview.holograms.view import random_drive
+from holoview.light.engine.backend import open_executor
+from holoview.light.model import preset
+from holoview.light.model.plan import make_plan
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import Interrupted
-from holoview.view import random_drive
+from holoview.viewer.document.target_builder import example_target
 
 _MIN_SIDE = 16  # pixels: the eyebox is measured in 8 × 8 blocks
 

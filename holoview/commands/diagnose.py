@@ -17,27 +17,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.predictor import SamplingConfig, check_user_effects
-from holoview.captures.records import plausible_units
-from holoview.captures.records.corrections import apply_corrections
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.predictor import SamplingConfig, check_user_effects
+from holoview.bench.captures.records import plausible_units
+from holoview.bench.captures.records.corrections import apply_corrections
+from holoview.bench.diagnose.extended_model import extended_system, with_preset_geometry
+from holoview.bench.diagnose.intervals import format_value
+from holoview.bench.diagnose.likelihood import Values
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
+from holoview.bench.experiment.rig_bench import KnownEffects
+from holoview.bench.rig.registration import read_registration
 from holoview.commands.arguments import add_bench_sampling, bench_sampling, number, parse_duration, parse_effects, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
-from holoview.diagnose.extended_model import extended_system, with_preset_geometry
-from holoview.diagnose.intervals import format_value
-from holoview.diagnose.likelihood import Values
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
-from holoview.experiment.rig_bench import KnownEffects
-from holoview.figures import require_matplotlib
-from holoview.model import preset
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import load_user_effects
-from holoview.model.system import System
-from holoview.rig.registration import read_registration
+from holoview.light.model import preset
+from holoview.light.model.effects.effect import Effect
+from holoview.light.model.effects.registry import load_user_effects
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import make_folder, write_file
 from holoview.util.processes import process_cpu_count
 from holoview.util.progress import ProgressCallback
@@ -260,8 +260,8 @@ def _write_report(
     args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis, folder: Path
 ) -> None:
     # here: the optimiser and matplotlib take a second to import
-    from holoview.diagnose.report.display_gain import display_gain
-    from holoview.diagnose.report.html_report import write_report
+    from holoview.bench.diagnose.report.display_gain import display_gain
+    from holoview.bench.diagnose.report.html_report import write_report
 
     make_folder(folder)
     gain = None

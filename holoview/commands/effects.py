@@ -8,7 +8,7 @@ from pathlib import Path
 
 from holoview.commands.console import EXIT_FAILED, print_json
 from holoview.commands.output_files import add_input, hold_outputs
-from holoview.model.effects.registry import (
+from holoview.light.model.effects.registry import (
     ids_beside,
     listed_effects,
     load_user_effects,
@@ -75,7 +75,7 @@ def _check(args: argparse.Namespace) -> int:
     and vanishes where its parameters come near it; derivatives by the parameters, and by the patterns; its finding and
     its starting points.
     """
-    from holoview.captures.effect_trial import try_effect  # slow start: it imports torch
+    from holoview.bench.captures.effect_trial import try_effect  # slow start: it imports torch
 
     effects, _ = read_user_effects(args.file)
     found = {effect.id: try_effect(effect, str(args.file), ids_beside(effects)) for effect in effects}

@@ -1,10 +1,10 @@
 """`holoview export HOLOGRAM`: as a page that any browser shows live, as patterns for real modulators, or as a field.
 
-`--html` writes one file for one hologram, or for several to compare (`holoview.page`). `--field` writes the complex
+`--html` writes one file for one hologram, or for several to compare (`holoview.viewer.page`). `--field` writes the complex
 field behind the last modulator, or the field of another program's file, as a field file. `--png` writes a PNG for each
 frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to
 the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state
-index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.io.pictures`).
+index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.holograms.files.pictures`).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
-from holoview.model.bench_parts import Modulator
-from holoview.model.focus import parse_plane
-from holoview.optics.slm import level_numbers
-from holoview.page.page import export_html
-from holoview.targets.target import Placement, target_for
+from holoview.holograms.files.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.holograms.view import as_field
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.focus import parse_plane
+from holoview.light.optics.slm import level_numbers
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.view import as_field
+from holoview.viewer.page.page import export_html
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

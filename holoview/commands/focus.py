@@ -11,11 +11,11 @@ from holoview.commands.arguments import parse_range
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files, reading_as_json, request_from_args
 from holoview.commands.output_files import add_input
-from holoview.io.load_field import field_of_files
+from holoview.holograms.fields.focus import MEASURES, FocusCurve, FoundFocus, default_range_m, find_focus
+from holoview.holograms.fields.focused_objects import FocusedObject, Unclear
+from holoview.holograms.load_field import field_of_files
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.wavefield.focus import MEASURES, FocusCurve, FoundFocus, default_range_m, find_focus
-from holoview.wavefield.focused_objects import FocusedObject, Unclear
 
 _UNDERSAMPLED = 0.25  # of the distance from which on all fringes are sampled: nearer, many aren't
 _ROWS, _BAR = 21, 28  # of the curve as text; width of its longest bar

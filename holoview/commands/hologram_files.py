@@ -24,13 +24,7 @@ from holoview.commands.arguments import (
     with_changes,
 )
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.io.hologram import Hologram
-from holoview.io.load_field import OpenedHologram, open_hologram
-from holoview.model import preset
-from holoview.model.system import System
-from holoview.util import units
-from holoview.util.errors import UserError, suggest_matches
-from holoview.wavefield.interpret.remembered import (
+from holoview.holograms.fields.interpret.remembered import (
     over,
     parse_order,
     parse_shift,
@@ -38,7 +32,7 @@ from holoview.wavefield.interpret.remembered import (
     remember,
     request_of_notes,
 )
-from holoview.wavefield.request import (
+from holoview.holograms.files.request import (
     MOST_UNASKED,
     Part,
     Propagation,
@@ -48,6 +42,12 @@ from holoview.wavefield.request import (
     Viewpoint,
     WindowRequest,
 )
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.load_field import OpenedHologram, open_hologram
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError, suggest_matches
 
 _COUNT = r"(?:\d++(?:\.\d++)?|\.\d++)"
 _NEGATIVE = re.compile(rf"-{_COUNT}(?:,-?{_COUNT})*+ ?[a-zµ]*+$")

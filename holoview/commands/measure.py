@@ -6,13 +6,20 @@ import argparse
 import shutil
 from pathlib import Path
 
+from holoview.bench.rig import open_rig, read_rig
+from holoview.bench.rig.capture_folder import CaptureStore
+from holoview.bench.rig.capture_plan import (
+    CapturePlan,
+    Forecast,
+    default_plan,
+    forecast_lines,
+    make_forecast,
+    read_plan,
+)
+from holoview.bench.rig.description import RigDescription
+from holoview.bench.rig.measurement import Measurement, is_complete
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output
-from holoview.rig import open_rig, read_rig
-from holoview.rig.capture_folder import CaptureStore
-from holoview.rig.capture_plan import CapturePlan, Forecast, default_plan, forecast_lines, make_forecast, read_plan
-from holoview.rig.description import RigDescription
-from holoview.rig.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.memory_limit import format_size

@@ -18,6 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.bench.experiment.camera_loop import (
+    STEP_RAD,
+    CameraLoopState,
+    ModelUpdates,
+    RigJob,
+    RigOutcome,
+    load_loop_checkpoint,
+    run_on_rig,
+    started_in_model,
+)
+from holoview.bench.experiment.camera_problem import require_camera_settings
+from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
+from holoview.bench.rig import read_rig
 from holoview.commands.arguments import (
     add_system,
     default_output,
@@ -40,43 +53,32 @@ from holoview.commands.output_files import (
     check_suffix,
     hold_outputs,
 )
-from holoview.experiment.camera_loop import (
-    STEP_RAD,
-    CameraLoopState,
-    ModelUpdates,
-    RigJob,
-    RigOutcome,
-    load_loop_checkpoint,
-    run_on_rig,
-    started_in_model,
+from holoview.holograms.fields.field_target import FieldTarget
+from holoview.holograms.files.request import ReadRequest
+from holoview.holograms.hologram import Hologram, load_hologram
+from holoview.holograms.load_field import is_field_file, open_hologram
+from holoview.holograms.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
+from holoview.holograms.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
+from holoview.holograms.optimise.checkpoint import IterationState, load_checkpoint
+from holoview.holograms.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
+from holoview.holograms.optimise.field_loss import ComplexTarget
+from holoview.holograms.optimise.film import FilmJob, optimise_film
+from holoview.holograms.optimise.hologram_job import (
+    IntermediateFiles,
+    OptimisationResult,
+    RunOptions,
+    optimise_hologram,
 )
-from holoview.experiment.camera_problem import require_camera_settings
-from holoview.experiment.rig_bench import on_rig, system_of_rig
-from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.load_field import is_field_file, open_hologram
-from holoview.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
-from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
-from holoview.model.focus import parse_plane, plane_label, required_eye
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.model.validity import exceeded_limits
-from holoview.numerics.sampling import Region
-from holoview.numerics.structural_similarity import WEIGHTS
-from holoview.optimise.checkpoint import IterationState, load_checkpoint
-from holoview.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
-from holoview.optimise.field_loss import ComplexTarget
-from holoview.optimise.film import FilmJob, optimise_film
-from holoview.optimise.hologram_job import IntermediateFiles, OptimisationResult, RunOptions, optimise_hologram
-from holoview.optimise.memory import require_optimisation_memory
-from holoview.optimise.named_methods import METHODS
-from holoview.optimise.parallel import (
+from holoview.holograms.optimise.memory import require_optimisation_memory
+from holoview.holograms.optimise.named_methods import METHODS
+from holoview.holograms.optimise.parallel import (
     SINGLE_PROCESS,
     ProcessGroup,
     device_for_rank,
     resolve_torch_device,
     torchrun_group,
 )
-from holoview.optimise.settings import (
+from holoview.holograms.optimise.settings import (
     FIELD_LOSS,
     FIRST_ITERATIONS,
     INITIAL_PATTERNS,
@@ -85,18 +87,21 @@ from holoview.optimise.settings import (
     VARIABLES,
     Settings,
 )
-from holoview.rig import read_rig
-from holoview.targets.focal_stack import Film, is_video
-from holoview.targets.light_field import ViewGrid
-from holoview.targets.picture import COLOUR_SPACES
-from holoview.targets.target import Placement, target_for
-from holoview.targets.target_source import TargetFile, TargetSource
+from holoview.holograms.targets.focal_stack import Film, is_video
+from holoview.holograms.targets.light_field import ViewGrid
+from holoview.holograms.targets.picture import COLOUR_SPACES
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.holograms.targets.target_source import TargetFile, TargetSource
+from holoview.light.model.focus import parse_plane, plane_label, required_eye
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.model.validity import exceeded_limits
+from holoview.light.numerics.sampling import Region
+from holoview.light.numerics.structural_similarity import WEIGHTS
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import Interruption
-from holoview.wavefield.field_target import FieldTarget
-from holoview.wavefield.request import ReadRequest
 
 _DEFAULTS = Settings()
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from holoview.commands.console import EXIT_FAILED, print_stderr
-from holoview.page.link import split_link
 from holoview.util.errors import UserError
 from holoview.util.file_writer import OutputLocks, WriteError, check_writable, save_elsewhere
 from holoview.util.files import read_text, refuse_special_file
 from holoview.util.tables import parse_toml
+from holoview.viewer.page.link import split_link
 
 LOCKS = "output_locks"  # the destination of the command's `OutputLocks`
 _FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s

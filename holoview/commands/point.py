@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import fitting_stops, to_srgb8, xyz_to_linear_srgb
 from holoview.commands.arguments import add_changes, add_effects, parse_range, parse_samples, parse_seed, whole
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
-from holoview.document.focus_edits import focus_range_m
-from holoview.io.pictures import path_with_suffix, write_png
-from holoview.model.focus import focused_planes, parse_plane, plane_label
-from holoview.model.system import System
-from holoview.render.point_probe import SECTION_PLANES
-from holoview.render.tone_mapping import by_decades, in_own_units
+from holoview.holograms.files.pictures import path_with_suffix, write_png
+from holoview.holograms.view import point_light, random_drive, sections
+from holoview.light.colour import fitting_stops, to_srgb8, xyz_to_linear_srgb
+from holoview.light.model.focus import focused_planes, parse_plane, plane_label
+from holoview.light.model.system import System
 from holoview.util import units
-from holoview.view import point_light, random_drive, sections
+from holoview.viewer.document.focus_edits import focus_range_m
+from holoview.viewer.render.point_probe import SECTION_PLANES
+from holoview.viewer.render.tone_mapping import by_decades, in_own_units
 
 if TYPE_CHECKING:
-    from holoview.engine.point_light import PointLight
+    from holoview.light.engine.point_light import PointLight
 
 _MOST_ORDERS = 9  # that are printed
 

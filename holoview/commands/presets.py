@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from holoview.commands.console import print_json
-from holoview.model import preset
+from holoview.light.model import preset
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import COLOUR_SPACES, ColourSpace, fitting_stops
 from holoview.commands.arguments import (
     add_backend,
     add_changes,
@@ -39,8 +38,7 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
-from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.pictures import (
+from holoview.holograms.files.pictures import (
     MAX_FRAMES,
     SUFFIXES,
     Encoder,
@@ -50,19 +48,21 @@ from holoview.io.pictures import (
     write_deep_png,
     write_png,
 )
-from holoview.io.pupil_path_file import load_pupil_path
-from holoview.metrics.image_quality import central_region
-from holoview.metrics.speckle import speckle_contrast
-from holoview.model import preset
-from holoview.model.focus import focused_planes, parse_plane, plane_label, views_along
-from holoview.model.system import System
-from holoview.render.planes import SeenView, describe_view, exposed_pictures, write_pictures
-from holoview.render.tone_mapping import FieldPicture, field_picture, linear_picture
-from holoview.render.view_settings import QUANTITIES
+from holoview.holograms.files.pupil_path_file import load_pupil_path
+from holoview.holograms.hologram import Hologram, load_hologram
+from holoview.holograms.metrics.image_quality import central_region
+from holoview.holograms.metrics.speckle import speckle_contrast
+from holoview.holograms.view import View, field_at, random_drive, simulate
+from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
+from holoview.light.model import preset
+from holoview.light.model.focus import focused_planes, parse_plane, plane_label, views_along
+from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
-from holoview.view import View, field_at, random_drive, simulate
+from holoview.viewer.render.planes import SeenView, describe_view, exposed_pictures, write_pictures
+from holoview.viewer.render.tone_mapping import FieldPicture, field_picture, linear_picture
+from holoview.viewer.render.view_settings import QUANTITIES
 
 _UNWRAPPED = "unwrapped-phase"
 
@@ -273,7 +273,7 @@ def _field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldP
     """A picture of a field (y, x). Raises UserError if the phase is to be unwrapped and scikit-image isn't there."""
     if quantity != _UNWRAPPED:
         return field_picture(values, quantity)
-    from holoview.wavefield.demodulation import unwrapped_phase  # slow start: it imports scipy
+    from holoview.holograms.fields.demodulation import unwrapped_phase  # slow start: it imports scipy
 
     return linear_picture(unwrapped_phase(values), "rad")
 

@@ -8,11 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
-from holoview.model.effects.registry import EffectTable
-from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.align import (
+from holoview.bench.rig import RigDescription, open_rig, read_rig
+from holoview.bench.rig.align import (
     check_rig_records,
     find_geometry,
     laser_for_alignment,
@@ -20,9 +17,12 @@ from holoview.rig.align import (
     registration_of,
     sentences,
 )
-from holoview.rig.camera_pictures import take_exposed
-from holoview.rig.devices import Counts, Devices, limit_devices
-from holoview.rig.registration import register_devices, registration_path, write_registration
+from holoview.bench.rig.camera_pictures import take_exposed
+from holoview.bench.rig.devices import Counts, Devices, limit_devices
+from holoview.bench.rig.registration import register_devices, registration_path, write_registration
+from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
+from holoview.light.model.effects.registry import EffectTable
 from holoview.util.errors import UserError
 from holoview.util.file_writer import check_writable, make_folder, write_file
 from holoview.util.files import data_dir

@@ -10,15 +10,15 @@ from typing import Any
 from holoview.commands.arguments import number, parse_lengths, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_output_folder, hold_outputs
-from holoview.figures import require_matplotlib
-from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.model.fields import Shape
-from holoview.study.hologram_study import HologramStudy, write_live_page
-from holoview.study.report import format_claims, write_report
-from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
-from holoview.study.studies import find_study, studies_by_name
-from holoview.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
+from holoview.evidence.study.hologram_study import HologramStudy, write_live_page
+from holoview.evidence.study.report import format_claims, write_report
+from holoview.evidence.study.runner import ExecutionTarget, ResultStore, run_jobs
+from holoview.evidence.study.studies import find_study, studies_by_name
+from holoview.evidence.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
+from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES
+from holoview.light.model.fields import Shape
 from holoview.util.errors import UserError
+from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import exit_code_of
 

@@ -6,7 +6,6 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview.app.serve import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.hologram_files import (
@@ -16,14 +15,15 @@ from holoview.commands.hologram_files import (
     request_from_args,
 )
 from holoview.commands.output_files import add_input, add_output
-from holoview.model import preset
-from holoview.model.scheme import with_scheme
-from holoview.model.system import System
-from holoview.page.link import split_link
+from holoview.holograms.fields.reading import remember
+from holoview.light.model import preset
+from holoview.light.model.scheme import with_scheme
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
-from holoview.wavefield.reading import remember
+from holoview.viewer.app.serve import CLIENTS, ServeOptions
+from holoview.viewer.page.link import split_link
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -98,11 +98,11 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("--random", f"with {names[0]}", expected="a preset or nothing with it")
     script = _read(args.script) if args.script is not None else ""
     try:
-        from holoview.app.startup import Startup  # here: help needs no graphics or window library
+        from holoview.viewer.app.startup import Startup  # here: help needs no graphics or window library
 
         startup = Startup(args.adapter)  # before the imports of all else, which it overlaps with
-        from holoview.app.launch import LaunchOptions, launch
-        from holoview.gpu.device import DeviceLost
+        from holoview.light.gpu.device import DeviceLost
+        from holoview.viewer.app.launch import LaunchOptions, launch
     except ImportError as error:  # a library of the operating system is missing; ImGui itself is a dependency
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     options = LaunchOptions(
@@ -173,7 +173,7 @@ def _system(args: argparse.Namespace) -> System:
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
     if args.rig is not None and not args.names:
-        from holoview.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
+        from holoview.bench.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
 
         system = read_rig_system(args.rig)
     else:

@@ -2,7 +2,7 @@
 
 parse_toml, parse_json    a text as tables, lists and numbers; nesting and whole numbers are bounded
 check_keys                refuses unknown and missing keys
-read_table                the values of a table whose keys have types, such as those of `holoview.model.fields`
+read_table                the values of a table whose keys have types, such as those of `holoview.light.model.fields`
 read_record               a dataclass from the JSON text of its fields, by their annotations
 record_from_table         the same from the parsed table; typed_value: one value as an annotation says
 
@@ -165,7 +165,7 @@ def read_table(
 
     Raises UserError also for values that aren't of their key's type.
 
-    >>> from holoview.model.fields import Number
+    >>> from holoview.light.model.fields import Number
     >>> read_table({"gap": "2 mm"}, {"gap": Number("mm")}, "bench.toml: ")
     {'gap': 0.002}
     """

@@ -1,6 +1,6 @@
 // CIE XYZ from intensities: XYZ = Σ (XYZ of unit intensity) × intensity over wavelengths and frames, or added to another
 // XYZ image. Each invocation computes eight pixels. Link it after `pixels_f32.wgsl` or `pixels_u64.wgsl`, which read and
-// write them. Twin: holoview/engine/torch_executor.py, composite.
+// write them. Twin: holoview/light/engine/torch_executor.py, composite.
 
 // Whether to add to the stored XYZ, or to the XYZ of another image.
 override accumulates: bool = false;

@@ -1,5 +1,5 @@
 // 8-bit sRGB from CIE XYZ: matrix including the exposure, each channel clipped to 0…1, encoded and rounded.
-// Twin: holoview/colour.py, to_srgb8.
+// Twin: holoview/light/colour.py, to_srgb8.
 //#include "lib/srgb.wgsl"
 
 @group(0) @binding(0) var<uniform> encoding: SrgbEncoding;

@@ -1,6 +1,6 @@
 // The viewer's image of one or two XYZ images: zoom, exposure, the sRGB curve or a palette, and a comparison of both.
 // A screen pixel that is smaller than a sample shows the nearest sample; a larger one shows the mean XYZ of its area.
-// Positions in the image are fractions of its width and height. Twin: holoview/render/tone_mapping.py, tone_map.
+// Positions in the image are fractions of its width and height. Twin: holoview/viewer/render/tone_mapping.py, tone_map.
 //#include "lib/srgb.wgsl"
 
 @group(0) @binding(0) var<uniform> viewport: Viewport;

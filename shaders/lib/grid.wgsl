@@ -1,4 +1,4 @@
-// Indices on the padded grid. `Grid` is defined in holoview/engine/shader_structs.py; its pairs are (y, x):
+// Indices on the padded grid. `Grid` is defined in holoview/light/engine/shader_structs.py; its pairs are (y, x):
 //   padded, shape: samples of the padded grid, and of the field inside it; offset: first sample of the field
 //   stride: complex numbers from one row to the next; upsample: samples for each modulator pixel, along either axis
 

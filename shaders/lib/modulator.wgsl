@@ -1,5 +1,5 @@
 // A phase modulator: square pixels of constant optical path, given as a fraction of the modulator's stroke.
-// `Grid` and `Modulator` are defined in holoview/engine/shader_structs.py. Twin: holoview/optics/slm.py.
+// `Grid` and `Modulator` are defined in holoview/light/engine/shader_structs.py. Twin: holoview/light/optics/slm.py.
 //#include "lib/complex.wgsl"
 
 // Index of the modulator pixel that covers sample (y, x) of the field.

@@ -1,5 +1,5 @@
-// Illumination by plane waves. `PlaneWave` is defined in holoview/engine/shader_structs.py.
-// Twin: holoview/optics/bench.py.
+// Illumination by plane waves. `PlaneWave` is defined in holoview/light/engine/shader_structs.py.
+// Twin: holoview/light/optics/bench.py.
 //#include "lib/complex.wgsl"
 //#include "lib/fixed.wgsl"
 

@@ -1,4 +1,4 @@
-// The sRGB transfer function, IEC 61966-2-1. Twin: holoview/colour.py, srgb_encode.
+// The sRGB transfer function, IEC 61966-2-1. Twin: holoview/light/colour.py, srgb_encode.
 
 // Encoded channels of linear ones; both from 0 (black) to 1 (white).
 fn srgb_encode(linear: vec3f) -> vec3f {

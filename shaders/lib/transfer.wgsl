@@ -4,7 +4,7 @@
 // The phase is split by −A/(1 + √(1 − A)) = −A/2 − A²/(2·(1 + √(1 − A))²). The first term, the paraxial phase of up to
 // thousands of turns, is evaluated in fixed point. The second, about (z/λ)·A²/8, is small enough for f32: with samples
 // of 4 µm half a turn at 10 mm, and 8 turns at 200 mm and 700 nm.
-// `Propagation` is defined in holoview/engine/shader_structs.py. Twin: holoview/optics/propagate.py.
+// `Propagation` is defined in holoview/light/engine/shader_structs.py. Twin: holoview/light/optics/propagate.py.
 //#include "lib/complex.wgsl"
 //#include "lib/fixed.wgsl"
 

@@ -1,5 +1,5 @@
 // Adds weight·|field|² to the intensity on the modulator's area: frames and sources add incoherently.
-// Twin: holoview/engine/torch_executor.py, accumulate.
+// Twin: holoview/light/engine/torch_executor.py, accumulate.
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;

@@ -1,5 +1,5 @@
 // The plane wave that illuminates the first modulator: |field| = 1 on the modulator's area and 0 outside.
-// Twin: holoview/engine/torch_executor.py, illuminate.
+// Twin: holoview/light/engine/torch_executor.py, illuminate.
 //#include "lib/source.wgsl"
 //#include "lib/grid.wgsl"
 

@@ -1,5 +1,5 @@
 // A phase modulator: field × exp(2πi·opd/λ), or × a transmission given for each sample; 0 outside the modulator's area.
-// Twin: holoview/engine/torch_executor.py, modulate.
+// Twin: holoview/light/engine/torch_executor.py, modulate.
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 

@@ -1,5 +1,5 @@
 // Propagation through a relay: spectrum × transfer function × pupil; 0 outside the support.
-// Twin: holoview/engine/torch_executor.py, transmit.
+// Twin: holoview/light/engine/torch_executor.py, transmit.
 //#include "lib/transfer.wgsl"
 //#include "lib/grid.wgsl"
 

@@ -32,75 +32,75 @@ SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
 CHOICE = "importing a rendercanvas backend chooses the window system, and may need what isn't installed"
-BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.adapter` to do"
+BACKEND = "importing it loads wgpu's backend, which is for `holoview.light.gpu.adapter` to do"
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
-    ("holoview.optimise.forward_model", "holoview.optimise.compiled_model"): OPTIONAL,
-    ("holoview.optimise.kernels", "holoview.optimise.compiled_model"): OPTIONAL,
-    ("holoview.colour", "colour"): SLOW,
-    ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
-    ("holoview.engine.light_share", "holoview.engine.light_behind"): SLOW,
-    ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
-    ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
-    ("holoview.optics.frame_inputs", "holoview.optics.bench"): SLOW,
-    ("holoview.optics.frame_inputs", "holoview.optics.torch_effects"): SLOW,
-    ("holoview.__main__", "holoview.cli"): FIRST,
+    ("holoview.holograms.optimise.forward_model", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
+    ("holoview.holograms.optimise.kernels", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
+    ("holoview.light.colour", "colour"): SLOW,
+    ("holoview.light.engine.backend", "holoview.light.engine.torch_executor"): SLOW,
+    ("holoview.light.engine.light_share", "holoview.light.engine.light_behind"): SLOW,
+    ("holoview.light.engine.backend", "holoview.light.engine.wgpu_executor"): OPTIONAL,
+    ("holoview.light.engine.backend", "holoview.light.gpu.device"): OPTIONAL,
+    ("holoview.light.optics.frame_inputs", "holoview.light.optics.bench"): SLOW,
+    ("holoview.light.optics.frame_inputs", "holoview.light.optics.torch_effects"): SLOW,
+    ("holoview.__main__", "holoview.commands.cli"): FIRST,
     ("holoview.__main__", "logging"): FIRST,
     ("holoview.__main__", "warnings"): FIRST,
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
-    ("holoview.render.page_images", "torch"): SLOW,
-    ("holoview.view", "holoview.engine.point_light"): SLOW,
-    ("holoview.view", "holoview.engine.torch_executor"): SLOW,
-    ("holoview.io.load_field", "holoview.wavefield.demodulation"): SLOW,
-    ("holoview.render.page_images", "holoview.wavefield.demodulation"): SLOW,
-    ("holoview.commands.render", "holoview.wavefield.demodulation"): SLOW,
-    ("holoview.commands.effects", "holoview.captures.effect_trial"): SLOW,
-    ("holoview.io.load_field", "holoview.wavefield.focus"): SLOW,
-    ("holoview.io.load_field", "holoview.wavefield.imaging"): SLOW,
-    ("holoview.io.load_field", "holoview.wavefield.synthetic_aperture"): SLOW,
-    ("holoview.io.hologram", "holoview.wavefield.field_target"): SLOW,
-    ("holoview.document.target_builder", "holoview.optimise.field_loss"): SLOW,
-    ("holoview.io.hologram", "holoview.wavefield.imaging"): SLOW,
-    ("holoview.render.page_images", "holoview.engine.torch_executor"): SLOW,
-    ("holoview.render.page_images", "holoview.optics.frame_inputs"): SLOW,
-    ("holoview.render.page_images", "holoview.optics.slm"): SLOW,
-    ("holoview.render.point_probe", "holoview.engine.point_light"): SLOW,
-    ("holoview.document.measurements", "holoview.metrics.perceptual"): SLOW,
-    ("holoview.document.measurements", "scipy"): SLOW,
-    ("holoview.document.optimisation_job", "holoview.optimise.solve"): SLOW,
-    ("holoview.document.optimisation_job", "holoview.optimise.parallel"): SLOW,
-    ("holoview.metrics.speckle", "scipy.special"): SLOW,
-    ("holoview.wavefield.focus", "scipy.signal"): SLOW,
-    ("holoview.wavefield.focused_objects", "scipy.signal"): SLOW,
-    ("holoview.wavefield.readers.matlab5", "scipy.io"): SLOW,
-    ("holoview.targets.defocus", "scipy"): SLOW,
-    ("holoview.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
-    ("holoview.effects.calibrated", "holoview.model.effects.learned_maps"): SLOW,
-    ("holoview.effects.source_field", "holoview.optics.free_space"): SLOW,
-    ("holoview.effects.source_field", "torch"): SLOW,
-    ("holoview.study.report", "pyarrow"): OPTIONAL,
-    ("holoview.commands.diagnose", "holoview.diagnose.report.display_gain"): SLOW,
-    ("holoview.commands.diagnose", "holoview.diagnose.report.html_report"): SLOW,
-    ("holoview.benchmark.report_run", "holoview.benchmark.optimiser_iteration"): OPTIONAL,
-    ("holoview.benchmark.report_run", "holoview.benchmark.time_to_quality"): OPTIONAL,
-    ("holoview.commands.bench", "holoview.benchmark.time_to_quality"): OPTIONAL,
-    ("holoview.commands.bench_report", "holoview.app.script"): OPTIONAL,
-    ("holoview.commands.view", "holoview.app.launch"): OPTIONAL,
-    ("holoview.app.script", "rendercanvas.offscreen"): CHOICE,
-    ("holoview.commands.view", "holoview.app.startup"): OPTIONAL,
-    ("holoview.commands.view", "holoview.gpu.device"): OPTIONAL,
-    ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
-    ("holoview.app.launch", "holoview.app.run"): SLOW,
-    ("holoview.app.context", "holoview.experiment.rig_session"): SLOW,
-    ("holoview.app.panels.rig", "holoview.app.rig_controls"): SLOW,
-    ("holoview.commands.view", "holoview.experiment.rig_bench"): SLOW,
-    ("holoview.app.run", "glfw"): CHOICE,
-    ("holoview.app.run", "rendercanvas.glfw"): CHOICE,
-    ("holoview.app.run", "holoview.app.served_canvas"): CHOICE,
-    ("holoview.app.run", "rendercanvas.offscreen"): CHOICE,
-    ("holoview.app.notebook", "rendercanvas.anywidget"): CHOICE,
-    ("holoview.app.serve", "rendercanvas.http"): CHOICE,
+    ("holoview.viewer.render.page_images", "torch"): SLOW,
+    ("holoview.holograms.view", "holoview.light.engine.point_light"): SLOW,
+    ("holoview.holograms.view", "holoview.light.engine.torch_executor"): SLOW,
+    ("holoview.holograms.load_field", "holoview.holograms.fields.demodulation"): SLOW,
+    ("holoview.viewer.render.page_images", "holoview.holograms.fields.demodulation"): SLOW,
+    ("holoview.commands.render", "holoview.holograms.fields.demodulation"): SLOW,
+    ("holoview.commands.effects", "holoview.bench.captures.effect_trial"): SLOW,
+    ("holoview.holograms.load_field", "holoview.holograms.fields.focus"): SLOW,
+    ("holoview.holograms.load_field", "holoview.holograms.fields.imaging"): SLOW,
+    ("holoview.holograms.load_field", "holoview.holograms.fields.synthetic_aperture"): SLOW,
+    ("holoview.holograms.hologram", "holoview.holograms.fields.field_target"): SLOW,
+    ("holoview.viewer.document.target_builder", "holoview.holograms.optimise.field_loss"): SLOW,
+    ("holoview.holograms.hologram", "holoview.holograms.fields.imaging"): SLOW,
+    ("holoview.viewer.render.page_images", "holoview.light.engine.torch_executor"): SLOW,
+    ("holoview.viewer.render.page_images", "holoview.light.optics.frame_inputs"): SLOW,
+    ("holoview.viewer.render.page_images", "holoview.light.optics.slm"): SLOW,
+    ("holoview.viewer.render.point_probe", "holoview.light.engine.point_light"): SLOW,
+    ("holoview.viewer.document.measurements", "holoview.holograms.metrics.perceptual"): SLOW,
+    ("holoview.viewer.document.measurements", "scipy"): SLOW,
+    ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
+    ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,
+    ("holoview.holograms.metrics.speckle", "scipy.special"): SLOW,
+    ("holoview.holograms.fields.focus", "scipy.signal"): SLOW,
+    ("holoview.holograms.fields.focused_objects", "scipy.signal"): SLOW,
+    ("holoview.holograms.files.readers.matlab5", "scipy.io"): SLOW,
+    ("holoview.holograms.targets.defocus", "scipy"): SLOW,
+    ("holoview.light.gpu.recorder", "wgpu.backends.wgpu_native"): BACKEND,
+    ("holoview.light.effects.calibrated", "holoview.light.model.effects.learned_maps"): SLOW,
+    ("holoview.holograms.fields.source_field", "holoview.light.optics.free_space"): SLOW,
+    ("holoview.holograms.fields.source_field", "torch"): SLOW,
+    ("holoview.evidence.study.report", "pyarrow"): OPTIONAL,
+    ("holoview.commands.diagnose", "holoview.bench.diagnose.report.display_gain"): SLOW,
+    ("holoview.commands.diagnose", "holoview.bench.diagnose.report.html_report"): SLOW,
+    ("holoview.evidence.benchmark.report_run", "holoview.evidence.benchmark.optimiser_iteration"): OPTIONAL,
+    ("holoview.evidence.benchmark.report_run", "holoview.evidence.benchmark.time_to_quality"): OPTIONAL,
+    ("holoview.commands.bench", "holoview.evidence.benchmark.time_to_quality"): OPTIONAL,
+    ("holoview.commands.bench_report", "holoview.viewer.app.script"): OPTIONAL,
+    ("holoview.commands.view", "holoview.viewer.app.launch"): OPTIONAL,
+    ("holoview.viewer.app.script", "rendercanvas.offscreen"): CHOICE,
+    ("holoview.commands.view", "holoview.viewer.app.startup"): OPTIONAL,
+    ("holoview.commands.view", "holoview.light.gpu.device"): OPTIONAL,
+    ("holoview.viewer.app.launch", "holoview.viewer.app.no_adapter"): SLOW,
+    ("holoview.viewer.app.launch", "holoview.viewer.app.run"): SLOW,
+    ("holoview.viewer.app.context", "holoview.viewer.rig.rig_session"): SLOW,
+    ("holoview.viewer.app.panels.rig", "holoview.viewer.app.rig_controls"): SLOW,
+    ("holoview.commands.view", "holoview.bench.experiment.rig_bench"): SLOW,
+    ("holoview.viewer.app.run", "glfw"): CHOICE,
+    ("holoview.viewer.app.run", "rendercanvas.glfw"): CHOICE,
+    ("holoview.viewer.app.run", "holoview.viewer.app.served_canvas"): CHOICE,
+    ("holoview.viewer.app.run", "rendercanvas.offscreen"): CHOICE,
+    ("holoview.viewer.app.notebook", "rendercanvas.anywidget"): CHOICE,
+    ("holoview.viewer.app.serve", "rendercanvas.http"): CHOICE,
 }
 """Every import inside a function, with its reason; all others stand at the top of their files."""
 
@@ -180,11 +180,13 @@ def _under(name: str, package: str) -> bool:
 
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
-    assert {"torch", "holoview.model.plan", "holoview.model.passband"} <= _imported("holoview.optics.bench")
-    assert "holoview.optics.propagate" in _reached("holoview.engine.torch_executor")
-    assert "torch" in _reached("holoview.engine.torch_executor")
-    assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)
-    assert "holoview.gpu.device" not in _imported("holoview.engine.backend")
+    assert {"torch", "holoview.light.model.plan", "holoview.light.model.passband"} <= _imported(
+        "holoview.light.optics.bench"
+    )
+    assert "holoview.light.optics.propagate" in _reached("holoview.light.engine.torch_executor")
+    assert "torch" in _reached("holoview.light.engine.torch_executor")
+    assert "holoview.light.gpu.device" in _imported("holoview.light.engine.backend", everywhere=True)
+    assert "holoview.light.gpu.device" not in _imported("holoview.light.engine.backend")
 
 
 @pytest.mark.parametrize("module", DESCRIPTION)
@@ -202,9 +204,9 @@ def test_the_viewer_starts_without_the_libraries_that_take_long_to_import() -> N
 
 
 def test_of_the_app_only_what_draws_windows_knows_webgpu() -> None:
-    drawing = {f"holoview.app.{name}" for name in ("window", "viewport")}
+    drawing = {f"holoview.viewer.app.{name}" for name in ("window", "viewport")}
     users = {m for m in MODULES if any(_under(name, "wgpu") for name in _imported(m, everywhere=True))}
-    assert {m for m in users if _under(m, "holoview.app")} == drawing
+    assert {m for m in users if _under(m, "holoview.viewer.app")} == drawing
 
 
 def test_no_module_is_part_of_an_import_circle() -> None:
@@ -240,7 +242,7 @@ def test_imports_are_absolute() -> None:
     "program",
     [
         "import holoview",
-        "from holoview.model.effects.registry import listed_effects; assert listed_effects()",
+        "from holoview.light.model.effects.registry import listed_effects; assert listed_effects()",
         "from holoview import load; load('holochrome-8')",
         "from holoview import make_plan, System",
     ],

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.benchmark import frame_benchmark
-from holoview.benchmark.frame_benchmark import (
+from holoview.commands import bench
+from holoview.commands.cli import main
+from holoview.evidence.benchmark import frame_benchmark
+from holoview.evidence.benchmark.frame_benchmark import (
     WAYS,
     PrunedTorchBaseline,
     TorchBaseline,
@@ -22,21 +24,19 @@ from holoview.benchmark.frame_benchmark import (
     can_prune,
     device_time,
 )
-from holoview.benchmark.frame_jobs import JobTimings, TuningReport, time_interleaved
-from holoview.cli import main
-from holoview.commands import bench
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.gpu.device import TIMESTAMPS, Device
-from holoview.gpu.line_fft import supported_strategies
-from holoview.gpu.recorder import GpuTimer
-from holoview.gpu.tune import TuningResult
-from holoview.model import preset
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.view import random_drive
+from holoview.evidence.benchmark.frame_jobs import JobTimings, TuningReport, time_interleaved
+from holoview.holograms.view import random_drive
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.gpu.device import TIMESTAMPS, Device
+from holoview.light.gpu.line_fft import supported_strategies
+from holoview.light.gpu.recorder import GpuTimer
+from holoview.light.gpu.tune import TuningResult
+from holoview.light.model import preset
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from tests.second_device import SecondDevice
 
 TOLERANCE = 2e-6

@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks import plain_light
 from benchmarks.plain_light import Beam, Bench, smooth_levels, zernike
-from holoview.captures import Captures
-from holoview.captures.dataset import Camera, SlmSpec
-from holoview.captures.predictor import Predictor
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures import Captures
+from holoview.bench.captures.dataset import Camera, SlmSpec
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.bench_parts import Relay
 
 λ, PITCH_M, SHAPE = 532e-9, 8e-6, (24, 32)
 

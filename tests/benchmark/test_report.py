@@ -13,16 +13,25 @@ from typing import Any
 
 import pytest
 
-from holoview.benchmark import report_run
-from holoview.benchmark.frame_benchmark import Criterion
-from holoview.benchmark.frame_jobs import TuningReport
-from holoview.benchmark.machine import probe_device
-from holoview.benchmark.report_run import FRAMES, OPTIMISER, PARITY, POWER, QUALITY, VIEWER, Measurement, ReportRun
-from holoview.benchmark.report_text import Values, report_markdown, results
-from holoview.cli import main
 from holoview.commands import bench_report
-from holoview.gpu.device import TIMESTAMPS, Device
-from holoview.gpu.tune import TuningResult
+from holoview.commands.cli import main
+from holoview.evidence.benchmark import report_run
+from holoview.evidence.benchmark.frame_benchmark import Criterion
+from holoview.evidence.benchmark.frame_jobs import TuningReport
+from holoview.evidence.benchmark.machine import probe_device
+from holoview.evidence.benchmark.report_run import (
+    FRAMES,
+    OPTIMISER,
+    PARITY,
+    POWER,
+    QUALITY,
+    VIEWER,
+    Measurement,
+    ReportRun,
+)
+from holoview.evidence.benchmark.report_text import Values, report_markdown, results
+from holoview.light.gpu.device import TIMESTAMPS, Device
+from holoview.light.gpu.tune import TuningResult
 from holoview.util.processes import Interruption
 from tests.patience import PATIENCE_S
 
@@ -164,11 +173,11 @@ there = {*sys.stdlib_module_names, "holoview", *sys.argv[1:]}
 sys.meta_path.insert(0, Refuse())
 import json
 from pathlib import Path
-from holoview.benchmark import report_run
-from holoview.benchmark.machine import probe_device
+from holoview.evidence.benchmark import report_run
+from holoview.evidence.benchmark.machine import probe_device
 from holoview.commands.bench_report import measurements_of
-from holoview.gpu.device import open_device
-from holoview.model import preset
+from holoview.light.gpu.device import open_device
+from holoview.light.model import preset
 report_run.STRATEGIES = ("workgroup",)
 system = preset.load("holochrome-8").edit({"shape": [24, 32]})
 run = report_run.ReportRun(open_device(), report_run.ReportOptions(system, ((64, 48),), (1,), rounds=1))

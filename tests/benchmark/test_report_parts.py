@@ -11,8 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, gap_edit, open_renderer, scrub, time_interleaved
-from holoview.benchmark.machine import (
+from holoview.evidence.benchmark.frame_jobs import (
+    amplitude_edit,
+    full_frame,
+    gap_edit,
+    open_renderer,
+    scrub,
+    time_interleaved,
+)
+from holoview.evidence.benchmark.machine import (
     CardState,
     copy_dispatch,
     machine_facts,
@@ -21,13 +28,13 @@ from holoview.benchmark.machine import (
     processor_name,
     read_card,
 )
-from holoview.benchmark.optimiser_iteration import time_handover, time_iterations
-from holoview.benchmark.report_run import FrameCase, case_system, frame_bytes, parts_ms, time_case
-from holoview.benchmark.report_text import goals, share_of_copy
-from holoview.gpu.device import TIMESTAMPS, Device
-from holoview.gpu.recorder import CommandRecorder
-from holoview.model import preset
-from holoview.model.system import System
+from holoview.evidence.benchmark.optimiser_iteration import time_handover, time_iterations
+from holoview.evidence.benchmark.report_run import FrameCase, case_system, frame_bytes, parts_ms, time_case
+from holoview.evidence.benchmark.report_text import goals, share_of_copy
+from holoview.light.gpu.device import TIMESTAMPS, Device
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.model import preset
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 gpu = pytest.mark.gpu

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.benchmark import time_to_quality as module
-from holoview.benchmark.autograd_loop import StoredLoop, Work
-from holoview.benchmark.frame_jobs import JobTimings
-from holoview.benchmark.time_to_quality import (
+from holoview.commands.cli import main
+from holoview.evidence.benchmark import time_to_quality as module
+from holoview.evidence.benchmark.autograd_loop import StoredLoop, Work
+from holoview.evidence.benchmark.frame_jobs import JobTimings
+from holoview.evidence.benchmark.time_to_quality import (
     MARGIN_DB,
     QualityRun,
     planned,
@@ -21,8 +22,7 @@ from holoview.benchmark.time_to_quality import (
     quality_work,
     time_to_quality,
 )
-from holoview.cli import main
-from holoview.model import preset
+from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.util.processes import Interruption

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.calibrate.train import (
+from holoview.bench.calibrate.train import (
     CalibrationSettings,
     DataSplit,
     TrainingState,
@@ -15,11 +15,11 @@ from holoview.calibrate.train import (
     split_captures,
     train,
 )
-from holoview.captures.dataset import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.learned_maps import MapLayout
-from holoview.model.system import System
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.learned_maps import MapLayout
+from holoview.light.model.system import System
 
 SHAPE = (36, 48)
 PITCH = 8e-6

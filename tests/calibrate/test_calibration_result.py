@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.calibrate.calibration_result import (
+from holoview.bench.calibrate.calibration_result import (
     CalibrationResult,
     PredictionScore,
     fit_laser_response,
@@ -20,12 +20,12 @@ from holoview.calibrate.calibration_result import (
     score_predictions,
     starting_bench,
 )
-from holoview.calibrate.train import CalibrationModel, TrainingData
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model import preset
-from holoview.model.effects.learned_maps import LearnedMaps, read_calibration, write_calibration
-from holoview.model.effects.registry import get_effect, listed_effects
+from holoview.bench.calibrate.train import CalibrationModel, TrainingData
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model import preset
+from holoview.light.model.effects.learned_maps import LearnedMaps, read_calibration, write_calibration
+from holoview.light.model.effects.registry import get_effect, listed_effects
 from holoview.util.errors import UserError
 
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.calibrate.train import captures_digest
-from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.model.bench_parts import Relay
+from holoview.bench.calibrate.train import captures_digest
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.light.model.bench_parts import Relay
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.calibrate.exposure import ExposureLimits, plan_exposures
-from holoview.captures.dataset import Captures
+from holoview.bench.calibrate.exposure import ExposureLimits, plan_exposures
+from holoview.bench.captures.dataset import Captures
 from holoview.util.errors import UserError
 
 BLACK = 64.0

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.calibrate.lut_fit import UNSEEN_SLOPE, Order, fit_lut
-from holoview.calibrate.lut_table import compare_vendor, format_lut, lut_table, read_vendor_table, vendor_table
-from holoview.calibrate.sweep import Sweep, parse_sweep, read_sweep
+from holoview.bench.calibrate.lut_fit import UNSEEN_SLOPE, Order, fit_lut
+from holoview.bench.calibrate.lut_table import compare_vendor, format_lut, lut_table, read_vendor_table, vendor_table
+from holoview.bench.calibrate.sweep import Sweep, parse_sweep, read_sweep
 from holoview.util.errors import UserError
 
 REAL = Path(__file__).resolve().parents[1] / "data" / "lcos_820nm_first_order_power.csv"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.calibrate.train import (
+from holoview.bench.calibrate.train import (
     CalibrationModel,
     CalibrationSettings,
     TrainingState,
@@ -20,11 +20,11 @@ from holoview.calibrate.train import (
     split_captures,
     train,
 )
-from holoview.captures.dataset import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.learned_maps import LearnedMaps
-from holoview.model.system import System
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.learned_maps import LearnedMaps
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 SHAPE, PITCH = (36, 48), 8e-6

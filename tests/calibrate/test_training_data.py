@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.calibrate.train import TrainingData
-from holoview.captures.dataset import Captures
+from holoview.bench.calibrate.train import TrainingData
+from holoview.bench.captures.dataset import Captures
 
 KNOWN = {"camera_black": {"black": 5.0}, "ambient": {"level": 300.0, "slope_x": 60.0}}
 

@@ -8,10 +8,10 @@ import math
 import pytest
 import torch
 
-from holoview.calibrate.train import map_layout_for
-from holoview.model.bench_parts import Relay
-from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.effects.learned_maps import LearnedMaps
+from holoview.bench.calibrate.train import map_layout_for
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.effects.hook_contexts import RelayContext
+from holoview.light.model.effects.learned_maps import LearnedMaps
 from tests.captures.conftest import pictures
 
 LONGEST, PITCH = 600e-9, 8e-6  # of the pictures, which have samples of half a pixel

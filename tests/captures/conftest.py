@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.light.model.bench_parts import Relay
 
 SHAPE = (32, 40)
 

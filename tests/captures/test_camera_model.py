@@ -6,8 +6,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.camera_model import FrequencyBand, InvariantCache, TensorCache
-from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
+from holoview.bench.captures.camera_model import FrequencyBand, InvariantCache, TensorCache
+from holoview.light.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 
 def test_the_longest_unused_results_go_first() -> None:

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures import Camera, Captures, SlmSpec, read_captures, write_captures
+from holoview.light.model.bench_parts import Relay
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE
 from tests.fuzz.valid_files import CAPTURES, valid, write

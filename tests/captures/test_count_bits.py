@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.count_bits import counts_as_stated
-from holoview.captures.validation import check_captures, check_settings, summarise
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.count_bits import counts_as_stated
+from holoview.bench.captures.validation import check_captures, check_settings, summarise
 from holoview.util.errors import UserError
 
 Make = Callable[..., Captures]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from holoview.captures.dataset import Captures, join_captures
+from holoview.bench.captures.dataset import Captures, join_captures
 
 Make = Callable[..., Captures]
 

@@ -10,14 +10,14 @@ import h5py
 import numpy as np
 import pytest
 
-from holoview.calibrate.exposure import ExposureLimits, plan_exposures
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.dataset import Camera, SlmSpec, join_captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.trials import Trials, central_region, picture_window
-from holoview.captures.validation import capture_sheet, summarise
-from holoview.diagnose.correct.bad_captures import find_useless_captures
+from holoview.bench.calibrate.exposure import ExposureLimits, plan_exposures
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.dataset import Camera, SlmSpec, join_captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.records.trials import Trials, central_region, picture_window
+from holoview.bench.captures.validation import capture_sheet, summarise
+from holoview.bench.diagnose.correct.bad_captures import find_useless_captures
 from holoview.util.errors import UserError
 
 Make = Callable[..., Captures]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import (
+from holoview.bench.captures.dataset import (
     ORIENTATIONS,
     SHAPE_KEEPING,
     inverse_orientation,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from holoview.captures.patterns import pattern_roughness, random_levels
+from holoview.bench.captures.patterns import pattern_roughness, random_levels
 from tests.captures.conftest import SHAPE, pictures
 
 

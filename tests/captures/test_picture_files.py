@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.picture_files import read_camera_picture, read_pairs, read_pattern
+from holoview.bench.captures.picture_files import read_camera_picture, read_pairs, read_pattern
 from holoview.util.errors import UserError
 
 GREY = np.random.default_rng(1).integers(0, 256, (40, 56), dtype=np.uint8)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import SHAPE_KEEPING, turned
-from holoview.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.unknown_settings import dark_noise
+from holoview.bench.captures.dataset import SHAPE_KEEPING, turned
+from holoview.bench.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.unknown_settings import dark_noise
 from holoview.util.errors import UserError
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
 from tests.explored import explored

@@ -13,12 +13,12 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures.camera_model import NearFieldModel
-from holoview.captures.capture_file import read_captures
-from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.predictor import Predictor, check_known_effects
-from holoview.model.bench_parts import Relay
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.camera_model import NearFieldModel
+from holoview.bench.captures.capture_file import read_captures
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.bench.captures.predictor import Predictor, check_known_effects
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.effects.registry import get_effect
 from holoview.util.errors import UserError
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
@@ -262,7 +262,7 @@ def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equatio
 
 
 def test_gradients_reach_what_an_own_effect_holds() -> None:
-    from holoview.effects import Effect, Parameter
+    from holoview.light.effects import Effect, Parameter
 
     class Map(Effect):
         id = "map"

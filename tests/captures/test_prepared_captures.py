@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from holoview.captures.dataset import Camera, Captures
-from holoview.captures.prepared_captures import (
+from holoview.bench.captures.dataset import Camera, Captures
+from holoview.bench.captures.prepared_captures import (
     BORDER_PX,
     add_model_error,
     estimate_prnu,

@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from holoview.calibrate.lut_fit import fit_lut
-from holoview.calibrate.sweep import sweep_of_readings
-from holoview.captures.slmsuite_calibration import FourierCalibration, PixelCalibration, read_slmsuite
+from holoview.bench.calibrate.lut_fit import fit_lut
+from holoview.bench.calibrate.sweep import sweep_of_readings
+from holoview.bench.captures.slmsuite_calibration import FourierCalibration, PixelCalibration, read_slmsuite
 from holoview.util.errors import UserError
 from tests.captures.slmsuite_files import fourier, pixel, save
 

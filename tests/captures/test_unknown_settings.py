@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.unknown_settings import with_estimates
-from holoview.numerics.photon_transfer import transfer_of_pictures, transfer_of_repeats
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.unknown_settings import with_estimates
+from holoview.light.numerics.photon_transfer import transfer_of_pictures, transfer_of_repeats
 
 Make = Callable[..., Captures]
 GAIN, READ = 3.0, 2.0

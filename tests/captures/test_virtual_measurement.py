@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.captures import Captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.model.bench_parts import Relay
-from holoview.model.system import System
+from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 

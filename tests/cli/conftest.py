@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.cli import main
+from holoview.commands.cli import main
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
 

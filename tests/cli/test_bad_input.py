@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.gpu.device import Device
-from holoview.io.hologram import Hologram
+from holoview.holograms.hologram import Hologram
+from holoview.light.gpu.device import Device
 from tests.file_limits import limit_of_file_size
 
 Run = Callable[..., Any]
@@ -273,7 +273,7 @@ def test_a_grid_beyond_the_memory_is_one_line(
 def test_wgpu_without_an_adapter_is_refused_rather_than_replaced(
     holoview: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.gpu.device.native_adapters", list)
+    monkeypatch.setattr("holoview.light.gpu.device.native_adapters", list)
     for command in (RENDER, ["demo"]):
         arguments = [*command, "--backend", "wgpu"]
         _assert_refused(holoview, folder, arguments, ["graphics adapter", "none was found", "--backend torch"])
@@ -282,7 +282,7 @@ def test_wgpu_without_an_adapter_is_refused_rather_than_replaced(
 def test_an_adapter_that_was_named_but_is_not_there_is_refused_under_auto_too(
     holoview: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.gpu.device.native_adapters", list)
+    monkeypatch.setattr("holoview.light.gpu.device.native_adapters", list)
     _assert_refused(holoview, folder, [*RENDER, "--backend", "auto", "--adapter", "GeForce"], ["graphics adapter"])
 
 
@@ -291,7 +291,7 @@ def test_an_adapter_of_too_small_limits_is_refused_by_name(
 ) -> None:
     about = {"device": "Toy", "adapter_type": "IntegratedGPU", "backend_type": "Vulkan", "description": "toy driver"}
     toy = SimpleNamespace(info=about, limits={"max-buffer-size": 1 << 20}, features=frozenset())
-    monkeypatch.setattr("holoview.gpu.device.native_adapters", lambda: [toy])
+    monkeypatch.setattr("holoview.light.gpu.device.native_adapters", lambda: [toy])
     fragments = ["adapter Toy", "max-buffer-size is 1048576", "at least 67108864", "--backend torch"]
     _assert_refused(holoview, folder, [*RENDER, "--backend", "wgpu"], fragments)
 
@@ -302,7 +302,7 @@ def test_a_grid_beyond_the_limits_of_the_gpu_is_refused(
 ) -> None:
     limits = dict(device.limits) | {"max-storage-buffer-binding-size": 1 << 14}
     small = Device(device.raw, device.info, limits)
-    monkeypatch.setattr("holoview.gpu.device.open_device", lambda _: small)
+    monkeypatch.setattr("holoview.light.gpu.device.open_device", lambda _: small)
     fragments = ["padded field", "128 x 96", "needs", "at most", "max-storage-buffer-binding-size", device.info.name]
     _assert_refused(holoview, folder, [*RENDER, "--backend", "wgpu"], fragments)
 

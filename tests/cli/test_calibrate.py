@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures import write_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model import preset
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.system import System
+from holoview.bench.captures import write_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model import preset
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.system import System
 from tests.captures.slmsuite_files import fourier, pixel, save
 
 SHAPE = (24, 32)

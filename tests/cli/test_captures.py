@@ -13,8 +13,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.capture_file import BENCH_FILE, TABLE_FILE
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.capture_file import BENCH_FILE, TABLE_FILE
 from tests.captures.far_field import FarField, photograph, spread_pattern
 from tests.captures.slmsuite_files import fourier, save
 
@@ -46,7 +46,7 @@ def test_a_session_is_made_the_same_from_the_same_seed(holoview: Run, tmp_path: 
 
 def test_noise_is_that_of_the_camera(holoview: Run) -> None:
     """Without effects the model explains the pictures to their noise."""
-    from holoview.captures.predictor import Predictor
+    from holoview.bench.captures.predictor import Predictor
 
     captures = _make(holoview, "a.h5")
     signal = Predictor(captures)(range(8)).signal.double().numpy()
@@ -192,7 +192,7 @@ def test_a_session_that_cant_be_leaves_no_file(
 @pytest.mark.usefixtures("no_user_effects")
 def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path) -> None:
     (tmp_path / "haze.py").write_text(
-        "from holoview.effects import Effect, Parameter\n"
+        "from holoview.light.effects import Effect, Parameter\n"
         "class Haze(Effect):\n"
         '    id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)\n'
         '    parameters = (Parameter("share", "Of the mean.", prior=0.1),)\n'

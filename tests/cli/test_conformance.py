@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from holoview.cli import main
+from holoview.commands.cli import main
 
 
 def test_a_kind_of_case_is_computed(capsys: pytest.CaptureFixture[str]) -> None:

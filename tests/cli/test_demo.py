@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview import cli
-from holoview.io.hologram import load_hologram
+from holoview.commands import cli
+from holoview.holograms.hologram import load_hologram
 
 
 def test_it_ends_with_the_picture_and_the_viewers_command(

@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.cli import main
-from holoview.model import preset
-from holoview.model.effects import registry
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.commands.cli import main
+from holoview.light.model import preset
+from holoview.light.model.effects import registry
 from tests.diagnose.conftest import NOISE_CHI2, small_system
 
 Run = Callable[..., Any]
@@ -282,7 +282,7 @@ def test_what_cant_be_asked_is_refused_before_the_work(
 
 
 HAZE = """
-from holoview.effects import Effect, Parameter
+from holoview.light.effects import Effect, Parameter
 
 class Haze(Effect):
     id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from holoview.captures import write_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model import preset
+from holoview.bench.captures import write_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model import preset
 from tests.diagnose.conftest import small_system
 
 Run = Callable[..., Any]

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from holoview.captures import read_captures
+from holoview.bench.captures import read_captures
 from tests.experiment.next_capture.benches import write_rig
 
 Run = Callable[..., Any]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from holoview.captures.effect_trial import try_effect
-from holoview.cli import main
-from holoview.model.effects.registry import ids_beside, listed_effects
+from holoview.bench.captures.effect_trial import try_effect
+from holoview.commands.cli import main
+from holoview.light.model.effects.registry import ids_beside, listed_effects
 from tests.explored import explored
 
 pytestmark = pytest.mark.usefixtures("no_user_effects")

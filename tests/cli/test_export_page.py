@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.page.page import read_page
+from holoview.viewer.page.page import read_page
 
 Run = Callable[..., Any]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import holoview as hv
-from holoview.wavefield.request import Viewpoint
+from holoview.holograms.files.request import Viewpoint
 from tests.cli.conftest import Outcome
 
 Run = Callable[..., Outcome]

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from holoview.cli import main
-from holoview.io.load_field import open_hologram
-from holoview.wavefield.propagation import propagate_field
-from holoview.wavefield.reading import ReadRequest
-from holoview.wavefield.wavefield import Wavefield
+from holoview.commands.cli import main
+from holoview.holograms.fields.propagation import propagate_field
+from holoview.holograms.fields.reading import ReadRequest
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.holograms.load_field import open_hologram
 
 SIDE, PITCH_M, WAVELENGTH = 200, 4e-6, 633e-9
 KNOWN = ["--pitch", "4um", "--wavelength", "633nm"]

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from holoview import cli
+from holoview.commands import cli
 from holoview.commands.console import deferred_interrupt
-from holoview.io.hologram import load_hologram
-from holoview.optimise.solve import iterate
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.optimise.solve import iterate
 from holoview.util import processes
 from tests.explored import explored
 from tests.patience import PATIENCE_S
@@ -57,7 +57,7 @@ def signalled(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, int], None]:
                     signal.raise_signal(number)
                 yield state
 
-        monkeypatch.setattr("holoview.optimise.hologram_job.iterate", with_signals)
+        monkeypatch.setattr("holoview.holograms.optimise.hologram_job.iterate", with_signals)
 
     return set_up
 
@@ -114,7 +114,7 @@ sys.exit(run())
 """
 
 
-MODULES = ("holoview.cli", "holoview.commands.presets", "numpy", "argparse", "holoview.util.errors", "tomllib")
+MODULES = ("holoview.commands.cli", "holoview.commands.presets", "numpy", "argparse", "holoview.util.errors", "tomllib")
 
 
 @pytest.mark.parametrize("module", explored(MODULES, 3))
@@ -141,7 +141,7 @@ def test_an_interrupt_before_the_first_iteration_writes_nothing(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("holoview.optimise.hologram_job.iterate", interrupt)
+    monkeypatch.setattr("holoview.holograms.optimise.hologram_job.iterate", interrupt)
     outcome = holoview("optimise", "simultaneous", picture, "--set", "shape=[24,32]", "-o", "h.safetensors")
     assert outcome.code == 130
     assert outcome.err == "holoview: interrupted\n"

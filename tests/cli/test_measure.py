@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from holoview.captures import read_captures
+from holoview.bench.captures import read_captures
 from tests.rig.conftest import write_rig
 
 Run = Callable[..., Any]

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import holoview as hv
 from holoview.commands.arguments import default_output
-from holoview.figures import figure_bytes, label, new_figure
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import write_png
+from holoview.holograms.files.pictures import write_png
+from holoview.holograms.hologram import Hologram
 from holoview.util.errors import UserError
+from holoview.util.figures import figure_bytes, label, new_figure
 
 Run = Callable[..., Any]
 SMALL = ["--set", "shape=[24,32]"]
@@ -96,7 +96,7 @@ def test_a_stranger_s_hologram_is_rendered_to_a_file_of_its_own(holoview: Run, t
 def test_nothing_that_is_printed_acts_on_the_terminal(
     holoview: Run, tmp_path: Path, command: list[str], name: str
 ) -> None:
-    from holoview.model import preset
+    from holoview.light.model import preset
 
     system = hv.load("simultaneous").edit({"shape": [24, 32], "name": name, "description": f"{name}\x1b[2J"})
     preset.save(system, tmp_path / "stranger.toml")

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holoview.cli import COMMANDS, _parser, main
 from holoview.commands.arguments import number, whole
+from holoview.commands.cli import COMMANDS, _parser, main
 from holoview.util.memory_limit import VARIABLE
 
 

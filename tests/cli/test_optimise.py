@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.pictures import read_pattern
+from holoview.holograms.files.pictures import read_pattern
+from holoview.holograms.hologram import Hologram, load_hologram
 
 Run = Callable[..., Any]
 

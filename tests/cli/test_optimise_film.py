@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.io.hologram import load_hologram
+from holoview.holograms.hologram import load_hologram
 
 Run = Callable[..., Any]
 

@@ -12,9 +12,9 @@ import pytest
 import tifffile
 from PIL import Image
 
-from holoview.io.hologram import load_hologram
-from holoview.io.pictures import memory_cells
-from holoview.optimise.forward_model import ForwardModel
+from holoview.holograms.files.pictures import memory_cells
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.optimise.forward_model import ForwardModel
 
 Run = Callable[..., Any]
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment import camera_loop as loop
-from holoview.io.hologram import load_hologram
-from holoview.rig import RigDescription
-from holoview.rig.devices import Devices
+from holoview.bench.experiment import camera_loop as loop
+from holoview.bench.rig import RigDescription
+from holoview.bench.rig.devices import Devices
+from holoview.holograms.hologram import load_hologram
 from tests.experiment.camera_loop.conftest import PLANE_M, BenchHere, rig_text
 
 Run = Callable[..., Any]

@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.io.hologram import load_hologram
-from holoview.metrics.fidelity import psnr_linear_srgb
-from holoview.optimise.checkpoint import load_checkpoint
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.optimise.checkpoint import load_checkpoint
 
 Run = Callable[..., Any]
 

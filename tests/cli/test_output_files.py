@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import holoview as hv
-from holoview.cli import COMMANDS
+from holoview.commands.cli import COMMANDS
 from holoview.commands.output_files import ResultSaver, check_files
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import write_pattern
-from holoview.model import preset
+from holoview.holograms.files.pictures import write_pattern
+from holoview.holograms.hologram import Hologram
+from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.file_writer import OutputLocks, WriteError, write_file
 

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from holoview import __version__
-from holoview.cli import COMMANDS, main
-from holoview.model import preset
+from holoview.commands.cli import COMMANDS, main
+from holoview.light.model import preset
 from tests.patience import PATIENCE_S
 
 Run = Callable[..., Any]
@@ -141,7 +141,7 @@ def test_help_lists_the_commands_and_version_says_which_one(capsys: pytest.Captu
 
 
 def test_a_terminal_without_greek_letters_still_gets_its_numbers() -> None:
-    command = [sys.executable, "-m", "holoview.cli", "info", "holochrome-8"]
+    command = [sys.executable, "-m", "holoview.commands.cli", "info", "holochrome-8"]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     ended = subprocess.run(command, env=environment, capture_output=True, timeout=PATIENCE_S)
     assert ended.returncode == 0

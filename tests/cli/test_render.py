@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.gpu.device import Device
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import write_pattern
-from holoview.model import preset
+from holoview.holograms.files.pictures import write_pattern
+from holoview.holograms.hologram import Hologram
+from holoview.light.gpu.device import Device
+from holoview.light.model import preset
 
 Run = Callable[..., Any]
 
@@ -183,7 +183,7 @@ def test_a_bench_that_no_light_passes_is_refused(holoview: Run, tmp_path: Path) 
 
 
 def test_auto_says_that_it_took_torch_and_why(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("holoview.gpu.device.native_adapters", list)
+    monkeypatch.setattr("holoview.light.gpu.device.native_adapters", list)
     outcome = holoview("render", "simultaneous", *SMALL, "-o", "seen.png")
     assert outcome.code == 0
     assert "backend: torch, complex64 (chosen because: graphics adapter: none was found; " in outcome.out

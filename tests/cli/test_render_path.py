@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview import cli
-from holoview.io.pupil_path_file import save_pupil_path
-from holoview.model.focus import PupilPath
+from holoview.commands import cli
+from holoview.holograms.files.pupil_path_file import save_pupil_path
+from holoview.light.model.focus import PupilPath
 
 EYE = ("holochrome-8", "--set", "shape=[16, 24]", "--set", "eye={}", "--backend", "torch")
 PATH = PupilPath((0.0, 2.0), (0.0, 2e-4), (-1e-3, 1e-3), (3e-3, 2e-3), (0.5, 1.0))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.io.hologram import load_hologram
+from holoview.holograms.hologram import load_hologram
 from tests.patience import PATIENCE_S
 
 
@@ -22,7 +22,7 @@ def _command(picture: Path, output: Path, *more: object) -> list[str]:
     return [str(word) for word in ("optimise", "simultaneous", picture, *bench, "-o", output, *more)]
 
 
-PROGRAM = (sys.executable, "-m", "holoview.cli")
+PROGRAM = (sys.executable, "-m", "holoview.commands.cli")
 
 
 @pytest.mark.explores

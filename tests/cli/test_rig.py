@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.cli import main
-from holoview.rig import read_rig
+from holoview.bench.rig import read_rig
+from holoview.commands.cli import main
 from tests.rig.align.hidden_bench import Hidden
 
 

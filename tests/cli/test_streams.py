@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holoview.cli import main
+from holoview.commands.cli import main
 from holoview.commands.console import PrintableStream, SafeStream, console_streams
 from holoview.util.text import printable_lines
 from tests.patience import PATIENCE_S

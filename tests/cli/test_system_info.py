@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import holoview as hv
-from holoview.model.derived_numbers import info_rows
-from holoview.optimise.memory import peak_bytes
+from holoview.holograms.optimise.memory import peak_bytes
+from holoview.light.model.derived_numbers import info_rows
 
 
 def _facts(name: str, **changes: Any) -> dict[str, str]:

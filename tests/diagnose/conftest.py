@@ -10,19 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import Predictor
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings
-from holoview.captures.virtual_measurement import make_captures as measure
-from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.registry import EffectValues, listed_effects
-from holoview.model.system import System
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.patterns import pattern_roughness
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings
+from holoview.bench.captures.virtual_measurement import make_captures as measure
+from holoview.bench.diagnose.capture_split import split_captures
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.search_context import (
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    equivalent_effects,
+)
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.registry import EffectValues, listed_effects
+from holoview.light.model.system import System
 from tests.captures.conftest import SHAPE, pictures
 
 MakeContext = Callable[..., SearchContext]

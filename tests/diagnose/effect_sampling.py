@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from holoview.model.effects.effect import Effect, ListParameter, Parameter
-from holoview.model.system import System
+from holoview.light.model.effects.effect import Effect, ListParameter, Parameter
+from holoview.light.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned
 _MOST_TERMS = 2

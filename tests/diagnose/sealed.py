@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from holoview.captures.dataset import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.model.effects.registry import listed_effects
-from holoview.model.system import System
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from tests.diagnose.effect_sampling import sample_effect
 
 Truth = dict[str, dict[str, float]]

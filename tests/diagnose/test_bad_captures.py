@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures import Captures, read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
-from holoview.diagnose.correct.judged_captures import find_suspects
-from holoview.diagnose.judge import Decision, Verdict, limited_by_bad_captures
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.search_context import NeighbourVariances
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.correct.bad_captures import BadCapture, bad_share, find_useless_captures
+from holoview.bench.diagnose.correct.judged_captures import find_suspects
+from holoview.bench.diagnose.judge import Decision, Verdict, limited_by_bad_captures
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.diagnose.search_context import NeighbourVariances
+from holoview.light.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import MakeContext, small_system
 from tests.diagnose.effect_sampling import sample_effect
@@ -175,8 +175,8 @@ def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext, mo
     context = make_context({"gap": {"gap_error": 2e-4}})
     images = context.data.captures.images
     whole = find_suspects(context, {}, (), is_final=True)
-    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.MAX_SET_PIXELS", 3 * images[0].size)
-    monkeypatch.setattr("holoview.diagnose.correct.judged_captures.CORRELATED_PIXELS", images[0].size // 4)
+    monkeypatch.setattr("holoview.bench.diagnose.correct.judged_captures.MAX_SET_PIXELS", 3 * images[0].size)
+    monkeypatch.setattr("holoview.bench.diagnose.correct.judged_captures.CORRELATED_PIXELS", images[0].size // 4)
     few = find_suspects(context, {}, (), is_final=True)
     assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
     assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)

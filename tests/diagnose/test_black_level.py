@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.diagnose.fit import identity_values, local_fit
+from holoview.bench.diagnose.fit import identity_values, local_fit
 from tests.diagnose.conftest import MakeContext
 
 BLACK = -97.0

@@ -11,23 +11,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose import screening
-from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, SearchConfig
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.screening import (
+from holoview.bench.captures import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose import screening
+from holoview.bench.diagnose.config import MIN_FIELDS, BudgetConfig, SearchConfig
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.screening import (
     COSTLY_FIELDS,
     field_count,
     largest_field_count,
     screen_effects,
     without_costly_fits,
 )
-from holoview.diagnose.search_context import SearchContext, field_samples
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.search_context import SearchContext, field_samples
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
 
 TWO = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}
@@ -106,7 +106,7 @@ def test_effects_are_tried_before_stuck_pixels(
         assert tried, "nothing else was tried"
         return lambda effect: []
 
-    monkeypatch.setattr("holoview.diagnose.screening.StuckStarts", look)
+    monkeypatch.setattr("holoview.bench.diagnose.screening.StuckStarts", look)
     effects = [context.effects[name] for name in ("slm1_stuck", "gap", "stroke", "aberration1")]
     for batch in screen_effects(context, {}, effects, lambda *_: None, ""):
         tried += [fit.causes for fit in batch.fits]
@@ -118,7 +118,7 @@ def test_derivatives_of_very_many_fields_are_left_out_where_another_effect_expla
     make_context: MakeContext, monkeypatch: pytest.MonkeyPatch, share: float, computed: list[int]
 ) -> None:
     context, totals = make_context({"undiffracted": {"share": 0.01}}), list[int]()
-    monkeypatch.setattr("holoview.diagnose.screening._DECISIVE_TANGENT_GAIN", share)
+    monkeypatch.setattr("holoview.bench.diagnose.screening._DECISIVE_TANGENT_GAIN", share)
 
     def note(done: int, total: int, what: str) -> None:
         if what.endswith("tangents") and done == total:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from holoview.captures import read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Cause
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Cause
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room, Shading
 from tests.explored import explored

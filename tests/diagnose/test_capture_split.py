@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.diagnose.capture_split import split_captures
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.diagnose.capture_split import split_captures
 
 Make = Callable[..., Captures]
 

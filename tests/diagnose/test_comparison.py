@@ -11,11 +11,11 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Prediction
-from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
-from holoview.diagnose.likelihood import Comparison
-from holoview.numerics.subpixel_shift import shift_images
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Prediction
+from holoview.bench.captures.prepared_captures import PreparedCaptures, prepare_captures
+from holoview.bench.diagnose.likelihood import Comparison
+from holoview.light.numerics.subpixel_shift import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8
@@ -108,7 +108,7 @@ def test_pixels_that_arent_trusted_weigh_nothing() -> None:
 def test_parts_hold_every_residual_once(monkeypatch: pytest.MonkeyPatch, captures_at_once: int) -> None:
     captures, fake = _session(np.linspace(0.5, 2.0, COUNT), STILL)
     whole = _comparison(captures, fake)
-    monkeypatch.setattr("holoview.diagnose.likelihood._MAX_PART_PIXELS", captures_at_once * SIZE[0] * SIZE[1] + 1)
+    monkeypatch.setattr("holoview.bench.diagnose.likelihood._MAX_PART_PIXELS", captures_at_once * SIZE[0] * SIZE[1] + 1)
     values, parts = {"black": {"counts": 1.5}}, whole.parts()
     assert [len(part.indices) for _, part in parts] == {1: [1] * 8, 3: [3, 3, 2], 8: [8]}[captures_at_once]
     found = np.full(whole.weight.size, np.nan, np.float32)
@@ -122,6 +122,6 @@ def test_movements_are_fitted_in_all_captures_at_once(monkeypatch: pytest.Monkey
     """What they share is an effect, and no part knows it."""
     captures, fake = _session(np.ones(COUNT), STILL)
     whole = _comparison(captures, fake, shifts=True)
-    monkeypatch.setattr("holoview.diagnose.likelihood._MAX_PART_PIXELS", 1)
+    monkeypatch.setattr("holoview.bench.diagnose.likelihood._MAX_PART_PIXELS", 1)
     ((where, only),) = whole.parts()
     assert only is whole and where == slice(None)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.diagnose import intervals, judge, nuisances, power_law, rivals, screening
-from holoview.diagnose.config import SearchConfig
+from holoview.bench.diagnose import intervals, judge, nuisances, power_law, rivals, screening
+from holoview.bench.diagnose.config import SearchConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "holoview" / "diagnose"
@@ -66,7 +66,7 @@ def test_the_table_of_thresholds_has_the_values_of_the_configuration() -> None:
         stated = re.findall(r"`([\w.]+)\.(\w+)` = ([\d.]+)", row)
         assert stated, f"no settings in the row {row}"
         for group, name, value in stated:
-            holder = import_module(f"holoview.diagnose.{group}") if name.isupper() else getattr(CONFIG, group)
+            holder = import_module(f"holoview.bench.diagnose.{group}") if name.isupper() else getattr(CONFIG, group)
             assert getattr(holder, name) == float(value), f"{group}.{name}"
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.fit import CandidateFit, effect_jacobian, identity_values
-from holoview.diagnose.intervals import canonical_correlation
-from holoview.diagnose.report.causes import best_separating_capture, proposed_captures
-from holoview.diagnose.search_context import SearchContext, equivalent_effects
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.fit import CandidateFit, effect_jacobian, identity_values
+from holoview.bench.diagnose.intervals import canonical_correlation
+from holoview.bench.diagnose.report.causes import best_separating_capture, proposed_captures
+from holoview.bench.diagnose.search_context import SearchContext, equivalent_effects
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.diagnose.fit import CandidateFit, local_fit
-from holoview.diagnose.judge import JITTER_CHI2, Verdict, rank_on_held_out
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.search import shared_with_costly, with_costly_in_place
-from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.fit import CandidateFit, local_fit
+from holoview.bench.diagnose.judge import JITTER_CHI2, Verdict, rank_on_held_out
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.refine import refine_fit
+from holoview.bench.diagnose.search import shared_with_costly, with_costly_in_place
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
 

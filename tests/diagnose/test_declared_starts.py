@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from holoview.model.effects.effect import StartKind
-from holoview.model.effects.registry import listed_effects
+from holoview.light.model.effects.effect import StartKind
+from holoview.light.model.effects.registry import listed_effects
 
 SPECIAL = {
     "ghost": StartKind.GHOST,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from holoview.diagnose.starts.picture import measure_displacement
-from holoview.numerics.subpixel_shift import image_gradient, shift_images
+from holoview.bench.diagnose.starts.picture import measure_displacement
+from holoview.light.numerics.subpixel_shift import image_gradient, shift_images
 
 SINC_ERROR = 0.005
 """Of a windowed sinc of 13 taps, at frequencies up to 0.6 of Nyquist; worst seen 0.003."""

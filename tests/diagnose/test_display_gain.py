@@ -7,8 +7,8 @@ import io
 import pytest
 from PIL import Image
 
-from holoview.diagnose.extended_model import add_effect_values, extended_system, with_preset_geometry
-from holoview.diagnose.report.display_gain import display_gain
+from holoview.bench.diagnose.extended_model import add_effect_values, extended_system, with_preset_geometry
+from holoview.bench.diagnose.report.display_gain import display_gain
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import pictures, small_system
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.prepared_captures import FitQuality
-from holoview.captures.records import RecordFindings
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.correct.wrong_records import CheckedRecords
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.assemble import better_explained
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.effects.registry import listed_effects
-from holoview.model.system import System
+from holoview.bench.captures.prepared_captures import FitQuality
+from holoview.bench.captures.records import RecordFindings
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.correct.wrong_records import CheckedRecords
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.assemble import better_explained
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 
 
 @dataclass(frozen=True)

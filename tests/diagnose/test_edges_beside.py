@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from holoview.diagnose import refine, search
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import rank_on_held_out
-from holoview.diagnose.likelihood import Comparison
-from holoview.diagnose.screening import fit_over_range
-from holoview.diagnose.search import _joint_fits, _with_edges_anew
-from holoview.model.effects.effect import Effect
+from holoview.bench.diagnose import refine, search
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import rank_on_held_out
+from holoview.bench.diagnose.likelihood import Comparison
+from holoview.bench.diagnose.screening import fit_over_range
+from holoview.bench.diagnose.search import _joint_fits, _with_edges_anew
+from holoview.light.model.effects.effect import Effect
 from tests.diagnose.conftest import MakeContext
 
 TILT = {"tilt_y": 7.28e-3, "tilt_x": 5.95e-3}

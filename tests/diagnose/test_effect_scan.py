@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.screening import fit_over_range
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.refine import refine_fit
+from holoview.bench.diagnose.screening import fit_over_range
 from tests.diagnose.conftest import make_context_of, small_system
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.diagnose.fit_statistics import ExcessBin, ExcessBreakdown, break_down_excess
+from holoview.bench.diagnose.fit_statistics import ExcessBin, ExcessBreakdown, break_down_excess
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8

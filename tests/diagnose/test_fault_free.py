@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 from benchmarks.fault_free import ARRANGEMENTS, BLURS_PX, SMALLEST, draw, solve
-from holoview.captures import Captures, read_captures
-from holoview.captures.records.light import measure_light
-from holoview.captures.validation import check_captures
-from holoview.captures.virtual_measurement import make_captures
-from holoview.diagnose.correct.bad_captures import find_useless_captures
-from holoview.diagnose.correct.judged_captures import find_suspects
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.records.light import measure_light
+from holoview.bench.captures.validation import check_captures
+from holoview.bench.captures.virtual_measurement import make_captures
+from holoview.bench.diagnose.correct.bad_captures import find_useless_captures
+from holoview.bench.diagnose.correct.judged_captures import find_suspects
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import make_context_of
 from tests.diagnose.independent_fourier import FourierLaboratory, write_session
 from tests.explored import explored

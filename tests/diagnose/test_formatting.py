@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.diagnose.intervals import Interval, format_value
+from holoview.bench.diagnose.intervals import Interval, format_value
 
 
 @pytest.mark.parametrize(

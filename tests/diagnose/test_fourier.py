@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report import error_places
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report import error_places
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
 SATURATED = 9  # pixels each way about the zero order

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.diagnose.report.error_places import (
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.diagnose.report.error_places import (
     FreeCamera,
     FreeMapFit,
     FreeMaps,
@@ -23,7 +23,7 @@ from holoview.diagnose.report.error_places import (
     placed_map,
     suggest_for,
 )
-from holoview.model.effects.hook_contexts import RelayContext
+from holoview.light.model.effects.hook_contexts import RelayContext
 
 MAPS = [
     FreeSource(),

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from holoview.diagnose.screening import fit_over_range
-from holoview.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.screening import fit_over_range
+from holoview.bench.diagnose.starts.fringes import FringeStarts, ModulatorFringeStarts
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, make_context_of
 
 TRUE = {"path_y": 3.65e-6, "path_x": -6.1e-6, "cos1": 0.02, "sin1": -0.01, "cos2": 0.0, "sin2": 0.03}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from holoview.captures.virtual_measurement import AcquisitionSettings
-from holoview.captures.virtual_measurement import make_captures as measure
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import FLOOR_CHI2
-from holoview.diagnose.search import with_captures_that_show
-from holoview.diagnose.search_context import SearchContext
-from holoview.model.bench_parts import Modulator
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings
+from holoview.bench.captures.virtual_measurement import make_captures as measure
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import FLOOR_CHI2
+from holoview.bench.diagnose.search import with_captures_that_show
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.bench_parts import Modulator
 from tests.diagnose.conftest import MakeContext, make_context_of, small_system
 
 STOP = {"radius_error": 0.12}

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.captures.virtual_measurement import Nuisances
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.virtual_measurement import Nuisances
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import NOISE_CHI2, small_system
 from tests.diagnose.sealed import Sealed, Truth
 from tests.explored import explored

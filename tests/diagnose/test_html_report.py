@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.captures.prepared_captures import FitQuality
-from holoview.diagnose.correct.bad_captures import BadCapture
-from holoview.diagnose.intervals import Interval
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Cause, Diagnosis
-from holoview.diagnose.report.display_gain import DisplayGain
-from holoview.diagnose.report.error_places import FreeMapFit, PixelMap, ShownMap
-from holoview.diagnose.report.html_report import write_report
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.prepared_captures import FitQuality
+from holoview.bench.diagnose.correct.bad_captures import BadCapture
+from holoview.bench.diagnose.intervals import Interval
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Cause, Diagnosis
+from holoview.bench.diagnose.report.display_gain import DisplayGain
+from holoview.bench.diagnose.report.error_places import FreeMapFit, PixelMap, ShownMap
+from holoview.bench.diagnose.report.html_report import write_report
+from holoview.light.model.effects.registry import listed_effects
 from tests.chromium import check_document, needs_chromium
 
 QUALITY = FitQuality(1.25, 40.0)

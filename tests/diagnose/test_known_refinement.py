@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures import Captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.model.bench_parts import Modulator
-from holoview.model.effects.effect import Effect, Parameter, Values
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
-from holoview.model.system import System
+from holoview.bench.captures import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.effects.effect import Effect, Parameter, Values
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.model.system import System
 
 KNOWN = {"gap": {"gap_error": 80e-6}}
 UNCERTAIN = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.diagnose.nuisances import estimate_laser_drift
+from holoview.bench.diagnose.nuisances import estimate_laser_drift
 
 CURVATURE = 1e22  # Δχ² of a capture a square metre: 0.1 nm costs 100
 

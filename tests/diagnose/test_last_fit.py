@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from holoview.captures.prepared_captures import PreparedCaptures
-from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.fit import CandidateFit, local_fit, search_within_steps
-from holoview.diagnose.judge import chance_excess, rank_on_held_out
-from holoview.diagnose.refine import fit_to_the_end
-from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
+from holoview.bench.captures.prepared_captures import PreparedCaptures
+from holoview.bench.diagnose.capture_split import CaptureSplit
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.fit import CandidateFit, local_fit, search_within_steps
+from holoview.bench.diagnose.judge import chance_excess, rank_on_held_out
+from holoview.bench.diagnose.refine import fit_to_the_end
+from holoview.bench.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
 from tests.diagnose.conftest import MakeContext
 
 TRUE = {"sigma": 0.58, "coupling": 0.3}

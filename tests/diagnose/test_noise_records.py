@@ -12,13 +12,13 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.predictor import Prediction
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.judge import Decision, NoiseCheck, Verdict, check_noise, limited_by_noise
-from holoview.diagnose.likelihood import Comparison
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.predictor import Prediction
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.judge import Decision, NoiseCheck, Verdict, check_noise, limited_by_noise
+from holoview.bench.diagnose.likelihood import Comparison
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import SHAPE, pictures, small_system
 
 COUNT = 4

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures import Captures, read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.independent import Faults, Laboratory, write_session
 

@@ -6,14 +6,14 @@ import dataclasses
 
 import pytest
 
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import identity_values, local_fit
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.screening import screen_effects
-from holoview.diagnose.search import select_causes
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.fit import identity_values, local_fit
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.screening import screen_effects
+from holoview.bench.diagnose.search import select_causes
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import NOISE_CHI2, MakeContext, small_system
 
 MOVED = {"camera_alignment": {"shift_y": 6e-6, "shift_x": -4e-6}, "tilt": {"tilt_y": 1e-3, "tilt_x": -0.7e-3}}

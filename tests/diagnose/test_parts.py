@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures import Captures
-from holoview.captures.predictor import PLAIN, Predictor
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.config import RegionConfig, SearchConfig
-from holoview.diagnose.crop import middle_of_context, through_windows, without_light_from_beyond
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.parts import parts_of_context
-from holoview.diagnose.pipeline import diagnose, prepare_search
-from holoview.diagnose.search import InitialCandidates, refine_candidates
-from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import PLAIN, Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.config import RegionConfig, SearchConfig
+from holoview.bench.diagnose.crop import middle_of_context, through_windows, without_light_from_beyond
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.parts import parts_of_context
+from holoview.bench.diagnose.pipeline import diagnose, prepare_search
+from holoview.bench.diagnose.search import InitialCandidates, refine_candidates
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
 CONFIG = SearchConfig(region=RegionConfig(side_px=16, further_px=4, min_saving=1.5))

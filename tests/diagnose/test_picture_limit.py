@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from holoview.captures import Captures
-from holoview.captures.predictor import PLAIN, SamplingConfig
-from holoview.diagnose.config import RegionConfig
-from holoview.diagnose.crop import grid_samples, within_limits
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig
+from holoview.bench.diagnose.config import RegionConfig
+from holoview.bench.diagnose.crop import grid_samples, within_limits
+from holoview.light.model.bench_parts import Relay
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures import read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.diagnose.correct.bad_captures import excess_stands_out, without_planes
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.diagnose.correct.bad_captures import excess_stands_out, without_planes
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 from tests.diagnose.independent_camera import CameraFaults, Rail
 from tests.explored import explored

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.starts.picture import PlaneStarts
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.starts.picture import PlaneStarts
 from tests.diagnose.conftest import make_context_of, small_system
 
 PLANES = ("3 mm", "4 mm", "6 mm")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from holoview.diagnose.power_law import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.power_law import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
 
 LAW = listed_effects()["laser_power"]

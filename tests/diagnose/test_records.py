@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from holoview.captures import Captures, read_captures
-from holoview.captures.predictor import SamplingConfig
-from holoview.captures.records import RecordFindings, find_record_errors, plausible_units
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.records import RecordFindings, find_record_errors, plausible_units
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.effects.registry import listed_effects
 from tests.captures.records.mistakes import Name, all_mistakes, names, spoil_file, spoiled
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.explored import explored

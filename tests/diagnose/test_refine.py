@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.refine import refine_fit
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.refine import refine_fit
 from tests.diagnose.conftest import MakeContext
 
 GROSS = {"z4": 4e-7, "z5": 3e-7, "z9": -4e-7}
@@ -25,7 +25,7 @@ def test_a_gross_cause_is_found_from_far_away(make_context: MakeContext, monkeyp
     context = make_context({"aberration1": GROSS})
     far = _fit("aberration1", {name: 0.5 * x for name, x in GROSS.items()})
     with monkeypatch.context() as only:
-        only.setattr("holoview.diagnose.refine._TOLERANT_ROUNDS", 1)
+        only.setattr("holoview.bench.diagnose.refine._TOLERANT_ROUNDS", 1)
         once = refine_fit(context, far)
     assert context.relative_model_error(once.values) > 0.1
     found = refine_fit(context, far).values["aberration1"]

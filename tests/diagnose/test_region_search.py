@@ -11,39 +11,39 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures import Captures
-from holoview.captures.patterns import pattern_roughness
-from holoview.captures.predictor import PLAIN, Predictor
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.trials import central_region, central_slices
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.capture_split import split_captures
-from holoview.diagnose.config import MIN_FIELDS, BudgetConfig, RegionConfig, SearchConfig, VerdictConfig
-from holoview.diagnose.crop import (
+from holoview.bench.captures import Captures
+from holoview.bench.captures.patterns import pattern_roughness
+from holoview.bench.captures.predictor import PLAIN, Predictor
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.records.trials import central_region, central_slices
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.capture_split import split_captures
+from holoview.bench.diagnose.config import MIN_FIELDS, BudgetConfig, RegionConfig, SearchConfig, VerdictConfig
+from holoview.bench.diagnose.crop import (
     MAX_TIME_SHARE,
     measure_missing_light,
     middle_of_context,
     with_fitting_stops,
     without_light_from_beyond,
 )
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.fit import identity_values, local_fit
-from holoview.diagnose.judge import Verdict, rank_on_held_out
-from holoview.diagnose.pipeline import diagnose, prepare_search
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.diagnose.screening import is_dear
-from holoview.diagnose.search import InitialCandidates, refine_candidates
-from holoview.diagnose.search_context import (
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.fit import identity_values, local_fit
+from holoview.bench.diagnose.judge import Verdict, rank_on_held_out
+from holoview.bench.diagnose.pipeline import diagnose, prepare_search
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.diagnose.screening import is_dear
+from holoview.bench.diagnose.search import InitialCandidates, refine_candidates
+from holoview.bench.diagnose.search_context import (
     NeighbourVariances,
     PerThreadPredictor,
     SearchContext,
     SearchEnd,
     SearchEnded,
 )
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import listed_effects
-from holoview.model.system import System
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from tests.diagnose.conftest import MakeContext, small_system
 
 CONFIG = SearchConfig(region=RegionConfig(side_px=32, further_px=8))
@@ -214,7 +214,7 @@ def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypat
         rank_on_held_out(context, initial.fits)
         raise SearchEnded
 
-    monkeypatch.setattr("holoview.diagnose.outlier_rejection.refine_candidates", end)
+    monkeypatch.setattr("holoview.bench.diagnose.outlier_rejection.refine_candidates", end)
     budget = replace(FAR_CONFIG.budget, worker_start_s=0.0)
     captures = _far_session("stroke", "stroke_error", 0.08)
     found = diagnose(captures, FAR_EFFECTS, free_maps=False, workers=2, config=replace(FAR_CONFIG, budget=budget))

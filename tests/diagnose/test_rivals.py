@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import SearchResult, Verdict, decide, rank_on_held_out, score_on_held_out
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.power_law import changes_only_power
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.rivals import find_lookalikes, with_rivals
-from holoview.diagnose.screening import fit_over_range
-from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.registry import EffectValues, listed_effects
-from holoview.model.system import System
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import SearchResult, Verdict, decide, rank_on_held_out, score_on_held_out
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.power_law import changes_only_power
+from holoview.bench.diagnose.refine import refine_fit
+from holoview.bench.diagnose.rivals import find_lookalikes, with_rivals
+from holoview.bench.diagnose.screening import fit_over_range
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.effects.registry import EffectValues, listed_effects
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import make_context_of, measure_at_one_exposure, small_system
 from tests.diagnose.effect_sampling import sample_effect

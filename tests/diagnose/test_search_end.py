@@ -14,11 +14,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose import search_context
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.search_context import (
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose import search_context
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.search_context import (
     NEVER,
     BestSoFar,
     Pace,
@@ -27,8 +27,8 @@ from holoview.diagnose.search_context import (
     describe_so_far,
     describe_work,
 )
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
 from tests.patience import PATIENCE_S
 

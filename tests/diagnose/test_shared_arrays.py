@@ -7,7 +7,7 @@ import multiprocessing
 import numpy as np
 import pytest
 
-from holoview.diagnose.worker_pool import ArrayStore, SharedObjects
+from holoview.bench.diagnose.worker_pool import ArrayStore, SharedObjects
 
 LARGE = np.arange(1 << 19, dtype=np.uint16).reshape(2, 512, 512)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.likelihood import mean_is_significant
+from holoview.bench.diagnose.likelihood import mean_is_significant
 
 
 @pytest.mark.parametrize("captures", [2, 4, 8])

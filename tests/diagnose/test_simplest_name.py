@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 import pytest
 
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, rank_on_held_out
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.rivals import prefer_fewer_numbers, wider_names
-from holoview.diagnose.screening import fit_over_range
-from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, rank_on_held_out
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.refine import refine_fit
+from holoview.bench.diagnose.rivals import prefer_fewer_numbers, wider_names
+from holoview.bench.diagnose.screening import fit_over_range
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import NOISE_CHI2, MakeContext, small_system
 
 Truth = Mapping[str, Mapping[str, float]]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.diagnose.starts.picture import SmearStarts
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.starts.picture import SmearStarts
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
 

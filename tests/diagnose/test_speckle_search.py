@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.captures.picture_import import Shown, import_pictures
-from holoview.diagnose.pipeline import diagnose
-from holoview.diagnose.speckle_evidence import light_by_speckle
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.picture_import import Shown, import_pictures
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.speckle_evidence import light_by_speckle
+from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
 from tests.explored import explored

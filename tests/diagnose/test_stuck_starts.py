@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.diagnose import screening
-from holoview.diagnose.report.error_places import find_pixel_maps, flicker_notes, line_notes
-from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.starts.stuck import (
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.diagnose import screening
+from holoview.bench.diagnose.report.error_places import find_pixel_maps, flicker_notes, line_notes
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.starts.stuck import (
     LINE_SEGMENTS,
     DeadPlace,
     Shows,
@@ -23,8 +23,8 @@ from holoview.diagnose.starts.stuck import (
     likely_span,
     spans_near,
 )
-from holoview.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, make_context_of
 from tests.explored import explored
 

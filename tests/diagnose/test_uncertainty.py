@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
-from holoview.diagnose.intervals import (
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of
+from holoview.bench.diagnose.intervals import (
     LocalInformation,
     LocalJacobian,
     canonical_correlation,
@@ -15,7 +15,7 @@ from holoview.diagnose.intervals import (
     local_information,
     local_jacobian,
 )
-from holoview.model.effects.effect import Effect, Parameter
+from holoview.light.model.effects.effect import Effect, Parameter
 
 CAPTURES, PIXELS = 12, 300
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from holoview.diagnose.config import VerdictConfig
-from holoview.diagnose.fit import CandidateFit
-from holoview.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, decide
+from holoview.bench.diagnose.config import VerdictConfig
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, decide
 
 PIXELS = 100_000.0
 EQUIVALENTS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}

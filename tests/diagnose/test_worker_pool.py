@@ -17,9 +17,9 @@ import numpy as np
 import psutil
 import pytest
 
-from holoview.diagnose.worker_pool import WorkerPool
-from holoview.model.effects import registry
-from holoview.model.effects.effect import Effect
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects import registry
+from holoview.light.model.effects.effect import Effect
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from tests.child_process import child_process
@@ -138,7 +138,7 @@ def test_processes_share_the_memory_and_are_no_more_than_fit(monkeypatch: pytest
 
 
 HAZE = """
-from holoview.effects import Effect, Parameter
+from holoview.light.effects import Effect, Parameter
 
 class Haze(Effect):
     id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)
@@ -192,7 +192,7 @@ def test_workers_dont_hear_ctrl_c(processes: WorkerPool) -> None:
 
 KILLED = """
 import os, time
-from holoview.diagnose.worker_pool import WorkerPool
+from holoview.bench.diagnose.worker_pool import WorkerPool
 
 if __name__ == "__main__":
     with WorkerPool(2) as pool:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from docs._hooks.repository import ROOT
-from holoview import cli
+from holoview.commands import cli
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
 _BLOCK = re.compile(

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.target_builder import TargetSpec
-from holoview.model.bench_parts import Modulator
-from holoview.model.system import System
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.system import System
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.target_builder import TargetSpec
 
 MODULATOR = Modulator(pitch_m=8e-6, shape=(24, 32), stroke_m=825e-9)
 

@@ -16,22 +16,22 @@ import psutil
 import pytest
 
 import tests.document.conftest as bench
-from holoview.document.archive import SessionArchive, SessionData
-from holoview.document.editing_session import EditingSession
-from holoview.document.session_store import Preferences, SessionStore
-from holoview.document.target_builder import TargetSpec
-from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
+from holoview.viewer.document.archive import SessionArchive, SessionData
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import Preferences, SessionStore
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from tests.file_limits import limit_of_file_size
 from tests.patience import PATIENCE_S, wait_until
 
 _PROGRAM = """
 import sys, time
 from pathlib import Path
-from holoview.document.session_store import SessionStore
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.editing_session import EditingSession
 from tests.document.conftest import small_system
 import numpy as np
 session = EditingSession(small_system(), seed=7)
@@ -197,7 +197,7 @@ def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Edi
 def test_a_full_disk_is_told_once_and_all_is_saved_when_there_is_space(
     tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.document.session_store.RETRY_S", 0.02)
+    monkeypatch.setattr("holoview.viewer.document.session_store.RETRY_S", 0.02)
     autosave = SessionStore(tmp_path).start_autosave(session)
     assert autosave.flush()
     with limit_of_file_size(600):  # a smaller file, such as a lock, can still be written
@@ -224,7 +224,7 @@ def test_a_full_disk_is_told_once_and_all_is_saved_when_there_is_space(
 def test_whatever_fails_the_autosave_goes_on(
     tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.document.session_store.RETRY_S", 0.02)
+    monkeypatch.setattr("holoview.viewer.document.session_store.RETRY_S", 0.02)
     autosave = SessionStore(tmp_path).start_autosave(session)
 
     def fail(*_: object) -> None:
@@ -278,7 +278,7 @@ def _assert_saved_once_possible(
     forbid: Callable[[], None],
     allow: Callable[[], None],
 ) -> None:
-    monkeypatch.setattr("holoview.document.session_store.RETRY_S", 0.02)
+    monkeypatch.setattr("holoview.viewer.document.session_store.RETRY_S", 0.02)
     forbid()
     autosave = SessionStore(folder).start_autosave(session)
     session.change("Gap", {"gap": 2e-3})

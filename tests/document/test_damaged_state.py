@@ -14,14 +14,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import tests.document.conftest as bench
-from holoview.document.archive import view_settings_from_table, view_settings_table
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.session_store import Preferences, SessionStore
-from holoview.model.focus import PupilPath
-from holoview.render.view_settings import ViewSettings
+from holoview.light.model.focus import PupilPath
 from holoview.util.errors import UserError
 from holoview.util.tables import record_from_table
+from holoview.viewer.document.archive import view_settings_from_table, view_settings_table
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.session_store import Preferences, SessionStore
+from holoview.viewer.render.view_settings import ViewSettings
 
 _SETTINGS = settings(
     deadline=None,

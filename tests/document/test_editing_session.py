@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.document.document import (
+from holoview.util.errors import UserError
+from holoview.viewer.document.document import (
     MAX_STEPS,
     MERGE_WITHIN_S,
     Document,
@@ -16,10 +17,9 @@ from holoview.document.document import (
     HistoryStep,
     fit_drive,
 )
-from holoview.document.editing_session import Change, EditingSession
-from holoview.document.target_builder import TargetSpec
-from holoview.render.view_settings import TARGET, ComparisonSide, ViewSettings
-from holoview.util.errors import UserError
+from holoview.viewer.document.editing_session import Change, EditingSession
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 

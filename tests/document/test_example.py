@@ -8,8 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import (
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.view import random_drive
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.util.files import data_dir
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import (
     EXAMPLE_PRESET,
     FileLoader,
     new_session,
@@ -17,15 +23,9 @@ from holoview.document.file_loader import (
     shows_example,
     target_from_pixels,
 )
-from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
-from holoview.document.session_store import SessionStore
-from holoview.io.hologram import Hologram
-from holoview.model import preset
-from holoview.model.system import System
-from holoview.optimise.settings import Settings
-from holoview.render.view_settings import SPECKLE_EXPOSURE_STOPS
-from holoview.util.files import data_dir
-from holoview.view import random_drive
+from holoview.viewer.document.optimisation_job import OptimisationRequest, start_optimisation
+from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from tests.patience import PATIENCE_S
 
 FILE = data_dir("assets") / "still-life.safetensors"

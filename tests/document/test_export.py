@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
-from holoview.document.editing_session import EditingSession
-from holoview.document.exports import (
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.view import simulate
+from holoview.light.colour import D65_WHITE, srgb_encode, to_srgb8
+from holoview.light.model import preset
+from holoview.util.errors import UserError
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.exports import (
     png_bytes,
     save_figure,
     save_hologram,
@@ -24,18 +28,14 @@ from holoview.document.exports import (
     save_view,
     scale_bar_length,
 )
-from holoview.document.file_loader import target_from_image_bytes
-from holoview.document.optimisation_job import NAMES as SIDES
-from holoview.document.optimisation_job import start_scheme_comparison
-from holoview.document.target_builder import TargetSpec
-from holoview.io.hologram import load_hologram
-from holoview.model import preset
-from holoview.page.page import read_page
-from holoview.render.planes import render_planes
-from holoview.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
-from holoview.render.view_settings import ViewSettings
-from holoview.util.errors import UserError
-from holoview.view import simulate
+from holoview.viewer.document.file_loader import target_from_image_bytes
+from holoview.viewer.document.optimisation_job import NAMES as SIDES
+from holoview.viewer.document.optimisation_job import start_scheme_comparison
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.page.page import read_page
+from holoview.viewer.render.planes import render_planes
+from holoview.viewer.render.tone_mapping import NAMES, colour_map, compose_comparison, tone_map
+from holoview.viewer.render.view_settings import ViewSettings
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 

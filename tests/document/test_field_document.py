@@ -15,22 +15,22 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession, OptimisationChoices
-from holoview.document.file_loader import FileLoader, most_samples_for, read_content
-from holoview.document.focus_edits import focus_at, focus_range_m, look_on_other_side
-from holoview.document.optimisation_job import RestOfOptimisation, chosen_optimisation, start_optimisation
-from holoview.document.target_builder import TargetSpec, example_target
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu.adapter import MIB
-from holoview.gpu.device import Device
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.render.page_images import phase_turns
-from holoview.targets.target import Placement
+from holoview.holograms.fields.interpret import strips
+from holoview.holograms.files.request import Order, ReadRequest
+from holoview.holograms.targets.target import Placement
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.adapter import MIB
+from holoview.light.gpu.device import Device
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret import strips
-from holoview.wavefield.request import Order, ReadRequest
+from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
+from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
+from holoview.viewer.document.file_loader import FileLoader, most_samples_for, read_content
+from holoview.viewer.document.focus_edits import focus_at, focus_range_m, look_on_other_side
+from holoview.viewer.document.optimisation_job import RestOfOptimisation, chosen_optimisation, start_optimisation
+from holoview.viewer.document.target_builder import TargetSpec, example_target
+from holoview.viewer.render.page_images import phase_turns
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 

@@ -12,21 +12,21 @@ import pytest
 from PIL import Image
 
 import tests.document.conftest as bench
-from holoview.document import file_loader
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import (
+from holoview.holograms.files.pictures import write_pattern
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.view import random_drive
+from holoview.light.model import preset
+from holoview.util.errors import UserError
+from holoview.viewer.document import file_loader
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import (
     FileLoader,
     FileWatcher,
     read_content,
     target_from_image_bytes,
     target_from_pixels,
 )
-from holoview.io.hologram import Hologram
-from holoview.io.pictures import write_pattern
-from holoview.model import preset
-from holoview.page.page import export_html
-from holoview.util.errors import UserError
-from holoview.view import random_drive
+from holoview.viewer.page.page import export_html
 from tests.patience import PATIENCE_S, wait_until
 
 SYSTEM = bench.small_system()

@@ -7,9 +7,11 @@ from threading import Event
 
 import pytest
 
-from holoview.document.editing_session import EditingSession
-from holoview.document.jobs import JobControl, format_job
-from holoview.document.optimisation_job import (
+from holoview.holograms.optimise.settings import Settings
+from holoview.util.errors import UserError
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.jobs import JobControl, format_job
+from holoview.viewer.document.optimisation_job import (
     OptimisationRequest,
     last_optimisation,
     running_optimisation,
@@ -17,9 +19,7 @@ from holoview.document.optimisation_job import (
     start_quick_optimisation,
     with_superpixels,
 )
-from holoview.document.target_builder import TargetSpec
-from holoview.optimise.settings import Settings
-from holoview.util.errors import UserError
+from holoview.viewer.document.target_builder import TargetSpec
 from tests.patience import PATIENCE_S, wait_until
 
 SHORT = OptimisationRequest(Settings(iterations=4), preview_every=1, device="cpu")

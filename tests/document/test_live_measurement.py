@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE
-from holoview.document.editing_session import EditingSession
-from holoview.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
+from holoview.light.colour import D65_WHITE
 from holoview.util.processes import LatestTask
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
 from tests.patience import PATIENCE_S, wait_until
 
 
@@ -46,7 +46,7 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
         assert goes_on.wait(PATIENCE_S)
         return measure_image(*args)
 
-    monkeypatch.setattr("holoview.document.measurements.measure_image", slow)
+    monkeypatch.setattr("holoview.viewer.document.measurements.measure_image", slow)
     means: list[float] = []
     live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
     live.request(session.document, np.ones((48, 64, 3)))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, xyz_to_linear_srgb
-from holoview.document.editing_session import EditingSession
-from holoview.document.measurements import ImageScore, LiveScore, image_psnr_db
-from holoview.metrics.perceptual import flip, ms_ssim
+from holoview.holograms.metrics.perceptual import flip, ms_ssim
+from holoview.light.colour import D65_WHITE, xyz_to_linear_srgb
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.measurements import ImageScore, LiveScore, image_psnr_db
 from tests.patience import wait_until
 
 

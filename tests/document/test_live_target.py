@@ -9,21 +9,21 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.document.editing_session import EditingSession
-from holoview.document.optimisation_job import (
+from holoview.holograms.optimise.eyes import OptimisedEyes
+from holoview.holograms.optimise.memory import with_compact_grid
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import follow
+from holoview.holograms.targets.picture import read_picture
+from holoview.util.errors import UserError
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.optimisation_job import (
     LiveOptimisationJob,
     OptimisationRequest,
     running_optimisation,
     start_live_optimisation,
     unfinished_optimisation,
 )
-from holoview.document.target_builder import TargetSpec
-from holoview.optimise.eyes import OptimisedEyes
-from holoview.optimise.memory import with_compact_grid
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import follow
-from holoview.targets.picture import read_picture
-from holoview.util.errors import UserError
+from holoview.viewer.document.target_builder import TargetSpec
 from tests.patience import wait_until
 
 

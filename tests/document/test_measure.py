@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.app.panels import gamut
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.document.measurements import contrast_by_wavelength, line_profile, measure_region, sample_pixel
-from holoview.metrics.speckle import independent_pattern_count, laser_luminances
+from holoview.holograms.metrics.speckle import independent_pattern_count, laser_luminances
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
 from holoview.util.errors import UserError
+from holoview.viewer.app.panels import gamut
+from holoview.viewer.document.measurements import contrast_by_wavelength, line_profile, measure_region, sample_pixel
 from tests.document.conftest import small_system
 
 WHOLE = (0, 0, 256, 256)

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession, OptimisationChoices
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.focus_edits import toggle_eye
-from holoview.document.optimisation_job import OptimisationRequest, chosen_optimisation, start_optimisation
-from holoview.document.session_store import SessionStore
-from holoview.optimise.eyes import OptimisedEyes
+from holoview.holograms.optimise.eyes import OptimisedEyes
 from holoview.util.errors import UserError
 from holoview.util.tables import record_from_table
+from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
+from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.focus_edits import toggle_eye
+from holoview.viewer.document.optimisation_job import OptimisationRequest, chosen_optimisation, start_optimisation
+from holoview.viewer.document.session_store import SessionStore
 
 CHOSEN = OptimisationChoices("holochrome-8", "xyz", "smooth", 7, 0.03, "random:4:0.8mm", "ignore")
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.document.archive import SessionArchive, SessionData, read_session
-from holoview.document.editing_session import EditingSession
-from holoview.document.exports import save_path, save_path_animation, save_path_pictures
-from holoview.document.file_loader import FileLoader
-from holoview.document.focus_edits import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
-from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
-from holoview.model.focus import PupilPath, system_at
-from holoview.render.tone_mapping import tone_map
+from holoview.holograms.files.pupil_path_file import load_pupil_path, save_pupil_path
+from holoview.holograms.view import simulate
+from holoview.light.model.focus import PupilPath, system_at
 from holoview.util.errors import UserError
-from holoview.view import simulate
+from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.exports import save_path, save_path_animation, save_path_pictures
+from holoview.viewer.document.file_loader import FileLoader
+from holoview.viewer.document.focus_edits import PupilMotion, focus_at, move_pupil, plane_of, toggle_eye
+from holoview.viewer.render.tone_mapping import tone_map
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
-from holoview.colour import observer_weights
-from holoview.model import preset
-from holoview.render.progressive_renderer import make_quick_system, reduced_amplitudes
+from holoview.light.colour import observer_weights
+from holoview.light.model import preset
+from holoview.viewer.render.progressive_renderer import make_quick_system, reduced_amplitudes
 
 SYSTEM = preset.load("holochrome-8")
 

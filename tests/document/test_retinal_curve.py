@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.document.editing_session import EditingSession
-from holoview.document.focus_edits import move_pupil, toggle_eye
-from holoview.document.measurements import luminance_of, measure_image
-from holoview.document.optimisation_job import RetinalCurves
-from holoview.document.target_builder import TargetSpec
-from holoview.metrics.speckle import retinal_contrast
+from holoview.holograms.metrics.speckle import retinal_contrast
+from holoview.holograms.view import simulate
 from holoview.util.errors import UserError
-from holoview.view import simulate
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.focus_edits import move_pupil, toggle_eye
+from holoview.viewer.document.measurements import luminance_of, measure_image
+from holoview.viewer.document.optimisation_job import RetinalCurves
+from holoview.viewer.document.target_builder import TargetSpec
 from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 

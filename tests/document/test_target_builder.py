@@ -6,10 +6,10 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.target_builder import TargetBuilder
-from holoview.model import preset
+from holoview.light.model import preset
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.target_builder import TargetBuilder
 from tests.patience import PATIENCE_S
 
 

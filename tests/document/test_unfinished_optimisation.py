@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.document.archive import SESSION_FILE
-from holoview.document.document import Document
-from holoview.document.optimisation_job import RestOfOptimisation, read_rest, running_optimisation
-from holoview.document.session_store import SessionStore
-from holoview.optimise.eyes import OptimisedEyes
-from holoview.optimise.memory import with_compact_grid
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise.eyes import OptimisedEyes
+from holoview.holograms.optimise.memory import with_compact_grid
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
 from holoview.util.errors import UserError
+from holoview.viewer.document.archive import SESSION_FILE
+from holoview.viewer.document.document import Document
+from holoview.viewer.document.optimisation_job import RestOfOptimisation, read_rest, running_optimisation
+from holoview.viewer.document.session_store import SessionStore
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
 
@@ -29,11 +29,11 @@ _PROGRAM = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from holoview.optimise.settings import Settings
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.optimisation_job import OptimisationRequest, start_optimisation
-from holoview.document.session_store import SessionStore
+from holoview.holograms.optimise.settings import Settings
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.optimisation_job import OptimisationRequest, start_optimisation
+from holoview.viewer.document.session_store import SessionStore
 from tests.document.conftest import small_system
 session = EditingSession(small_system(), seed=7)
 autosave = SessionStore(Path(sys.argv[1])).start_autosave(session)

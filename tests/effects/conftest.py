@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.predictor import Predictor
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.bench_parts import Relay
 
 SHAPE = (20, 28)
 PITCH = 8e-6

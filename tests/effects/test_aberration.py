@@ -12,10 +12,10 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.hook_contexts import RelayContext
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 SINE = torch.linspace(-0.03, 0.03, 401).double()

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.model.effects.hook_contexts import ModulatorContext, Pose
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures
+from holoview.light.model.effects.hook_contexts import ModulatorContext, Pose
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 AT = ModulatorContext(1, 520e-9, 780e-9, 8e-6, (12, 16), 2)

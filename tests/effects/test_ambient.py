@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.likelihood import Comparison
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.likelihood import Comparison
 from tests.diagnose.conftest import small_system
 
 ROOM = {"ambient": {"level": 300.0, "slope_y": 100.0, "slope_x": -50.0}}

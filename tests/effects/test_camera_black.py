@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
 
 
 def test_it_adds_counts(make_session: Callable[..., Captures]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import torch
 
-from holoview.captures.dataset import Captures
+from holoview.bench.captures.dataset import Captures
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

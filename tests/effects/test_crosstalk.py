@@ -11,10 +11,10 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 Make = Callable[..., Captures]
 

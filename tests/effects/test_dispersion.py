@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 
 @pytest.mark.parametrize(("wavelength_m", "factor"), [(550e-9, 1.0), (450e-9, 1.1 + 0.02), (650e-9, 0.9 + 0.02)])

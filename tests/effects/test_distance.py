@@ -10,8 +10,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.model.derived_numbers import info_rows
+from holoview.bench.captures.dataset import Captures
+from holoview.light.model.derived_numbers import info_rows
 from holoview.util.errors import UserError
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import listed_effects, load_user_effects
-from holoview.model.preset import loads
-from holoview.optics.torch_effects import TorchEffects
+from holoview.light.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import listed_effects, load_user_effects
+from holoview.light.model.preset import loads
+from holoview.light.optics.torch_effects import TorchEffects
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
 

@@ -10,10 +10,10 @@ import torch
 from scipy.special import j0
 
 import holoview as hv
-from holoview.captures.dataset import Captures, SlmSpec
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.registry import get_effect
-from holoview.model.validity import LIMITS
+from holoview.bench.captures.dataset import Captures, SlmSpec
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.model.validity import LIMITS
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -9,12 +9,12 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.model.bench_parts import Relay
-from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext
-from holoview.model.effects.registry import ActiveEffects, get_effect
-from holoview.model.plan import make_plan
-from holoview.optics.torch_effects import SampledTransmissions
+from holoview.bench.captures.dataset import Captures
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.effects.hook_contexts import CameraContext, ModulatorContext
+from holoview.light.model.effects.registry import ActiveEffects, get_effect
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError
 
 SHAPE = (30, 40)

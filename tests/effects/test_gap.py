@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import get_effect
 
 
 def test_a_copy_lies_beside_the_picture() -> None:

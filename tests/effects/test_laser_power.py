@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
+from holoview.bench.captures.dataset import Captures
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.effect import DataProperties
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.effect import DataProperties
+from holoview.light.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
 
 IDS = [

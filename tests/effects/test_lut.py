@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 SHARE = torch.linspace(0, 1, 16, dtype=torch.float64)[None]
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 SHARE = torch.linspace(0, 1, 16, dtype=torch.float64)[None]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Camera, Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures.dataset import Camera, Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.bench_parts import Relay
 from tests.effects.conftest import SHAPE
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]

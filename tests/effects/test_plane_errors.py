@@ -9,13 +9,13 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.model import preset
-from holoview.model.effects.registry import ActiveEffects, get_effect
-from holoview.model.plan import make_plan
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.light.model import preset
+from holoview.light.model.effects.registry import ActiveEffects, get_effect
+from holoview.light.model.plan import make_plan
 from holoview.util.errors import UserError
 from tests.diagnose.conftest import small_system
 

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures, SlmSpec
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures, SlmSpec
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

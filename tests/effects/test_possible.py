@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor, check_known_effects, check_user_effects
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.cli import main
-from holoview.diagnose.fit import free_parameters_of
-from holoview.document.editing_session import EditingSession
-from holoview.model.effects.effect import CAMERA_HOOKS, Effect, ListParameter, Parameter
-from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.effects.registry import (
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor, check_known_effects, check_user_effects
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.fit import free_parameters_of
+from holoview.commands.cli import main
+from holoview.light.model.effects.effect import CAMERA_HOOKS, Effect, ListParameter, Parameter
+from holoview.light.model.effects.hook_contexts import RelayContext
+from holoview.light.model.effects.registry import (
     ActiveEffects,
     bench_properties,
     effect_on_bench,
@@ -29,8 +28,9 @@ from holoview.model.effects.registry import (
     unmet_by_bench,
     unmet_by_data,
 )
-from holoview.model.system import System
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
+from holoview.viewer.document.editing_session import EditingSession
 
 Make = Callable[..., Captures]
 Values = Mapping[str, Mapping[str, Any]]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.effect import CAMERA_HOOKS
-from holoview.model.effects.registry import listed_effects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.effect import CAMERA_HOOKS
+from holoview.light.model.effects.registry import listed_effects
 
 Make = Callable[..., Captures]
 SEEN = {name: effect for name, effect in listed_effects().items() if not effect.overrides("image")}

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.torch_effects import TorchEffects
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.light.optics.torch_effects import TorchEffects
 from tests.diagnose.conftest import small_system
 
 Make = Callable[..., Captures]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
-from holoview.numerics.surfaces import zernike
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.numerics.surfaces import zernike
 
 
 def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:

@@ -11,16 +11,16 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.effects.slm_stuck import describe_levels
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model import preset
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.effects.slm_stuck import describe_levels
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model import preset
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 
 Make = Callable[..., Captures]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.effects.illumination import directions_per_side, spot_directions
-from holoview.model.bench_parts import Relay
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures
+from holoview.light.effects.illumination import directions_per_side, spot_directions
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

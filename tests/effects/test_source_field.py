@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.colour import xyz_to_linear_srgb
-from holoview.model.system import System
+from holoview.light.colour import xyz_to_linear_srgb
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 PITCH_M = 3e-6  # of the field: another than the simulation's 4 µm

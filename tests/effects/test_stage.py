@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.captures.predictor import Predictor
-from holoview.model.effects.registry import ActiveEffects, unmet_requirement
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.light.model.effects.registry import ActiveEffects, unmet_requirement
 from tests.diagnose.conftest import small_system
 
 Make = Callable[..., Captures]
@@ -72,7 +72,7 @@ def test_it_is_the_cameras_so_that_an_eye_sees_nothing_of_it() -> None:
 
 
 def test_the_search_begins_within_the_reach_of_its_fits() -> None:
-    from holoview.model.effects.registry import get_effect
+    from holoview.light.model.effects.registry import get_effect
 
     starts = list(get_effect("stage").starting_points(small_system(planes=[3e-3, 6e-3])))
     assert max(s.get("scale", 0.0) for s in starts) == pytest.approx(0.1) and len(starts) == 18

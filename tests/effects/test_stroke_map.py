@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 SHAPE = (30, 40)
 CORNER_PX = 25.0  # half the diagonal of 30 × 40 pixels

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures.dataset import Captures
+from holoview.light.model.bench_parts import Relay
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 _ANGLE = 2e-3

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.dataset import Captures, SlmSpec
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.bench.captures.dataset import Captures, SlmSpec
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -9,9 +9,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.model import preset
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model import preset
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import get_effect
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from holoview.captures.dataset import Captures
+from holoview.bench.captures.dataset import Captures
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.engine.compositor import Compositor
-from holoview.engine.fused import IntensityMemory
-from holoview.gpu.device import Device
+from holoview.light.engine.compositor import Compositor
+from holoview.light.engine.fused import IntensityMemory
+from holoview.light.gpu.device import Device
 
 pytestmark = pytest.mark.gpu
 

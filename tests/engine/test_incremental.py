@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.line_fft import Strategy, supported_strategies
-from holoview.model.bench_parts import Modulator
-from holoview.model.effects.registry import load_user_effects, without_user_effects
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.holograms.view import random_drive
+from holoview.light.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.gpu.device import Device, DeviceLost, open_device
+from holoview.light.gpu.line_fft import Strategy, supported_strategies
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.effects.registry import load_user_effects, without_user_effects
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.view import random_drive
 from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
@@ -373,7 +373,7 @@ def test_an_impossible_edit_changes_nothing(device: Device) -> None:
 
 
 FAILING = """
-from holoview.effects import Effect, Parameter
+from holoview.light.effects import Effect, Parameter
 
 
 class Failing(Effect):

@@ -7,11 +7,11 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.gpu.device import Device
-from holoview.model.bench_parts import Modulator
-from holoview.model.system import System
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.gpu.device import Device
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.system import System
 from tests.explored import explored
 
 pytestmark = pytest.mark.gpu

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.engine.backend import open_executor
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.light_behind import power_behind
-from holoview.engine.light_share import light_shares, luminance_share
-from holoview.model.effects.registry import listed_effects
-from holoview.model.plan import make_plan
-from holoview.wavefield.field_bench import edge_power
+from holoview.holograms.fields.field_bench import edge_power
+from holoview.light.engine.backend import open_executor
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.light_behind import power_behind
+from holoview.light.engine.light_share import light_shares, luminance_share
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.plan import make_plan
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192
 HALF_M = N * PITCH_M / 2

@@ -9,17 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.engine.point_light import (
+from holoview.light.engine.point_light import (
     BeamAtPoint,
     beam_at_point,
     local_spectrum,
     point_steps,
     section_steps,
 )
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 
 PLANE_M, PLACE = 6e-3, (17, 40)
 ROUNDING = 1e-12  # of sums of 1e5 numbers in float64, relative to the largest of them

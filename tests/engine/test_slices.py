@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.gpu.device import Device
-from holoview.gpu.recorder import SlicedRecorder
-from holoview.model.bench_parts import Modulator
-from holoview.model.system import System
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.recorder import SlicedRecorder
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.system import System
 
 pytestmark = pytest.mark.gpu
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.model.plan import make_plan
+from holoview.light.model.plan import make_plan
 from holoview.util.errors import UserError
 
 

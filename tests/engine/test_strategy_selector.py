@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine import incremental
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.gpu.device import Device
-from holoview.gpu.line_fft import Strategy, TransformShader
-from holoview.model.bench_parts import Modulator
-from holoview.model.system import System
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.engine import incremental
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import Strategy, TransformShader
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.system import System
 
 pytestmark = pytest.mark.gpu
 

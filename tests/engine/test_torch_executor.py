@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 
 SINGLE_TOLERANCE = 1e-6  # relative L2 of intensity; measured 3e-7 … 5e-7
 DOUBLE_TOLERANCE = 1e-13  # measured up to 2e-14

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from holoview.experiment.rig_bench import within_alignment
-from holoview.rig.registration import Measured
+from holoview.bench.experiment.rig_bench import within_alignment
+from holoview.bench.rig.registration import Measured
 from tests.rig.test_registration import REGISTRATION, VALUES
 
 # Of PLACEMENT: the stage's zero is known to 1 µm, its scale to 1e-4 (1 µm at 10 mm), the shift in y to 0.1 µm.

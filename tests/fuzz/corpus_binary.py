@@ -251,7 +251,7 @@ def changed_tensors(kind: str, change: TensorEdit, family: str, name: str) -> Ca
         (folder / file).write_bytes(save(tensors, texts))
 
     def read() -> None:
-        from holoview.calibrate.train import load_checkpoint
+        from holoview.bench.calibrate.train import load_checkpoint
 
         load_checkpoint(file)
 

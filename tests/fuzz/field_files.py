@@ -98,8 +98,8 @@ def read_field(name: str) -> None:
     """Reads a file with guesses for whatever it doesn't say, whole and in parts; what is read is finite."""
     from dataclasses import replace
 
+    from holoview.holograms.fields.reading import ReadRequest, read_wavefield
     from holoview.util.errors import UserError
-    from holoview.wavefield.reading import ReadRequest, read_wavefield
 
     request = ReadRequest(accept_guesses=True)
     reading = read_wavefield(name, request)

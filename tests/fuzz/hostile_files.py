@@ -416,7 +416,7 @@ def pictures(rng: Random) -> Case:
         return field_case("picture headers", name, data)
 
     def read() -> None:
-        from holoview.targets.image_reader import picture_count, read_rasters
+        from holoview.holograms.files.image_reader import picture_count, read_rasters
 
         for raster in read_rasters(Path(name)):
             assert raster.values.size
@@ -488,7 +488,7 @@ def pages(rng: Random) -> Case:
     page = text.encode() if rng.random() < 0.5 else valid("web page")["page.html"] + text.encode()
 
     def read() -> None:
-        from holoview.document.file_loader import read_content
+        from holoview.viewer.document.file_loader import read_content
 
         read_content("page.html", small_system())
 
@@ -514,7 +514,7 @@ def pushes(rng: Random) -> Case:
     def send() -> None:
         import http.client
 
-        from holoview.wavefield.exchange import HOST, FieldListener
+        from holoview.holograms.fields.exchange import HOST, FieldListener
 
         os.environ["XDG_CACHE_HOME"] = str(Path.cwd())
         listening = FieldListener(lambda field: None)

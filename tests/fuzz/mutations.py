@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from holoview.study.runner import ResultStore
-from holoview.study.study import StudyJob
+from holoview.evidence.study.runner import ResultStore
+from holoview.evidence.study.study import StudyJob
 from tests.fuzz.corpus import TORCH
 from tests.fuzz.field_files import read_field
 from tests.fuzz.trial import Case
@@ -148,7 +148,7 @@ def damaged_session(rng: Random) -> Case:
     file = files[int(rng.integers(len(files)))]
 
     def read() -> None:
-        from holoview.document.archive import read_session
+        from holoview.viewer.document.archive import read_session
 
         read_session(Path("session"))
 
@@ -172,8 +172,8 @@ def damaged_virtual_bench(rng: Random) -> Case:
     """What a virtual bench really is, with damage; a bench reads it in a process of its own."""
 
     def read() -> None:
-        from holoview.rig import read_rig
-        from holoview.rig.virtual.server import read_virtual_settings
+        from holoview.bench.rig import read_rig
+        from holoview.bench.rig.virtual.server import read_virtual_settings
 
         read_virtual_settings(read_rig("rig.toml"))
 
@@ -190,7 +190,7 @@ def damaged_web_page(rng: Random) -> Case:
     link = f"page.html#{'&'.join(parts)}" if rng.random() < 0.3 else "page.html"
 
     def read() -> None:
-        from holoview.document.file_loader import read_content
+        from holoview.viewer.document.file_loader import read_content
 
         read_content(link, small_system())
 
@@ -297,7 +297,7 @@ _WORDS = (
 @cache
 def _options() -> tuple[tuple[tuple[str, ...], str, int], ...]:
     """Every option that takes values, with the command before it and the number of values."""
-    from holoview.cli import _parser
+    from holoview.commands.cli import _parser
 
     runs = {
         "render": ("render", "bench.toml", *TORCH),
@@ -331,7 +331,7 @@ def random_option(rng: Random) -> Case:
 
 
 def _random_effect(rng: Random) -> str:
-    from holoview.model.effects.registry import listed_effects
+    from holoview.light.model.effects.registry import listed_effects
 
     effects = list(listed_effects().values())
     effect = effects[int(rng.integers(len(effects)))]

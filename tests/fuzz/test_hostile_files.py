@@ -14,21 +14,21 @@ import numpy as np
 import pytest
 import tifffile
 
-from holoview.captures.capture_file import read_captures
-from holoview.cli import main
-from holoview.document.file_loader import read_content
-from holoview.io.hologram import Hologram
-from holoview.page.link import shown_by_link
-from holoview.page.page import read_page
-from holoview.targets.image_reader import picture_count, read_raster
+from holoview.bench.captures.capture_file import read_captures
+from holoview.commands.cli import main
+from holoview.holograms.fields.interpret.remembered import notes_path, remember
+from holoview.holograms.fields.reading import ReadRequest, read_wavefield
+from holoview.holograms.files.image_reader import picture_count, read_raster
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.view import random_drive
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.files import read_bytes
 from holoview.util.safetensors_file import metadata_of, open_tensors
 from holoview.util.text import plain_name
-from holoview.view import random_drive
-from holoview.wavefield.interpret.remembered import notes_path, remember
-from holoview.wavefield.reading import ReadRequest, read_wavefield
+from holoview.viewer.document.file_loader import read_content
+from holoview.viewer.page.link import shown_by_link
+from holoview.viewer.page.page import read_page
 from tests.fuzz.field_files import MAT_HEADER
 from tests.fuzz.hostile_files import FAMILIES, SPECIAL, npy
 from tests.fuzz.trial import Case

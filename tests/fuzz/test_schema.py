@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from safetensors.numpy import save_file
 
-from holoview.calibrate.train import _format
-from holoview.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
-from holoview.io.hologram import _FILE
-from holoview.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes
-from holoview.optimise import checkpoint
-from holoview.optimise.settings import Settings
+from holoview.bench.calibrate.train import _format
+from holoview.bench.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS, PER_CAPTURE, SLM_NUMBERS
+from holoview.holograms.hologram import _FILE
+from holoview.holograms.optimise import checkpoint
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import MAX_DEPTH, ArraySchema, NumberSchema, parse_json, parse_toml, read_record

@@ -29,11 +29,28 @@ VERDICTS = ("clear", "worked", "traceback", "hang", "signal", "memory", "not fin
 
 ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
-    *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.document.archive"),
-    *("holoview.model.effects.learned_maps", "holoview.io.hologram", "holoview.study.runner"),
-    *(f"holoview.wavefield.readers.{name}" for name in ("exr_file", "hdf5_file", "matlab5", "numpy_file", "openholo")),
-    *("holoview.wavefield.reading", "holoview.wavefield.readers.picture_file", "holoview.wavefield.readers.tiff_file"),
-    *("holoview.rig.virtual.server", "holoview.diagnose.pipeline", "holoview.wavefield.exchange", "scipy.io"),
+    *(
+        "holoview.commands.cli",
+        "holoview.light.engine.torch_executor",
+        "holoview.light.optics.frame_inputs",
+        "holoview.viewer.document.archive",
+    ),
+    *("holoview.light.model.effects.learned_maps", "holoview.holograms.hologram", "holoview.evidence.study.runner"),
+    *(
+        f"holoview.holograms.files.readers.{name}"
+        for name in ("exr_file", "hdf5_file", "matlab5", "numpy_file", "openholo")
+    ),
+    *(
+        "holoview.holograms.fields.reading",
+        "holoview.holograms.files.readers.picture_file",
+        "holoview.holograms.files.readers.tiff_file",
+    ),
+    *(
+        "holoview.bench.rig.virtual.server",
+        "holoview.bench.diagnose.pipeline",
+        "holoview.holograms.fields.exchange",
+        "scipy.io",
+    ),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
     *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )
@@ -151,7 +168,7 @@ def _run_in_child(case: Case, folder: Path, limits: Limits, before: set[Path]) -
 
 
 def _call(case: Case) -> int:
-    from holoview.cli import main
+    from holoview.commands.cli import main
     from holoview.util.errors import UserError
 
     if case.call is None:

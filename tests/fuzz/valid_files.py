@@ -14,19 +14,19 @@ import tifffile
 from PIL import Image
 
 import holoview as hv
-from holoview.calibrate.train import CalibrationCheckpoint, CalibrationSettings, TrainingProgress
-from holoview.document.archive import SessionArchive, SessionData
-from holoview.document.editing_session import EditingSession
-from holoview.io.pictures import write_pattern
-from holoview.model import preset
-from holoview.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
-from holoview.model.system import System
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.rig.registration import Measured, Registration, write_registration
-from holoview.study.runner import ResultStore
-from holoview.study.study import JobResult, StudyJob
-from holoview.targets.picture import read_picture
+from holoview.bench.calibrate.train import CalibrationCheckpoint, CalibrationSettings, TrainingProgress
+from holoview.bench.rig.registration import Measured, Registration, write_registration
+from holoview.evidence.study.runner import ResultStore
+from holoview.evidence.study.study import JobResult, StudyJob
+from holoview.holograms.files.pictures import write_pattern
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.holograms.targets.picture import read_picture
+from holoview.light.model import preset
+from holoview.light.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
+from holoview.light.model.system import System
+from holoview.viewer.document.archive import SessionArchive, SessionData
+from holoview.viewer.document.editing_session import EditingSession
 from tests.fuzz.field_files import make_fields
 from tests.rig.conftest import write_rig
 
@@ -90,7 +90,7 @@ def _captures(folder: Path) -> None:
 
 def _calibration_checkpoint(folder: Path) -> None:
     """Of the valid captures; only its reading is tried, as training takes long."""
-    from holoview.captures import read_captures
+    from holoview.bench.captures import read_captures
 
     _captures(folder)
     captures = read_captures(folder / "captures.h5")

@@ -15,8 +15,8 @@ import cffi
 import pytest
 import wgpu
 
-from holoview.gpu import adapter
-from holoview.gpu.adapter import TESTED_VERSIONS, load_declarations, native_adapters, stored_declarations
+from holoview.light.gpu import adapter
+from holoview.light.gpu.adapter import TESTED_VERSIONS, load_declarations, native_adapters, stored_declarations
 from tests.patience import PATIENCE_S
 
 
@@ -38,7 +38,7 @@ CHANGED = "typedef struct { int x; double y[4]; } Point;"
 LOAD = """
 import sys, warnings
 warnings.simplefilter("error")
-from holoview.gpu.adapter import load_backend
+from holoview.light.gpu.adapter import load_backend
 load_backend()
 import wgpu
 assert wgpu.gpu.wgsl_language_features is not None
@@ -47,7 +47,7 @@ assert wgpu.gpu.wgsl_language_features is not None
 
 OPEN_AT_ONCE = """
 from threading import Thread
-from holoview.gpu.device import open_device
+from holoview.light.gpu.device import open_device
 threads = [Thread(target=lambda: [open_device() for _ in range(12)]) for _ in range(4)]
 for thread in threads:
     thread.start()
@@ -141,7 +141,9 @@ def test_the_backend_loads_from_the_file_without_the_parser(tmp_path: Path) -> N
 
 
 def test_the_backend_loads_when_it_uses_cffi_in_another_way_and_says_so(tmp_path: Path) -> None:
-    another_way = "from holoview.gpu import adapter\nadapter.load_declarations = lambda header, folder: object()\n"
+    another_way = (
+        "from holoview.light.gpu import adapter\nadapter.load_declarations = lambda header, folder: object()\n"
+    )
     told = _run(another_way + LOAD, tmp_path)
     assert "RuntimeWarning" in told.stderr
     assert "starts slowly" in told.stderr
@@ -150,7 +152,7 @@ def test_the_backend_loads_when_it_uses_cffi_in_another_way_and_says_so(tmp_path
 
 
 def test_a_version_that_was_not_tested_loads_as_it_is(tmp_path: Path) -> None:
-    done = _run(f"from holoview.gpu import adapter\nadapter.TESTED_VERSIONS = ()\n{LOAD}", tmp_path)
+    done = _run(f"from holoview.light.gpu import adapter\nadapter.TESTED_VERSIONS = ()\n{LOAD}", tmp_path)
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "holoview").exists()
 

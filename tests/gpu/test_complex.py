@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.device import Device
-from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.shader import GeneratedWgsl, link
 
 pytestmark = pytest.mark.gpu
 

@@ -15,12 +15,12 @@ import pytest
 import wgpu
 from numpy.typing import NDArray
 
-import holoview.gpu
-from holoview.gpu import device as device_module
-from holoview.gpu.adapter import MIB, REQUIRED_LIMITS, AdapterInfo, check_limits, choose_adapter, native_adapters
-from holoview.gpu.device import Device, DeviceLost, Pipeline, open_device
-from holoview.gpu.recorder import CommandRecorder, Dispatch, check_workgroups, workgroup_grid
-from holoview.gpu.shader import GeneratedWgsl, link
+import holoview.light.gpu
+from holoview.light.gpu import device as device_module
+from holoview.light.gpu.adapter import MIB, REQUIRED_LIMITS, AdapterInfo, check_limits, choose_adapter, native_adapters
+from holoview.light.gpu.device import Device, DeviceLost, Pipeline, open_device
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch, check_workgroups, workgroup_grid
+from holoview.light.gpu.shader import GeneratedWgsl, link
 from holoview.util.errors import UserError
 
 gpu = pytest.mark.gpu
@@ -108,8 +108,8 @@ def test_a_label_says_it_all_and_flags_opengl_and_cpu(info: AdapterInfo, label: 
 
 def test_importing_the_package_needs_no_driver() -> None:
     program = """
-import importlib, pkgutil, holoview.gpu
-for module in pkgutil.iter_modules(holoview.gpu.__path__, "holoview.gpu."):
+import importlib, pkgutil, holoview.light.gpu
+for module in pkgutil.iter_modules(holoview.light.gpu.__path__, "holoview.light.gpu."):
     importlib.import_module(module.name)
 """
     no_driver = {"VK_ICD_FILENAMES": "/nowhere", "VK_DRIVER_FILES": "/nowhere", "PATH": ""}
@@ -119,7 +119,7 @@ for module in pkgutil.iter_modules(holoview.gpu.__path__, "holoview.gpu."):
 
 def test_the_package_knows_no_optics() -> None:
     allowed = {"gpu", "numerics", "util"}
-    for path in Path(holoview.gpu.__file__).parent.glob("*.py"):
+    for path in Path(holoview.light.gpu.__file__).parent.glob("*.py"):
         text = path.read_text(encoding="utf-8")
         assert set(re.findall(r"(?:from|import) holoview\.(\w+)", text)) <= allowed, path
         assert "torch" not in re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE), path

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from holoview.gpu.device import Device
-from holoview.gpu.fft import FftPlan, RowRange
-from holoview.gpu.fft_codegen import MAX_LENGTH, MAX_RADIX, radices
-from holoview.gpu.recorder import CommandRecorder
-from holoview.numerics.sampling import is_fast_length
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.fft import FftPlan, RowRange
+from holoview.light.gpu.fft_codegen import MAX_LENGTH, MAX_RADIX, radices
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.numerics.sampling import is_fast_length
 from holoview.util.errors import UserError
 
 TOLERANCE = 7e-7

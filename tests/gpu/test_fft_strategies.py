@@ -9,10 +9,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.gpu.device import INT64, SUBGROUP, Device
-from holoview.gpu.fft import FftPlan
-from holoview.gpu.fft_codegen import radices
-from holoview.gpu.line_fft import (
+from holoview.light.gpu.device import INT64, SUBGROUP, Device
+from holoview.light.gpu.fft import FftPlan
+from holoview.light.gpu.fft_codegen import radices
+from holoview.light.gpu.line_fft import (
     MAX_TILE_INVOCATIONS,
     STRATEGIES,
     Strategy,
@@ -20,7 +20,7 @@ from holoview.gpu.line_fft import (
     storage_shader,
     supported_strategies,
 )
-from holoview.gpu.recorder import CommandRecorder
+from holoview.light.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
 from tests.explored import explored
 

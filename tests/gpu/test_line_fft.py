@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.device import Device
-from holoview.gpu.line_fft import (
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import (
     MAX_REGISTERS,
     Axis,
     Hooks,
@@ -20,9 +20,9 @@ from holoview.gpu.line_fft import (
     subgroup_workgroups,
     supported_strategies,
 )
-from holoview.gpu.recorder import CommandRecorder
-from holoview.gpu.shader import GeneratedWgsl
-from holoview.gpu.spectrum_order import Direction, Step
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.gpu.shader import GeneratedWgsl
+from holoview.light.gpu.spectrum_order import Direction, Step
 from tests.explored import explored
 
 pytestmark = pytest.mark.gpu

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.gpu.device import Device
-from holoview.gpu.line_fft import TransformShader, precompile
-from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import TransformShader, precompile
+from holoview.light.gpu.shader import GeneratedWgsl, ShaderError, link
 
 pytestmark = pytest.mark.gpu
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.gpu.device import Device
-from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
 
 GENERAL_SHADERS = ["lib/complex.wgsl", "lib/fixed.wgsl"]
 

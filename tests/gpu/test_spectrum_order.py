@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.gpu.device import Device
-from holoview.gpu.fft_codegen import radices
-from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.gpu.spectrum_order import Range, SpectrumOrder, covered_digits
-from holoview.numerics.sampling import frequency_indices
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.fft_codegen import radices
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.shader import GeneratedWgsl, link
+from holoview.light.gpu.spectrum_order import Range, SpectrumOrder, covered_digits
+from holoview.light.numerics.sampling import frequency_indices
 
 BANDS: list[tuple[int, Range | None]] = [
     (1, None),

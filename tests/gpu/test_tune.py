@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu import tune, tune_worker
-from holoview.gpu.adapter import AdapterInfo
-from holoview.gpu.device import Device
-from holoview.gpu.fft import FftPlan
-from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
-from holoview.gpu.recorder import CommandRecorder
-from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune import FftTuner, TuningProcess, TuningResult, TuningStore, remembered_strategy
+from holoview.light.gpu import tune, tune_worker
+from holoview.light.gpu.adapter import AdapterInfo
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.fft import FftPlan
+from holoview.light.gpu.line_fft import Strategy, TransformShader, supported_strategies
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.gpu.shader import ShaderError
+from holoview.light.gpu.tune import FftTuner, TuningProcess, TuningResult, TuningStore, remembered_strategy
 from holoview.util.errors import UserError
 
 SHAPE = (64, 64)
@@ -328,7 +328,7 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system limits no processor time")
 def test_the_system_ends_a_helper_whose_time_is_up() -> None:
-    program = "from holoview.gpu.tune_worker import limit_cpu_time\nlimit_cpu_time(1)\nwhile True: pass"
+    program = "from holoview.light.gpu.tune_worker import limit_cpu_time\nlimit_cpu_time(1)\nwhile True: pass"
     helper = TuningProcess("any", budget_s=1.0, arguments=("-c", program))
     while not helper.has_ended:
         time.sleep(0.02)

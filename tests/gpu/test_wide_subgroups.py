@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu.line_fft import can_access_fours, generate_subgroup_shader, lanes_per_line
-from holoview.gpu.spectrum_order import SpectrumOrder, Step
+from holoview.light.gpu.line_fft import can_access_fours, generate_subgroup_shader, lanes_per_line
+from holoview.light.gpu.spectrum_order import SpectrumOrder, Step
 
 Values = NDArray[Any]
 HOOKS = ("load", "store", "load_four", "store_four", "subgroupShuffle", "subgroupShuffleXor")

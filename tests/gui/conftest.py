@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview.app.app import App
-from holoview.app.run import SCRIPT_FRAME_S
-from holoview.app.script import InputDriver
-from holoview.document.editing_session import EditingSession
-from holoview.document.session_store import SessionStore
-from holoview.gpu.device import Device
-from holoview.model import preset
-from holoview.model.system import System
+from holoview.light.gpu.device import Device
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.viewer.app.app import App
+from holoview.viewer.app.run import SCRIPT_FRAME_S
+from holoview.viewer.app.script import InputDriver
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import SessionStore
 
 SIZE = (640, 400)
 GOLDEN = Path(__file__).parent / "golden"

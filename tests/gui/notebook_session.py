@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import holoview
-from holoview.app import notebook
+from holoview.viewer.app import notebook
 
 SYSTEM = holoview.load("holochrome-8").edit({"shape": [32, 48]})
 

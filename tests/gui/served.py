@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from holoview.document.session_store import SessionStore
+from holoview.viewer.document.session_store import SessionStore
 from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:  # the library is an optional one
@@ -76,7 +76,7 @@ def _next_match(process: subprocess.Popen[str], pattern: str) -> tuple[re.Match[
     raise AssertionError(f"the viewer ended, or told no address in {PATIENCE_S:.0f} s: {said}")
 
 
-PROGRAM = ("-m", "holoview.cli")
+PROGRAM = ("-m", "holoview.commands.cli")
 _ADDRESS = r"http://(\S+)/\?token=(\S+)"
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import psutil
 import pytest
 
-from holoview.document.session_store import SessionStore
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
+from holoview.viewer.document.session_store import SessionStore
 from tests.chromium import Browser, needs_chromium, pixels, started_browser
 from tests.gui.conftest import leave_crashed_session
 from tests.gui.served import serving

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
 from tests.chromium import Browser, needs_chromium, pixels, started_browser
 from tests.gui.conftest import Gui
 from tests.gui.served import Served, serving

@@ -13,16 +13,16 @@ from imgui_bundle import hello_imgui
 from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview.app import run
-from holoview.app.app import App
-from holoview.app.desktop import connect_desktop
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.image import ImagePanel
-from holoview.app.script import InputDriver
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import NO_FILES
-from holoview.document.session_store import SessionStore
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
+from holoview.viewer.app import run
+from holoview.viewer.app.app import App
+from holoview.viewer.app.desktop import connect_desktop
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.script import InputDriver
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import NO_FILES
+from holoview.viewer.document.session_store import SessionStore
 from tests.gui.conftest import SIZE, Gui, small_bench
 from tests.patience import PATIENCE_S
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.device_loss import recovery
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
 from tests.explored import explored
 
 pytestmark = pytest.mark.gpu

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.parameters import EffectsPanel
-from holoview.model.effects.registry import listed_effects
-from holoview.render.view_settings import NOW
+from holoview.light.model.effects.registry import listed_effects
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.parameters import EffectsPanel
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.app.run import ending_after_grace
 from holoview.util.processes import handled_signals
+from holoview.viewer.app.run import ending_after_grace
 from tests.patience import PATIENCE_S, wait_until
 
 _GRACE_S = 0.2

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from holoview.app.panels import ALL
-from holoview.app.panels.eye import EyePanel
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.focus import FocusPanel
-from holoview.app.panels.image import ImagePanel
-from holoview.document.focus_edits import dioptres_of, dioptres_text, eyebox_half_m, focus_at, move_pupil
-from holoview.document.target_builder import TargetSpec
-from holoview.model.focus import PupilPath
-from holoview.render.page_images import eyebox_xyz
-from holoview.render.view_settings import ACHROMATIC, NOW, TARGET
-from holoview.targets.picture import Picture
-from holoview.targets.target import Placement
-from holoview.view import simulate
+from holoview.holograms.targets.picture import Picture
+from holoview.holograms.targets.target import Placement
+from holoview.holograms.view import simulate
+from holoview.light.model.focus import PupilPath
+from holoview.viewer.app.panels import ALL
+from holoview.viewer.app.panels.eye import EyePanel
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.panels.focus import FocusPanel
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.document.focus_edits import dioptres_of, dioptres_text, eyebox_half_m, focus_at, move_pupil
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.page_images import eyebox_xyz
+from holoview.viewer.render.view_settings import ACHROMATIC, NOW, TARGET
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.view_settings import ViewPanel
-from holoview.engine.torch_executor import stage_field
-from holoview.render.tone_mapping import field_picture
-from holoview.render.view_settings import NOW
-from holoview.wavefield.reading import ReadRequest
+from holoview.holograms.fields.reading import ReadRequest
+from holoview.light.engine.torch_executor import stage_field
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.view_settings import ViewPanel
+from holoview.viewer.render.tone_mapping import field_picture
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S, wait_until
 

@@ -11,16 +11,16 @@ import pytest
 from PIL import Image
 
 from holoview import load
-from holoview.app import desktop
-from holoview.app.panels import files
-from holoview.app.panels.files import FilesPanel, HistoryPanel
-from holoview.app.panels.image import ImagePanel
-from holoview.document.session_store import SessionStore
-from holoview.io.hologram import Hologram, load_hologram
-from holoview.render.tone_mapping import tone_map
-from holoview.render.view_settings import NOW
+from holoview.holograms.hologram import Hologram, load_hologram
+from holoview.holograms.view import random_drive
 from holoview.util.errors import UserError
-from holoview.view import random_drive
+from holoview.viewer.app import desktop
+from holoview.viewer.app.panels import files
+from holoview.viewer.app.panels.files import FilesPanel, HistoryPanel
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render.tone_mapping import tone_map
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui, leave_crashed_session
 from tests.patience import PATIENCE_S
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.app.launch import IMAGE_DISPLAYED
-from holoview.gpu.device import Device
-from holoview.render.progressive_renderer import ProgressiveRenderer
-from holoview.render.scene import Scene
+from holoview.holograms.view import random_drive
+from holoview.light.gpu.device import Device
 from holoview.util.errors import UserError
-from holoview.view import random_drive
+from holoview.viewer.app.launch import IMAGE_DISPLAYED
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
+from holoview.viewer.render.scene import Scene
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 
@@ -125,7 +125,7 @@ def test_a_frame_is_awaited_after_each_new_image(gui: Gui) -> None:
 
 def test_the_viewer_shows_an_image_without_the_libraries_that_load_slowly(device: Device, tmp_path: Path) -> None:
     program = (
-        "import sys; from holoview.cli import main; "
+        "import sys; from holoview.commands.cli import main; "
         "assert main(['view', '--set', 'shape=[64, 96]', '--offscreen', '--until-image', '--size', '640x400']) == 0; "
         f"assert not {SLOW_LIBRARIES!r} & sys.modules.keys(), {SLOW_LIBRARIES!r} & sys.modules.keys()"
     )

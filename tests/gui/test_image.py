@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.app.panels.image import ImagePanel
-from holoview.app.readout import describe_pixel
-from holoview.colour import srgb_encode, xyz_to_linear_srgb
-from holoview.document.file_loader import target_from_pixels
-from holoview.render.tone_mapping import colour_map, compose_comparison, tone_map
-from holoview.render.view_settings import NOW, ComparisonSide, ViewSettings
+from holoview.light.colour import srgb_encode, xyz_to_linear_srgb
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.readout import describe_pixel
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.render.tone_mapping import colour_map, compose_comparison, tone_map
+from holoview.viewer.render.view_settings import NOW, ComparisonSide, ViewSettings
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 

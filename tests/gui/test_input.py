@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.focus import FocusPanel
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.panels.focus import FocusPanel
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
@@ -57,7 +57,7 @@ def test_what_a_script_does_is_done_when_it_goes_on_however_slow_the_machine_is(
     gui: Gui, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where no time is left for frames that nobody sees, input would wait for frames to come."""
-    monkeypatch.setattr("holoview.app.window._UNSEEN_S", -1.0)
+    monkeypatch.setattr("holoview.viewer.app.window._UNSEEN_S", -1.0)
     gui.click(gui.item_position("gap", 0.2))
     gui.press_chord("Space")
     assert gui.app.panel(FocusPanel).is_playing and not gui.app.window.has_pending_input

@@ -11,15 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview.app.app import App
-from holoview.app.panels.files import FilesPanel
-from holoview.app.script import InputDriver
-from holoview.app.user_input import Chord
-from holoview.app.window import Window
-from holoview.document.editing_session import EditingSession
-from holoview.gpu.device import Device
-from holoview.model.system import System
-from holoview.render.view_settings import ViewSettings
+from holoview.light.gpu.device import Device
+from holoview.light.model.system import System
+from holoview.viewer.app.app import App
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.script import InputDriver
+from holoview.viewer.app.user_input import Chord
+from holoview.viewer.app.window import Window
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.render.view_settings import ViewSettings
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.app.script import Point
-from holoview.gpu.device import Device
-from holoview.model import preset
+from holoview.light.gpu.device import Device
+from holoview.light.model import preset
+from holoview.viewer.app.script import Point
 from tests.chromium import needs_chromium, started_browser
 from tests.gui.conftest import Gui
 from tests.patience import PATIENCE_S, wait_until

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import tests.document.conftest as bench
-from holoview.app.launch import LaunchOptions, open_session
-from holoview.document.editing_session import EditingSession
-from holoview.document.session_store import SessionStore
+from holoview.viewer.app.launch import LaunchOptions, open_session
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import SessionStore
 from tests.gui.served import serving
 
 OPTIONS = LaunchOptions(

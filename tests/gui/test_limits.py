@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.wavefield.reading import ReadRequest
+from holoview.holograms.fields.reading import ReadRequest
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 
@@ -64,7 +64,7 @@ def test_limits_are_found_out_once_for_each_bench(
 ) -> None:
     gui = make_gui(small_bench(upsample=1))
     notes = gui.context.limit_notes.notes()
-    monkeypatch.setattr("holoview.document.measurements.make_plan", lambda *_: pytest.fail("planned again"))
+    monkeypatch.setattr("holoview.viewer.document.measurements.make_plan", lambda *_: pytest.fail("planned again"))
     gui.draw_frames(3)
     assert gui.context.limit_notes.notes() is notes
 

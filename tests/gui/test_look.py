@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.app.panels.files import FilesPanel, HistoryPanel
-from holoview.app.panels.image import ImagePanel
-from holoview.app.serve import Address, ServeOptions
-from holoview.cli import main
-from holoview.gpu.device import Device
+from holoview.commands.cli import main
+from holoview.light.gpu.device import Device
 from holoview.util.errors import UserError
+from holoview.viewer.app.panels.files import FilesPanel, HistoryPanel
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.serve import Address, ServeOptions
 from tests.gui.conftest import Gui
 from tests.gui.served import browser_cookie, next_frame, serving
 

@@ -11,10 +11,10 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview import cli
-from holoview.app import theme
-from holoview.app.script import run_script
+from holoview.commands import cli
 from holoview.util.errors import UserError
+from holoview.viewer.app import theme
+from holoview.viewer.app.script import run_script
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import holoview
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
 from holoview.util.errors import UserError
 from tests.gui.notebook_session import SYSTEM
 from tests.patience import PATIENCE_S

@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.optimise import OptimisePanel
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.focus_edits import toggle_eye
-from holoview.document.optimisation_job import (
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.optimise import OptimisePanel
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.focus_edits import toggle_eye
+from holoview.viewer.document.optimisation_job import (
     chosen_optimisation,
     last_optimisation,
     running_optimisation,
@@ -157,8 +157,8 @@ def test_the_hologram_follows_the_newest_picture_of_a_folder(make_gui: Callable[
 
 def test_the_camera_that_is_not_there_is_told(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("av")
-    monkeypatch.setattr("holoview.targets.live_pictures._LINUX", ("v4l2", "/dev/no-camera"))
-    monkeypatch.setattr("holoview.targets.live_pictures._INPUTS", {})
+    monkeypatch.setattr("holoview.holograms.targets.live_pictures._LINUX", ("v4l2", "/dev/no-camera"))
+    monkeypatch.setattr("holoview.holograms.targets.live_pictures._INPUTS", {})
     start_live_optimisation(gui.session, "camera")
     _until(gui, lambda: running_optimisation(gui.session) is None)
     assert "camera /dev/no-camera: can't be opened" in gui.last_message()

@@ -11,14 +11,14 @@ import pytest
 from imgui_bundle import imgui
 
 from holoview import load
-from holoview.app import window
-from holoview.app.panel import Panel
-from holoview.app.panels import ALL
-from holoview.app.panels.focus import FocusPanel
-from holoview.document import document
-from holoview.model.bench_parts import Relay
-from holoview.model.stops import SquareStop
-from holoview.render.view_settings import NOW, ComparisonSide
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.stops import SquareStop
+from holoview.viewer.app import window
+from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.panels import ALL
+from holoview.viewer.app.panels.focus import FocusPanel
+from holoview.viewer.document import document
+from holoview.viewer.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

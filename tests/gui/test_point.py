@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.point import PointPanel, SectionsPanel
-from holoview.document.focus_edits import focus_range_m
-from holoview.engine.point_light import point_steps, section_steps
-from holoview.render.point_probe import SECTION_PLANES
+from holoview.light.engine.point_light import point_steps, section_steps
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.point import PointPanel, SectionsPanel
+from holoview.viewer.document.focus_edits import focus_range_m
+from holoview.viewer.render.point_probe import SECTION_PLANES
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -11,10 +11,10 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.app.panels.image import ImagePanel
-from holoview.colour import fitting_stops
+from holoview.holograms.fields.exchange import announced_listener, push
+from holoview.light.colour import fitting_stops
 from holoview.util.errors import UserError
-from holoview.wavefield.exchange import announced_listener, push
+from holoview.viewer.app.panels.image import ImagePanel
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.recording import RecordingPanel
-from holoview.wavefield.demodulation import off_axis_field
-from holoview.wavefield.request import Order, ReadRequest
+from holoview.holograms.fields.demodulation import off_axis_field
+from holoview.holograms.files.request import Order, ReadRequest
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.recording import RecordingPanel
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu

@@ -8,12 +8,12 @@ from threading import Event
 import numpy as np
 import pytest
 
-from holoview.app.readout import describe_image
-from holoview.colour import xyz_to_linear_srgb
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.target_builder import _TargetRequest
-from holoview.metrics.perceptual import flip, ms_ssim
-from holoview.render.view_settings import NOW
+from holoview.holograms.metrics.perceptual import flip, ms_ssim
+from holoview.light.colour import xyz_to_linear_srgb
+from holoview.viewer.app.readout import describe_image
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.target_builder import _TargetRequest
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui
 from tests.patience import PATIENCE_S
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holoview.app.script import measure_frame_rate
-from holoview.gpu.device import Device
-from holoview.render import progressive_renderer
-from holoview.render.progressive_renderer import ProgressiveRenderer
-from holoview.render.scene import Scene
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.gpu.device import Device
+from holoview.viewer.app.script import measure_frame_rate
+from holoview.viewer.render import progressive_renderer
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
+from holoview.viewer.render.scene import Scene
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from holoview.app.serve import Address, TokenGuard, serve
 from holoview.util.errors import UserError
+from holoview.viewer.app.serve import Address, TokenGuard, serve
 
 TOKEN = "right"
 

@@ -18,8 +18,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.app.serve import NOT_USED, TRY_AGAIN_LATER, Address, ServeOptions, guarded, make_server
 from holoview.util.errors import UserError
+from holoview.viewer.app.serve import NOT_USED, TRY_AGAIN_LATER, Address, ServeOptions, guarded, make_server
 from tests.patience import PATIENCE_S, wait_until
 
 _COOKIE = {"Cookie": "holoview=right"}

@@ -11,7 +11,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from holoview.gpu.device import Device
+from holoview.light.gpu.device import Device
 from tests.gui.served import browser_cookie, next_frame, serving
 from tests.patience import PATIENCE_S
 

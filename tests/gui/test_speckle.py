@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.app.panels.image import ImagePanel
-from holoview.app.panels.speckle import SpecklePanel
-from holoview.document.file_loader import target_from_pixels
-from holoview.document.measurements import measure_region
-from holoview.render.view_settings import NOW
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.speckle import SpecklePanel
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.measurements import measure_region
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
 

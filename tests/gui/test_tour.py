@@ -10,18 +10,18 @@ import pytest
 from imgui_bundle import imgui
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview.app import run
-from holoview.app.app import App
-from holoview.app.panels.files import FilesPanel
-from holoview.app.panels.focus import FocusPanel
-from holoview.document.editing_session import EditingSession
-from holoview.document.file_loader import EXAMPLE_PRESET, FilesToOpen, new_session
-from holoview.document.optimisation_job import running_optimisation
-from holoview.document.session_store import SessionStore
-from holoview.document.target_builder import example_target
-from holoview.gpu.device import Device
-from holoview.model import preset
-from holoview.render.view_settings import NOW
+from holoview.light.gpu.device import Device
+from holoview.light.model import preset
+from holoview.viewer.app import run
+from holoview.viewer.app.app import App
+from holoview.viewer.app.panels.files import FilesPanel
+from holoview.viewer.app.panels.focus import FocusPanel
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import EXAMPLE_PRESET, FilesToOpen, new_session
+from holoview.viewer.document.optimisation_job import running_optimisation
+from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.document.target_builder import example_target
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import SIZE, Gui, small_bench
 
 pytestmark = pytest.mark.gpu

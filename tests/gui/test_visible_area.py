@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.app.viewport import VisibleArea, visible_area_of
-from holoview.render.view_settings import ViewSettings
+from holoview.viewer.app.viewport import VisibleArea, visible_area_of
+from holoview.viewer.render.view_settings import ViewSettings
 
 SHAPE = (64, 96)
 

@@ -17,10 +17,10 @@ import psutil
 import pytest
 from PIL import Image, ImageGrab
 
-from holoview.document.session_store import SessionStore
-from holoview.io.hologram import load_hologram
-from holoview.model import preset
-from holoview.model.system import System
+from holoview.holograms.hologram import load_hologram
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.viewer.document.session_store import SessionStore
 from tests.child_process import child_process
 from tests.gui.conftest import Gui, small_bench
 from tests.patience import PATIENCE_S
@@ -30,7 +30,7 @@ NEEDED = ("Xvfb", "xdotool")
 SLOW = """
 import sys, time
 from wgpu.utils.imgui import ImguiWgpuBackend
-from holoview.cli import main
+from holoview.commands.cli import main
 
 draw = ImguiWgpuBackend.render
 
@@ -55,7 +55,11 @@ class Screen:
     """A virtual screen with a viewer on it."""
 
     def __init__(
-        self, display: str, folder: Path, arguments: list[str], program: tuple[str, ...] = ("-m", "holoview.cli")
+        self,
+        display: str,
+        folder: Path,
+        arguments: list[str],
+        program: tuple[str, ...] = ("-m", "holoview.commands.cli"),
     ) -> None:
         self._display = display
         self._log = folder / "log.txt"
@@ -258,7 +262,7 @@ def test_at_two_frames_a_second_nothing_is_lost(display: str, make_gui: Callable
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:
     """Where OpenGL can't draw either, the command's line on stderr has to do."""
     page = (
-        "from holoview.util.errors import UserError; from holoview.app.no_adapter import show_no_adapter_page;"
+        "from holoview.util.errors import UserError; from holoview.viewer.app.no_adapter import show_no_adapter_page;"
         "show_no_adapter_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
     )
     with child_process([sys.executable, "-c", page], env=os.environ | {"DISPLAY": display}) as viewer:

@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import COLOUR_SPACES, D65_WHITE, XYZ_TO_SRGB
-from holoview.io.pictures import png_texts, write_deep_png
-from holoview.targets.image_reader import read_raster
+from holoview.holograms.files.image_reader import read_raster
+from holoview.holograms.files.pictures import png_texts, write_deep_png
+from holoview.light.colour import COLOUR_SPACES, D65_WHITE, XYZ_TO_SRGB
 
 STANDARD = {"srgb": "sRGB", "p3": "Display P3", "rec2020": "ITU-R BT.2020"}
 

@@ -14,8 +14,8 @@ from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_torch_file
 
 import holoview as hv
-from holoview.io.hologram import FORMAT, VERSION, Hologram, load_hologram
-from holoview.model import preset
+from holoview.holograms.hologram import FORMAT, VERSION, Hologram, load_hologram
+from holoview.light.model import preset
 from holoview.util.errors import UserError
 
 

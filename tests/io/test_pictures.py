@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from holoview import __version__
-from holoview.io.pictures import (
+from holoview.holograms.files.pictures import (
     CELL_MAPS,
     MAX_FRAMES,
     memory_cells,

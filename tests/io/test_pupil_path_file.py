@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.io.pupil_path_file import load_pupil_path, save_pupil_path
-from holoview.model.focus import PupilPath
+from holoview.holograms.files.pupil_path_file import load_pupil_path, save_pupil_path
+from holoview.light.model.focus import PupilPath
 from holoview.util.errors import UserError
 
 HEAD = "time (s),y (mm),x (mm),pupil (mm),accommodation (D)\n"

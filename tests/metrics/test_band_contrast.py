@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.metrics.perceptual import band_contrast, contrast_like
+from holoview.holograms.metrics.perceptual import band_contrast, contrast_like
 from holoview.util.errors import UserError
 
 DEGREES = 1 / 170

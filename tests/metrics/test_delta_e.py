@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, import_colour_science
-from holoview.metrics.fidelity import delta_e_linear_srgb, delta_e_map_xyz, delta_e_xyz
+from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, delta_e_map_xyz, delta_e_xyz
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, import_colour_science
 from holoview.util.errors import UserError
 
 

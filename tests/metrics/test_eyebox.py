@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.metrics.image_quality import eyebox_uniformity
+from holoview.holograms.metrics.image_quality import eyebox_uniformity
 from holoview.util.errors import UserError
 
 

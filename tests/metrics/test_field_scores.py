@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from holoview.metrics.field_scores import field_snr, field_ssim, view_scores, vifp
+from holoview.holograms.metrics.field_scores import field_snr, field_ssim, view_scores, vifp
 from holoview.util.errors import UserError
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
+from holoview.holograms.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
 from holoview.util.errors import UserError
 
 

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.colour import SRGB_TO_XYZ
-from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import EyeboxUniformity, central_region, eyebox_uniformity_of, measure_image_quality
-from holoview.view import View
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.image_quality import (
+    EyeboxUniformity,
+    central_region,
+    eyebox_uniformity_of,
+    measure_image_quality,
+)
+from holoview.holograms.view import View
+from holoview.light.colour import SRGB_TO_XYZ
 
 SIDE = 256
 

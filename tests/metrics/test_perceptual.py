@@ -15,16 +15,16 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, srgb_encode
-from holoview.metrics.perceptual import WHITE_CD_M2, color_video_vdp, flip, measure_perceptual_scores, ms_ssim
-from holoview.metrics.perceptual_scores import (
+from holoview.holograms.metrics.perceptual import WHITE_CD_M2, color_video_vdp, flip, measure_perceptual_scores, ms_ssim
+from holoview.holograms.metrics.perceptual_scores import (
     PERCEPTUAL_SCORES,
     installed_scores,
     require_scores,
     usable_scores,
 )
-from holoview.model.eye import sample_degrees
-from holoview.numerics.structural_similarity import multi_scale_similarity
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, srgb_encode
+from holoview.light.model.eye import sample_degrees
+from holoview.light.numerics.structural_similarity import multi_scale_similarity
 from holoview.util.errors import UserError
 from tests.speckled import PATTERNS, picture, speckled
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.metrics.fidelity import psnr, psnr_linear_srgb, psnr_luminance, psnr_xyz
+from holoview.holograms.metrics.fidelity import psnr, psnr_linear_srgb, psnr_luminance, psnr_xyz
 from holoview.util.errors import UserError
 
 

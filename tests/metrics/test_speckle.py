@@ -13,7 +13,7 @@ import pytest
 from scipy.special import j1
 from scipy.stats import gamma
 
-from holoview.metrics.speckle import (
+from holoview.holograms.metrics.speckle import (
     CONE_ARCMIN,
     PUPILS_M,
     default_pupils,
@@ -28,10 +28,10 @@ from holoview.metrics.speckle import (
     speckle_density,
     speckle_histogram,
 )
-from holoview.model import preset
-from holoview.model.system import System
+from holoview.holograms.view import random_drive, simulate
+from holoview.light.model import preset
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from holoview.view import random_drive, simulate
 
 SIZE = 256
 

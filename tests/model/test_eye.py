@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.model import preset
-from holoview.model.focus import focused_planes
+from holoview.light.model import preset
+from holoview.light.model.focus import focused_planes
 
 
 def _bench(**eye: Any) -> hv.System:

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from holoview.model.bench_parts import Relay
-from holoview.model.passband import Band, band_of_rows, column_support, stop_rows, stop_weights
-from holoview.model.stops import SquareStop
-from holoview.numerics.sampling import frequency_indices
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.passband import Band, band_of_rows, column_support, stop_rows, stop_weights
+from holoview.light.model.stops import SquareStop
+from holoview.light.numerics.sampling import frequency_indices
 from holoview.util.errors import UserError
 
 PITCH_M, λ = 8e-6, 532e-9

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holoview.colour import observer_weights
-from holoview.model.bench_parts import Modulator
-from holoview.model.passband import band_limit
-from holoview.model.plan import Plan, make_plan, walk_off
-from holoview.model.system import System
-from holoview.numerics.sampling import frequency_indices, is_fast_length
+from holoview.light.colour import observer_weights
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.passband import band_limit
+from holoview.light.model.plan import Plan, make_plan, walk_off
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import frequency_indices, is_fast_length
 from holoview.util.errors import UserError
 
 

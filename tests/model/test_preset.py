@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, observer_weights
-from holoview.model import preset
-from holoview.model.bench_parts import Relay
+from holoview.light.colour import D65_WHITE, observer_weights
+from holoview.light.model import preset
+from holoview.light.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
 NAMES = preset.names()

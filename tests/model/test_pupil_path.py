@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.model import preset
-from holoview.model.focus import MAX_POINTS, PupilPath, PupilState, plane_at, system_at, views_along
+from holoview.light.model import preset
+from holoview.light.model.focus import MAX_POINTS, PupilPath, PupilState, plane_at, system_at, views_along
 from holoview.util.errors import UserError
 
 PATH = PupilPath((0.0, 1.0, 3.0), (0.0, 1e-3, 1e-3), (0.0, 0.0, -2e-3), (3e-3, 2e-3, 2e-3), (0.0, 1.0, 0.5))

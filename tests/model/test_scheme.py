@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.model.scheme import with_scheme
-from holoview.model.system import System
+from holoview.light.model.scheme import with_scheme
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 PRESETS = {

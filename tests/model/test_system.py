@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, observer_weights
-from holoview.model.bench_parts import Modulator, Relay, Source
-from holoview.model.preset import from_table
-from holoview.model.system import System
+from holoview.light.colour import D65_WHITE, observer_weights
+from holoview.light.model.bench_parts import Modulator, Relay, Source
+from holoview.light.model.preset import from_table
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 MODULATOR = {"pitch": "8 um", "shape": [6, 8], "stroke": "825 nm"}

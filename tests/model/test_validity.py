@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.colour import to_srgb8
-from holoview.effects.illumination import SourceExtent, directions_per_side
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model import preset
-from holoview.model.eye import Eye
-from holoview.model.passband import band_limit, frequencies_left
-from holoview.model.validity import (
+from holoview.light.colour import to_srgb8
+from holoview.light.effects.illumination import SourceExtent, directions_per_side
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model import preset
+from holoview.light.model.eye import Eye
+from holoview.light.model.passband import band_limit, frequencies_left
+from holoview.light.model.validity import (
     LIMITS,
     PIXEL_WAVELENGTHS,
     Measured,
@@ -28,8 +28,8 @@ from holoview.model.validity import (
     pupil_share,
     read_limits,
 )
-from holoview.numerics.sampling import frequency_indices
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.optics.frame_inputs import FrameInputs
 
 _GREEN = {"wavelengths": ["550 nm"], "amplitudes": [[1.0]], "observer": "mono"}
 

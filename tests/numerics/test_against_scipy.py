@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from holoview.numerics.minimise import Minimum, SearchDomain, levenberg_marquardt, nelder_mead, sum_of_squares
+from holoview.light.numerics.minimise import Minimum, SearchDomain, levenberg_marquardt, nelder_mead, sum_of_squares
 
 Vector = NDArray[np.float64]
 TIMES = np.linspace(0.0, 4.0, 60)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holoview.numerics.sampling import frequency_indices, is_fast_length, next_fast_length, positions
+from holoview.light.numerics.sampling import frequency_indices, is_fast_length, next_fast_length, positions
 
 SMOOTH = sorted(2**a * 3**b * 5**c for a in range(14) for b in range(9) for c in range(7))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.fourier import PrunedAxis, PrunedTransform, chirp_z_transform, dft_matrix, phasor_of_turns
-from holoview.numerics.sampling import frequency_indices
+from holoview.light.numerics.fourier import PrunedAxis, PrunedTransform, chirp_z_transform, dft_matrix, phasor_of_turns
+from holoview.light.numerics.sampling import frequency_indices
 
 AXES = {
     "all": PrunedAxis.for_band(12, 0, 12, -6, 5),

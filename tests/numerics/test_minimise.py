@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.numerics.minimise import (
+from holoview.light.numerics.minimise import (
     Minimum,
     ResidualPart,
     ResidualVector,

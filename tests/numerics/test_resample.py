@@ -9,7 +9,13 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from holoview.numerics.resample import affine_warp, band_limited_warp, centred_indices, gaussian_blur, weighted_blur
+from holoview.light.numerics.resample import (
+    affine_warp,
+    band_limited_warp,
+    centred_indices,
+    gaussian_blur,
+    weighted_blur,
+)
 
 
 def _map(dtype: torch.dtype = torch.float64) -> torch.Tensor:

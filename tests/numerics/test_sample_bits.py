@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.numerics.sample_bits import find_bits, find_clipping
+from holoview.light.numerics.sample_bits import find_bits, find_clipping
 
 
 def _speckle(mean: float, bits: int, seed: int = 0) -> NDArray[np.uint16]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.structural_similarity import WEIGHTS, WINDOW, multi_scale_similarity, scale_count
+from holoview.light.numerics.structural_similarity import WEIGHTS, WINDOW, multi_scale_similarity, scale_count
 
 ROWS, COLUMNS = 192, 208  # multiples of 16: programs differ in what they do with an odd last row
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.numerics.subpixel_shift import image_gradient, shift_images
+from holoview.light.numerics.subpixel_shift import image_gradient, shift_images
 
 MARGIN = 12
 """Pixels at the edges that are left out: waves don't continue as the edge does."""

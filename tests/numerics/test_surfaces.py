@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.interpolate import RBFInterpolator
 
-from holoview.numerics.surfaces import noll_to_nm, thin_plate_spline_matrix, zernike, zernike_sum
+from holoview.light.numerics.surfaces import noll_to_nm, thin_plate_spline_matrix, zernike, zernike_sum
 
 # Noll, J. Opt. Soc. Am. 66, 207 (1976), table I.
 NOLL_TABLE = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.numerics.sampling import knot_interval, power_law
+from holoview.light.numerics.sampling import knot_interval, power_law
 
 TABLE = torch.tensor([0.0, 0.1, 0.5, 0.6, 1.0]).double()
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator, Sampling, Source
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.numerics.resample import upsample_nearest
-from holoview.numerics.sampling import positions
-from holoview.optics.bench import PixelAxis, illuminated, pixel_wave, plane_wave, spectrum_of_pixels
+from holoview.light.model.bench_parts import Modulator, Sampling, Source
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.resample import upsample_nearest
+from holoview.light.numerics.sampling import positions
+from holoview.light.optics.bench import PixelAxis, illuminated, pixel_wave, plane_wave, spectrum_of_pixels
 
 CPU = torch.device("cpu")
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.metrics.image_quality import eyebox_uniformity
-from holoview.model.plan import Grid
-from holoview.optics.slm import EYEBOX_BLOCKS, first_order, pixel_spectrum
+from holoview.holograms.metrics.image_quality import eyebox_uniformity
+from holoview.light.model.plan import Grid
+from holoview.light.optics.slm import EYEBOX_BLOCKS, first_order, pixel_spectrum
 
 SHAPES = [(32, 48), (40, 54), (50, 18)]
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 
 
@@ -136,14 +136,14 @@ def test_shaders_read_the_same_of_arrays_and_of_tensors(dtype: type, change: dic
 
 
 _WITHOUT_TORCH = """
-import sys; from holoview.model import preset; from holoview.view import random_drive
+import sys; from holoview.light.model import preset; from holoview.holograms.view import random_drive
 system = preset.load("holochrome-8").edit({"shape": [12, 16]})
 """
 
 
 def test_a_bench_without_levels_pupils_and_effects_needs_no_torch() -> None:
     program = _WITHOUT_TORCH + (
-        "from holoview.model.plan import make_plan; from holoview.optics.frame_inputs import FrameInputs\n"
+        "from holoview.light.model.plan import make_plan; from holoview.light.optics.frame_inputs import FrameInputs\n"
         "inputs = FrameInputs(make_plan(system), random_drive(system, 0))\n"
         "assert inputs.stroke_fractions(0, 1, 1e-6).shape == (12, 16) and not inputs.is_sampled(0)\n"
         "assert inputs.pupils == ((None,) * 8,) * 2 and 'torch' not in sys.modules"
@@ -154,7 +154,7 @@ def test_a_bench_without_levels_pupils_and_effects_needs_no_torch() -> None:
 @pytest.mark.gpu
 def test_a_first_picture_doesn_t_wait_for_torch() -> None:
     program = _WITHOUT_TORCH + (
-        "from holoview.engine.incremental import IncrementalRenderer; from holoview.gpu.device import open_device\n"
+        "from holoview.light.engine.incremental import IncrementalRenderer; from holoview.light.gpu.device import open_device\n"
         "renderer = IncrementalRenderer(system, random_drive(system, 0), open_device())\n"
         "renderer.update(); renderer.srgb8()\n"
         "assert 'torch' not in sys.modules and 'colour' not in sys.modules"

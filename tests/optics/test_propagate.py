@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator, Relay, Sampling
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.numerics.sampling import positions
-from holoview.optics.propagate import nominal_pupil, phase_wavelength_derivative, support_mask, transfer_function
+from holoview.light.model.bench_parts import Modulator, Relay, Sampling
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import positions
+from holoview.light.optics.propagate import nominal_pupil, phase_wavelength_derivative, support_mask, transfer_function
 
 CPU = torch.device("cpu")
 WAVELENGTH = 532e-9

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator
-from holoview.numerics.resample import upsample_nearest
-from holoview.optics.slm import (
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.numerics.resample import upsample_nearest
+from holoview.light.optics.slm import (
     level_numbers,
     nearest_level,
     optical_path,

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.numerics.sampling import positions
-from holoview.optics.bench import pupil_without_effects
-from holoview.optics.propagate import transfer_function
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.kernels import TORCH_KERNELS
-from holoview.optimise.problem import Problem
-from holoview.optimise.settings import Settings
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.kernels import TORCH_KERNELS
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import positions
+from holoview.light.optics.bench import pupil_without_effects
+from holoview.light.optics.propagate import transfer_function
 
 CPU = torch.device("cpu")
 STROKE_M = 825e-9
@@ -211,4 +211,4 @@ def double_problem() -> Callable[[System, np.ndarray, Settings], Problem]:
 @pytest.fixture
 def kernels_of_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
     """The processor computes with the kernels that a card has, so that both round alike."""
-    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
+    monkeypatch.setattr("holoview.holograms.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)

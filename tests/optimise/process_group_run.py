@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.model.plan import make_plan
-from holoview.optimise import solve
-from holoview.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_group
-from holoview.optimise.problem import Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise import solve
+from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup, torchrun_group
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.plan import make_plan
 from tests.optimise.conftest import small_bench
 
 TWO_FRAMES = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]

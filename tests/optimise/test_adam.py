@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.optimise.adam import Adam, sqrt_decay
+from holoview.holograms.optimise.adam import Adam, sqrt_decay
 
 BETAS = (0.9, 0.99)
 

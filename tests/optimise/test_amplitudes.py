@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.optimize import nnls
 
-from holoview.optimise.objective import AmplitudeLeastSquares
+from holoview.holograms.optimise.objective import AmplitudeLeastSquares
 
 Noise = Callable[..., torch.Tensor]
 PLANES, SHAPE = 2, (9, 11)

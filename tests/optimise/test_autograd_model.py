@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.bench_parts import Modulator
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.optimise.autograd_model import AutogradModel
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.problem import Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise.autograd_model import AutogradModel
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.holograms.view import simulate
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.view import simulate
 from tests.optimise.conftest import carry_back, intensity_at
 
 EFFECTS: dict[str, dict[str, Any]] = {

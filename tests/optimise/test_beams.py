@@ -8,10 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.numerics.sampling import frequency_indices
-from holoview.optimise.beams import (
+from holoview.holograms.optimise.beams import (
     BeamGroup,
     ZeroTails,
     block_bytes,
@@ -20,7 +17,10 @@ from holoview.optimise.beams import (
     slices,
     spectral_axes,
 )
-from holoview.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import frequency_indices
 
 COLOURS = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 2)]  # (frame, wavelength)
 SEQUENTIAL = [(0, 0), (1, 1), (2, 2)]

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.model.system import System
-from holoview.optimise.checkpoint import Checkpoint, IterationState, load_checkpoint, target_digest
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise.checkpoint import Checkpoint, IterationState, load_checkpoint, target_digest
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 BRIEF = {"iterations": 9, "amplitudes_every": 4}

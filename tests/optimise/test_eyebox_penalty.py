@@ -11,17 +11,17 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import eyebox_uniformity_of
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.numerics.sampling import frequency_indices
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.propagate import nominal_pupil, transfer_function
-from holoview.optimise.eyebox_penalty import EyeboxPenalty
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.image_quality import eyebox_uniformity_of
+from holoview.holograms.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.light.optics.propagate import nominal_pupil, transfer_function
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

@@ -12,10 +12,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise.checkpoint import load_checkpoint
-from holoview.optimise.eyes import (
+from holoview.holograms.optimise.checkpoint import load_checkpoint
+from holoview.holograms.optimise.eyes import (
     OptimisedEyes,
     Places,
     PupilPlaces,
@@ -24,9 +22,11 @@ from holoview.optimise.eyes import (
     parse_pupils,
     places_between,
 )
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 SYSTEM = hv.load("holochrome-8").with_(eye={"pupil_x": "1 mm"})
 

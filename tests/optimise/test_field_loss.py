@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import holoview as hv
-from holoview.cli import main
-from holoview.model import preset
-from holoview.model.system import System
-from holoview.optimise.field_loss import ComplexTarget
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
+from holoview.commands.cli import main
+from holoview.holograms.fields.field_target import FieldTarget
+from holoview.holograms.optimise.field_loss import ComplexTarget
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model import preset
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from holoview.wavefield.field_target import FieldTarget
 
 PLANES = ["4 mm", "6 mm"]
 REGION = (6, 4, 40, 30)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.plan import Plan, make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 from tests.optimise.conftest import carry_back, intensity_at
 
 Noise = Callable[..., torch.Tensor]

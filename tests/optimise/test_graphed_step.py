@@ -13,11 +13,11 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 import holoview as hv
-from holoview.model.system import System
-from holoview.optimise import solve
-from holoview.optimise.graphed_step import GraphedStep
-from holoview.optimise.problem import Problem
-from holoview.optimise.variables import PatternVariables
+from holoview.holograms.optimise import solve
+from holoview.holograms.optimise.graphed_step import GraphedStep
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.variables import PatternVariables
+from holoview.light.model.system import System
 from tests.second_device import SecondDevice, small_bench
 
 pytestmark = pytest.mark.usefixtures("kernels_of_a_card")

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise import kernel_choice as module
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.kernel_choice import choose_kernels, will_compile
-from holoview.optimise.kernels import TORCH_KERNELS, CompiledKernels
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import LOSS_SPACES, Settings
+from holoview.holograms.optimise import kernel_choice as module
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.kernel_choice import choose_kernels, will_compile
+from holoview.holograms.optimise.kernels import TORCH_KERNELS, CompiledKernels
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 pytest.importorskip("numba")
 
@@ -239,7 +239,7 @@ def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monk
     def fail() -> None:
         raise RuntimeError("no compiler for this processor")
 
-    monkeypatch.setattr("holoview.optimise.kernels._compiled_loops", fail)
+    monkeypatch.setattr("holoview.holograms.optimise.kernels._compiled_loops", fail)
     assert choose_kernels("cpu") is TORCH_KERNELS
     choose_kernels.cache_clear()
     monkeypatch.setattr(module, "find_spec", lambda name: None)

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator
-from holoview.model.plan import Plan, make_plan
-from holoview.model.system import System
-from holoview.optics.slm import nearest_level
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.level_gradients import (
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.level_gradients import (
     LevelSteps,
     gauss_newton_diagonal,
     secant_gradient,
     steps_to_neighbour_level,
 )
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.variables import PatternVariables
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.variables import PatternVariables
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.slm import nearest_level
 from tests.optimise.conftest import carry_back, intensity_at
 
 Bench = Callable[..., System]

@@ -14,13 +14,13 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise.kernels import TORCH_KERNELS
-from holoview.optimise.memory import memory_guard, peak_bytes, with_compact_grid
-from holoview.optimise.problem import Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.optimise.kernels import TORCH_KERNELS
+from holoview.holograms.optimise.memory import memory_guard, peak_bytes, with_compact_grid
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
@@ -40,7 +40,7 @@ BENCHES: dict[str, dict[str, Any]] = {
 @pytest.fixture(autouse=True)
 def _by_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     """Torch computes all: compiled passes, whose buffers `_Peak` doesn't see, keep fewer fields."""
-    monkeypatch.setattr("holoview.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
+    monkeypatch.setattr("holoview.holograms.optimise.problem.choose_kernels", lambda device: TORCH_KERNELS)
 
 
 def _system(bench: Bench, name: str = "two modulators") -> System:

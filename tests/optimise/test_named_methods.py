@@ -14,18 +14,18 @@ import pytest
 import torch
 from scipy.special import jv
 
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.propagate import free_space_at
-from holoview.optimise.hologram_job import RunOptions, optimise_hologram
-from holoview.optimise.named_methods import (
+from holoview.holograms.optimise.hologram_job import RunOptions, optimise_hologram
+from holoview.holograms.optimise.named_methods import (
     AlternatingProjections,
     chosen_lasers,
     double_phase,
     iterate_named,
 )
-from holoview.optimise.problem import Problem
-from holoview.optimise.settings import Settings
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.propagate import free_space_at
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, cone_fundamentals, observer_weights, srgb_encode
-from holoview.metrics.fidelity import psnr_linear_srgb, psnr_luminance
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise.objective import (
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb, psnr_luminance
+from holoview.holograms.optimise.objective import (
     Objective,
     PlaneLoss,
     make_objective,
     torch_srgb_encode,
     torch_srgb_encode_derivative,
 )
-from holoview.optimise.settings import LOSS_SPACES, Settings, find_loss_space
-from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
+from holoview.holograms.optimise.settings import LOSS_SPACES, Settings, find_loss_space
+from holoview.holograms.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, cone_fundamentals, observer_weights, srgb_encode
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

@@ -17,11 +17,9 @@ import pytest
 import torch
 from PIL import Image
 
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.lasers import with_only_lasers
-from holoview.optimise.parallel import (
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.lasers import with_only_lasers
+from holoview.holograms.optimise.parallel import (
     MIN_SAMPLES_FOR_THREADS,
     SINGLE_PROCESS,
     ProcessGroup,
@@ -32,6 +30,8 @@ from holoview.optimise.parallel import (
     shard_lasers,
     torchrun_group,
 )
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.patience import PATIENCE_S
 

@@ -11,13 +11,13 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.metrics.fidelity import psnr_linear_srgb
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.numerics.structural_similarity import multi_scale_similarity
-from holoview.optimise.objective import torch_srgb_encode
-from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
-from holoview.optimise.settings import LOSS_SPACES, Settings
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.optimise.objective import torch_srgb_encode
+from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation, Problem
+from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.structural_similarity import multi_scale_similarity
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

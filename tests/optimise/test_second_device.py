@@ -9,13 +9,13 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.effects.registry import listed_effects
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from tests.second_device import SecondDevice, small_bench
 
 pytestmark = pytest.mark.usefixtures("kernels_of_a_card")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from holoview.optimise.settings import Settings
+from holoview.holograms.optimise.settings import Settings
 from holoview.util.errors import UserError
 
 

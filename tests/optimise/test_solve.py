@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.colour import SRGB_TO_XYZ
-from holoview.io.hologram import load_hologram
-from holoview.metrics.fidelity import psnr_linear_srgb
-from holoview.metrics.image_quality import eyebox_uniformity_of
-from holoview.model.system import System
-from holoview.optimise.checkpoint import IterationState
-from holoview.optimise.lasers import next_amplitudes
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import LOSS_SPACES, Settings, next_settings
-from holoview.optimise.solve import follow, iterate
+from holoview.holograms.hologram import load_hologram
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.metrics.image_quality import eyebox_uniformity_of
+from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.holograms.optimise.lasers import next_amplitudes
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import LOSS_SPACES, Settings, next_settings
+from holoview.holograms.optimise.solve import follow, iterate
+from holoview.light.colour import SRGB_TO_XYZ
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

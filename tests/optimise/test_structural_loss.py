@@ -10,13 +10,13 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.metrics.image_quality import measure_image_quality
-from holoview.metrics.perceptual import ms_ssim
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optimise.objective import Objective, PlaneLoss, make_objective
-from holoview.optimise.settings import LOSS_SPACES, Settings
-from holoview.optimise.solve import iterate
+from holoview.holograms.metrics.image_quality import measure_image_quality
+from holoview.holograms.metrics.perceptual import ms_ssim
+from holoview.holograms.optimise.objective import Objective, PlaneLoss, make_objective
+from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

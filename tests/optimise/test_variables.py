@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.bench_parts import Modulator
-from holoview.model.system import System
-from holoview.optimise.problem import LossEvaluation
-from holoview.optimise.settings import Settings
-from holoview.optimise.variables import OptimisationVariables, PatternVariables, initial_drive
+from holoview.holograms.optimise.problem import LossEvaluation
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.variables import OptimisationVariables, PatternVariables, initial_drive
+from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

@@ -10,10 +10,10 @@ import torch
 
 pytest.importorskip("numba")
 
-from holoview.numerics.fourier import PrunedAxis
-from holoview.optimise.beams import flat_view, padded_rows
-from holoview.optimise.vector_fft import LANES, fft, fft_plan, has_fft
-from holoview.optimise.vector_kernels import line_to_band, line_to_window, transform_columns, transform_rows
+from holoview.holograms.optimise.beams import flat_view, padded_rows
+from holoview.holograms.optimise.vector_fft import LANES, fft, fft_plan, has_fft
+from holoview.holograms.optimise.vector_kernels import line_to_band, line_to_window, transform_columns, transform_rows
+from holoview.light.numerics.fourier import PrunedAxis
 
 Noise = Callable[..., torch.Tensor]
 ROUNDING = {False: 2.0**-24, True: 2.0**-53}

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holoview.optimise.settings import Settings
-from holoview.optimise.wavelengths import project_wavelengths
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.wavelengths import project_wavelengths
 from holoview.util.errors import UserError
 
 LOW_NM, HIGH_NM, SPACING_NM = 440.0, 660.0, 4.0

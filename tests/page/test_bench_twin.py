@@ -10,25 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-import holoview.page
-from holoview import colour
-from holoview.engine.shader_structs import (
+import holoview.viewer.page
+from holoview.light import colour
+from holoview.light.engine.shader_structs import (
     PLANE_WAVE,
     pixel_spectra,
     plane_wave_uniform,
     propagation_uniform,
     support_table,
 )
-from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-from holoview.model.eye import Eye
-from holoview.model.plan import Plan, make_plan
-from holoview.model.stops import SquareStop
-from holoview.model.system import System
-from holoview.page.frame_recording import bench_numbers
+from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
+from holoview.light.model.eye import Eye
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.stops import SquareStop
+from holoview.light.model.system import System
+from holoview.viewer.page.frame_recording import bench_numbers
 from tests.chromium import needs_chromium, started_browser
 
 BENCHES, MORE_BENCHES = 60, 3000
-FOLDER = Path(holoview.page.__file__).parent
+FOLDER = Path(holoview.viewer.page.__file__).parent
 _LAYOUTS = """
 const encode = array => {
     const bytes = new Uint8Array(array.buffer)

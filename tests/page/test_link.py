@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.page.link import shown_by_link, split_link
+from holoview.viewer.page.link import shown_by_link, split_link
 
 
 @pytest.fixture

@@ -15,12 +15,12 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import COLOUR_SPACES, fitting_stops, srgb_decode
-from holoview.gpu.device import Device
-from holoview.metrics.fidelity import psnr_linear_srgb
-from holoview.metrics.speckle import speckle_contrast
-from holoview.page.page import export_html, read_page
-from holoview.targets.focal_stack import Target
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.metrics.speckle import speckle_contrast
+from holoview.holograms.targets.focal_stack import Target
+from holoview.light.colour import COLOUR_SPACES, fitting_stops, srgb_decode
+from holoview.light.gpu.device import Device
+from holoview.viewer.page.page import export_html, read_page
 from tests.chromium import Browser, needs_chromium, pixels
 from tests.page.pages import WEBGPU, open_page, page_pixels, set_state, webgpu_browser
 
@@ -316,7 +316,7 @@ def test_a_hologram_of_other_wavelengths_has_lasers_of_its_own(
 def test_a_quick_image_says_so_and_the_exact_one_follows(
     browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("holoview.page.frame_recording._QUICK_SAMPLES", 0)
+    monkeypatch.setattr("holoview.viewer.page.frame_recording._QUICK_SAMPLES", 0)
     file = export_html(tmp_path / "quick.html", written.first)
     page = browser.open(file.as_uri(), 900, 800)
     said = page.evaluate("() => window.holoview.ready.then(() => document.getElementById('message').textContent)")

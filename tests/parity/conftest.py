@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from holoview.benchmark.report_run import ExecutorPair, parity_bench
-from holoview.gpu.device import Device
-from holoview.model.system import System
+from holoview.evidence.benchmark.report_run import ExecutorPair, parity_bench
+from holoview.light.gpu.device import Device
+from holoview.light.model.system import System
 
 
 @pytest.fixture(scope="session")

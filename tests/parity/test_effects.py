@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 
 pytestmark = pytest.mark.gpu
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.incremental import IncrementalRenderer
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu.line_fft import supported_strategies
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
-from holoview.view import random_drive
+from holoview.holograms.view import random_drive
+from holoview.light.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.line_fft import supported_strategies
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 
 pytestmark = pytest.mark.gpu
 

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine.backend import open_executor
-from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.engine.wgpu_executor import WgpuExecutor
-from holoview.gpu import device as device_module
-from holoview.gpu.adapter import MIB
-from holoview.gpu.device import Device
-from holoview.model.derived_numbers import info_rows
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.holograms.view import random_drive
+from holoview.light.engine.backend import open_executor
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu import device as device_module
+from holoview.light.gpu.adapter import MIB
+from holoview.light.gpu.device import Device
+from holoview.light.model.derived_numbers import info_rows
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.view import random_drive
 
 gpu = pytest.mark.gpu
 

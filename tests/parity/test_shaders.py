@@ -13,16 +13,23 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine import shader_structs
-from holoview.engine.fused_kernels import KERNELS, FrameLayout, FrameShape, FusedKernels, KernelVariant, make_transform
-from holoview.gpu.device import INT64, Buffer, Device
-from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
-from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
-from holoview.gpu.spectrum_order import Range
-from holoview.model.passband import turns_to_fixed_point
-from holoview.model.plan import Grid, make_plan
-from holoview.optics.propagate import transfer_function
+from holoview.light.engine import shader_structs
+from holoview.light.engine.fused_kernels import (
+    KERNELS,
+    FrameLayout,
+    FrameShape,
+    FusedKernels,
+    KernelVariant,
+    make_transform,
+)
+from holoview.light.gpu.device import INT64, Buffer, Device
+from holoview.light.gpu.line_fft import LineFft, Strategy, supported_strategies
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
+from holoview.light.gpu.spectrum_order import Range
+from holoview.light.model.passband import turns_to_fixed_point
+from holoview.light.model.plan import Grid, make_plan
+from holoview.light.optics.propagate import transfer_function
 from holoview.util.files import data_dir
 
 pytestmark = pytest.mark.gpu

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from holoview.benchmark.report_run import (
+from holoview.evidence.benchmark.report_run import (
     CHANGES,
     SOURCES,
     TOLERANCES,

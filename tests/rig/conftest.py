@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import tomli_w
 
-from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import DeviceError, DeviceGone, Devices, limit_devices
-from holoview.rig.virtual.client import (
+from holoview.bench.rig import RigDescription, read_rig
+from holoview.bench.rig.devices import DeviceError, DeviceGone, Devices, limit_devices
+from holoview.bench.rig.virtual.client import (
     Disconnected,
     Message,
     VirtualCamera,
@@ -20,7 +20,7 @@ from holoview.rig.virtual.client import (
     VirtualModulator,
     VirtualStage,
 )
-from holoview.rig.virtual.server import BenchServer, FaultInjector, VirtualBench, read_virtual_settings
+from holoview.bench.rig.virtual.server import BenchServer, FaultInjector, VirtualBench, read_virtual_settings
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)
 LASERS_M = (450e-9, 638e-9)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from holoview.rig import open_rig, read_rig
+from holoview.bench.rig import open_rig, read_rig
 from holoview.util.errors import UserError
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, TABLES, MakeRig, write_rig
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.rig.devices import DeviceError
-from holoview.rig.guard_process import switch_off
+from holoview.bench.rig.devices import DeviceError
+from holoview.bench.rig.guard_process import switch_off
 from tests.patience import PATIENCE_S, wait_until
 from tests.rig.conftest import write_rig
 
@@ -34,7 +34,7 @@ class Lasers:
 """
 PROGRAM = """
 import sys, time
-from holoview.rig import open_rig, read_rig
+from holoview.bench.rig import open_rig, read_rig
 with open_rig(read_rig("rig.toml")) as devices:
     devices.lasers.switch_on(450e-9, 0.5)
     print("on", flush=True)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.rig.devices import Counts, DeviceError, Devices, Levels, SafetyLimits, call_device, limit_devices
-from holoview.rig.open_rig import SystemClock
+from holoview.bench.rig.devices import Counts, DeviceError, Devices, Levels, SafetyLimits, call_device, limit_devices
+from holoview.bench.rig.open_rig import SystemClock
 from holoview.util.errors import UserError
 
 LIMITS = SafetyLimits(power=0.5, exposures_s=(1e-3, 0.1), stage_m=(1e-3, 5e-3))

@@ -7,8 +7,8 @@ from threading import Event, Thread
 
 import pytest
 
-from holoview.document.editing_session import CallQueue
-from holoview.rig.live_devices import DeviceWorker, LaserInterlock, LasersForbidden
+from holoview.bench.rig.live_devices import DeviceWorker, LaserInterlock, LasersForbidden
+from holoview.viewer.document.editing_session import CallQueue
 from tests.patience import PATIENCE_S
 
 Calls = list[str]

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.rig import read_rig
-from holoview.rig.registration import (
+from holoview.bench.rig import read_rig
+from holoview.bench.rig.registration import (
     Measured,
     Registration,
     read_registration,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.study.study import Findings, JobResult, StatusCallback, Study, StudyJob, StudyScale
+from holoview.evidence.study.study import Findings, JobResult, StatusCallback, Study, StudyJob, StudyScale
 from holoview.util.errors import UserError
 
 _FOREVER_S = 600.0

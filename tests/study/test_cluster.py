@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from holoview.study import runner
-from holoview.study.runner import ExecutionTarget, ResultStore, run_jobs
-from holoview.study.study import StudyJob
+from holoview.evidence.study import runner
+from holoview.evidence.study.runner import ExecutionTarget, ResultStore, run_jobs
+from holoview.evidence.study.study import StudyJob
 from holoview.util.errors import UserError
 from holoview.util.processes import process_cpu_count
 from tests.patience import PATIENCE_S, wait_until

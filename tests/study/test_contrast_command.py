@@ -13,11 +13,11 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview import cli
-from holoview.io.hologram import Hologram
-from holoview.model import preset
-from holoview.study.studies import studies_by_name
-from holoview.view import random_drive
+from holoview.commands import cli
+from holoview.evidence.study.studies import studies_by_name
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.view import random_drive
+from holoview.light.model import preset
 
 SIDE = 256
 SIGMAS = 5.0

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.page.page import read_page
-from holoview.study.hologram_study import write_live_page
-from holoview.study.runner import ResultStore
-from holoview.study.study import JobResult, StudyJob
+from holoview.evidence.study.hologram_study import write_live_page
+from holoview.evidence.study.runner import ResultStore
+from holoview.evidence.study.study import JobResult, StudyJob
 from holoview.util.errors import UserError
+from holoview.viewer.page.page import read_page
 
 SETTINGS = {"scheme": "holochrome-8", "target": "still-life", "shape": [12, 16], "planes": 1, "depth": False}
 

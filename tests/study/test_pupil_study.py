@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.study.studies import pupil, studies_by_name
-from holoview.study.study import JobResult, Results, StudyScale
-from holoview.view import View, random_drive, simulate
+from holoview.evidence.study.studies import pupil, studies_by_name
+from holoview.evidence.study.study import JobResult, Results, StudyScale
+from holoview.holograms.view import View, random_drive, simulate
 
 SMALL = StudyScale("small", (16, 16), 1, 1, ("still-life",), 2, scores=())
 PLACES_MM = (0.0, 0.3, 0.6, 0.9, 1.2)

@@ -13,10 +13,10 @@ import numpy as np
 import psutil
 import pytest
 
-from holoview import cli
+from holoview.commands import cli
 from holoview.commands import study as study_command
-from holoview.study import studies
-from holoview.study.runner import (
+from holoview.evidence.study import studies
+from holoview.evidence.study.runner import (
     ExecutionTarget,
     ProcessExecutor,
     ResultStore,
@@ -24,7 +24,7 @@ from holoview.study.runner import (
     run_in_worker,
     run_jobs,
 )
-from holoview.study.study import SCALES, StudyJob
+from holoview.evidence.study.study import SCALES, StudyJob
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 from holoview.util.packages import __version__
@@ -154,7 +154,7 @@ def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
 def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     """A terminal sends SIGINT to the program and to its workers."""
     program = (
-        "import sys; from holoview import cli; from holoview.study import studies\n"
+        "import sys; from holoview import cli; from holoview.evidence.study import studies\n"
         "from tests.study.probe import STUDY\n"
         "studies.studies_by_name = lambda: {'probe': STUDY}; sys.exit(cli.main())"
     )
@@ -215,8 +215,8 @@ def _to_be_killed(log: Path) -> list[StudyJob]:
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
-        "import sys; from pathlib import Path; from holoview.study.runner import run_jobs\n"
-        "from holoview.study.runner import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
+        "import sys; from pathlib import Path; from holoview.evidence.study.runner import run_jobs\n"
+        "from holoview.evidence.study.runner import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
         "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
     with child_process([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:

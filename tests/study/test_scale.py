@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from holoview.cli import main
-from holoview.study.hologram_study import job_system, job_target, run_hologram_job, target_picture
-from holoview.study.studies import studies_by_name
-from holoview.study.study import MIDDLE, QUICK, TARGETS
+from holoview.commands.cli import main
+from holoview.evidence.study.hologram_study import job_system, job_target, run_hologram_job, target_picture
+from holoview.evidence.study.studies import studies_by_name
+from holoview.evidence.study.study import MIDDLE, QUICK, TARGETS
 
 TINY = {"scheme": "simultaneous", "target": "still-life", "seed": 0, "shape": [12, 16], "iterations": 2, "planes": 2}
 

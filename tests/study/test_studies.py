@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from holoview.diagnose.pipeline import diagnose
-from holoview.model.effects import registry as effects
-from holoview.study import hologram_study as work
-from holoview.study import study
-from holoview.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
-from holoview.study.report import format_claims, write_report
-from holoview.study.runner import ResultStore, run_jobs
-from holoview.study.studies import eye, model_vs_capture, pupil, studies_by_name
-from holoview.study.study import Findings
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.evidence.study import hologram_study as work
+from holoview.evidence.study import study
+from holoview.evidence.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
+from holoview.evidence.study.report import format_claims, write_report
+from holoview.evidence.study.runner import ResultStore, run_jobs
+from holoview.evidence.study.studies import eye, model_vs_capture, pupil, studies_by_name
+from holoview.evidence.study.study import Findings
+from holoview.light.model.effects import registry as effects
 from holoview.util.files import data_dir
 from tests.chromium import check_document, needs_chromium
 

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.targets.focal_stack import StackSource, read_resized_pictures
+from holoview.holograms.targets.focal_stack import StackSource, read_resized_pictures
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 Bench = Callable[..., System]
 """(planes, shape): a bench with that many planes and a simulation grid of that shape."""

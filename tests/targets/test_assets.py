@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.targets.defocus import LightCone, diffraction_half_angle
-from holoview.targets.focal_stack import render_focal_stack
-from holoview.targets.picture import read_depth, read_picture
+from holoview.holograms.targets.defocus import LightCone, diffraction_half_angle
+from holoview.holograms.targets.focal_stack import render_focal_stack
+from holoview.holograms.targets.picture import read_depth, read_picture
 from holoview.util.files import data_dir
 from tests.targets.conftest import read_stack
 

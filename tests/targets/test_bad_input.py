@@ -13,7 +13,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from holoview.targets.picture import read_depth, read_picture
+from holoview.holograms.targets.picture import read_depth, read_picture
 from holoview.util.errors import UserError
 
 NOISE = np.random.default_rng(1).integers(0, 256, (64, 64, 3), dtype=np.uint8)

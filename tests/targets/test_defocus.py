@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from holoview.targets.defocus import (
+from holoview.holograms.targets.defocus import (
     Aperture,
     FftConvolver,
     LightCone,

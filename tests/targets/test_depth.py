@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from holoview.targets.picture import read_depth
+from holoview.holograms.targets.picture import read_depth
 from holoview.util.errors import UserError
 
 

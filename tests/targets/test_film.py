@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.colour import srgb_decode
-from holoview.io.pictures import open_encoder
-from holoview.targets.focal_stack import Film, is_video
+from holoview.holograms.files.pictures import open_encoder
+from holoview.holograms.targets.focal_stack import Film, is_video
+from holoview.light.colour import srgb_decode
 from holoview.util.errors import UserError
 
 LEVELS = (40, 120, 200)

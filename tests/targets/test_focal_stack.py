@@ -16,11 +16,11 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import SRGB_TO_XYZ, srgb_decode
-from holoview.model.system import System
-from holoview.targets.defocus import Aperture, LightCone, blur_kernel
-from holoview.targets.focal_stack import Target, is_stack, render_focal_stack, target_from_stack
-from holoview.targets.picture import scale_saturation
+from holoview.holograms.targets.defocus import Aperture, LightCone, blur_kernel
+from holoview.holograms.targets.focal_stack import Target, is_stack, render_focal_stack, target_from_stack
+from holoview.holograms.targets.picture import scale_saturation
+from holoview.light.colour import SRGB_TO_XYZ, srgb_decode
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.targets.conftest import read_stack
 

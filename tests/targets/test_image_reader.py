@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.targets.image_reader import decode_deep_png
+from holoview.holograms.files.image_reader import decode_deep_png
 
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
 """First row and column, and the steps between rows and columns, of the passes of an interlaced file (PNG, 8.2)."""

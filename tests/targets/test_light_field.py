@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import xyz_to_linear_srgb
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.targets.defocus import LightCone
-from holoview.targets.light_field import (
+from holoview.holograms.targets.defocus import LightCone
+from holoview.holograms.targets.light_field import (
     LightField,
     ViewGrid,
     colour_shares,
@@ -27,9 +24,12 @@ from holoview.targets.light_field import (
     render_views,
     view_weights,
 )
-from holoview.targets.moving_pupil import moving_target_from_views, target_from_views, views_of_picture
-from holoview.targets.picture import Picture
-from holoview.targets.target import Placement, target_for
+from holoview.holograms.targets.moving_pupil import moving_target_from_views, target_from_views, views_of_picture
+from holoview.holograms.targets.picture import Picture
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.light.colour import xyz_to_linear_srgb
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 Bench = Callable[..., System]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.targets import live_pictures
-from holoview.targets.live_pictures import CameraPictures, open_live_pictures
+from holoview.holograms.targets import live_pictures
+from holoview.holograms.targets.live_pictures import CameraPictures, open_live_pictures
 from holoview.util.errors import UserError
 from tests.patience import wait_until
 

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.targets.moving_pupil import moving_target
-from holoview.targets.picture import Picture
-from holoview.targets.target import Placement, target_for
+from holoview.holograms.targets.moving_pupil import moving_target
+from holoview.holograms.targets.picture import Picture
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 Bench = Callable[..., System]
 

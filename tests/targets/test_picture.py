@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import holoview as hv
-from holoview.colour import (
+from holoview.holograms.targets.picture import read_picture, resize_to_cover, scale_saturation, srgb_from_primaries
+from holoview.light.colour import (
     D65_WHITE,
     SRGB_TO_XYZ,
     XYZ_TO_SRGB,
@@ -24,7 +25,6 @@ from holoview.colour import (
     rgb_to_xyz,
     srgb_decode,
 )
-from holoview.targets.picture import read_picture, resize_to_cover, scale_saturation, srgb_from_primaries
 from holoview.util.errors import UserError
 
 CODES = np.array([[[0, 10, 188], [255, 128, 64]], [[1, 2, 3], [90, 200, 250]], [[17, 17, 17], [254, 1, 99]]], np.uint8)

@@ -12,10 +12,10 @@ import pytest
 import tifffile
 from PIL import Image
 
-from holoview.colour import SRGB_TO_XYZ
-from holoview.model.system import System
-from holoview.targets.picture import Picture, scale_saturation
-from holoview.targets.target import Placement, target_for
+from holoview.holograms.targets.picture import Picture, scale_saturation
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.light.colour import SRGB_TO_XYZ
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 Bench = Callable[..., System]

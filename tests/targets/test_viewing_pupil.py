@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.colour import xyz_to_linear_srgb
-from holoview.model.plan import make_plan
-from holoview.model.system import System
-from holoview.targets.defocus import LightCone
-from holoview.targets.focal_stack import render_focal_stack
-from holoview.targets.light_field import ViewingPupil, colour_shares, render_through_pupil
-from holoview.targets.picture import Picture
-from holoview.targets.target import Placement, target_for
+from holoview.holograms.targets.defocus import LightCone
+from holoview.holograms.targets.focal_stack import render_focal_stack
+from holoview.holograms.targets.light_field import ViewingPupil, colour_shares, render_through_pupil
+from holoview.holograms.targets.picture import Picture
+from holoview.holograms.targets.target import Placement, target_for
+from holoview.light.colour import xyz_to_linear_srgb
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 
 Bench = Callable[..., System]
 

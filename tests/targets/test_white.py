@@ -13,10 +13,10 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from holoview.colour import COLOUR_SPACES, XYZ_TO_SRGB, rgb_to_xyz, srgb_decode, srgb_encode
-from holoview.io.pictures import read_pattern, write_deep_png
-from holoview.targets.focal_stack import Film, read_resized_pictures
-from holoview.targets.picture import depth_notes, read_depth, read_picture
+from holoview.holograms.files.pictures import read_pattern, write_deep_png
+from holoview.holograms.targets.focal_stack import Film, read_resized_pictures
+from holoview.holograms.targets.picture import depth_notes, read_depth, read_picture
+from holoview.light.colour import COLOUR_SPACES, XYZ_TO_SRGB, rgb_to_xyz, srgb_decode, srgb_encode
 from holoview.util.errors import UserError
 
 SHAPE = (24, 32)

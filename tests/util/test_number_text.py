@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from holoview.rig.capture_plan import LaserSetting, read_exposure_table
+from holoview.bench.rig.capture_plan import LaserSetting, read_exposure_table
 from holoview.util.errors import UserError
 from holoview.util.number_text import find_layout, read_csv
 

@@ -16,10 +16,10 @@ import pytest
 import tifffile
 
 import holoview as hv
-from holoview.app.serve import Address, serve
-from holoview.cli import main
+from holoview.commands.cli import main
 from holoview.util.errors import UserError
 from holoview.util.packages import EXTRAS, import_optional
+from holoview.viewer.app.serve import Address, serve
 from tests.patience import PATIENCE_S
 
 PROJECT = tomllib.loads((Path(hv.__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -44,7 +44,7 @@ DISTRIBUTIONS = {
 """Distributions that aren't called as their modules are."""
 
 
-COMPILED = tuple(f"holoview.optimise.{name}" for name in ("compiled_model", "vector_fft", "vector_kernels"))
+COMPILED = tuple(f"holoview.holograms.optimise.{name}" for name in ("compiled_model", "vector_fft", "vector_kernels"))
 """Modules of what numba compiles, which are imported only where it is installed (`kernel_choice`)."""
 
 
@@ -134,7 +134,7 @@ def without_imagecodecs(tmp_path: Path) -> Callable[[Path], Any]:
     def read(path: Path) -> Any:
         program = (
             "import sys; sys.modules['imagecodecs'] = None\n"
-            "import numpy as np; from pathlib import Path; from holoview.targets.image_reader import read_raster\n"
+            "import numpy as np; from pathlib import Path; from holoview.holograms.files.image_reader import read_raster\n"
             "from holoview.util.errors import UserError\n"
             f"try: np.save({str(tmp_path / 'read.npy')!r}, read_raster(Path({str(path)!r})).values)\n"
             "except UserError as error: print(error)"

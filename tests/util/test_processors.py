@@ -112,7 +112,7 @@ def test_without_a_limit_none_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_command_line_sets_this_before_torch_is_loaded() -> None:
     code = (
-        "import os, sys, holoview.cli as cli\n"
+        "import os, sys, holoview.commands.cli as cli\n"
         "assert 'torch' not in sys.modules\n"
         "cli.main(['presets'])\n"
         "print(os.environ['GOMP_SPINCOUNT'])"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.model.fields import Integer, Number
+from holoview.light.model.fields import Integer, Number
 from holoview.util.errors import UserError
 from holoview.util.tables import check_keys, read_record, read_table, record_from_table
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.wavefield.readers.contents import Contents, StoredArray
-from holoview.wavefield.request import ReadRequest
+from holoview.holograms.files.readers.contents import Contents, StoredArray
+from holoview.holograms.files.request import ReadRequest
 
 
 class OurReader:

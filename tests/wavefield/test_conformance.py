@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from holoview.commands.conformance import propagated
-from holoview.util.progress import no_progress
-from holoview.wavefield.conformance import (
+from holoview.evidence.conformance.cases import (
     Case,
     all_cases,
     sum_of_plane_waves,
     sum_of_point_sources,
     write_cases,
 )
-from holoview.wavefield.conformance_score import error_of, main
+from holoview.evidence.conformance.score import error_of, main
+from holoview.util.progress import no_progress
 from tests.patience import PATIENCE_S
 
 CASES = all_cases()

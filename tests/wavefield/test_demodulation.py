@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holoview.util.errors import UserError
-from holoview.wavefield.demodulation import (
+from holoview.holograms.fields.demodulation import (
     field_of_recording,
     find_order,
     in_line_field,
@@ -18,8 +17,9 @@ from holoview.wavefield.demodulation import (
     shifted_steps,
     unwrapped_phase,
 )
-from holoview.wavefield.reading import Recording
-from holoview.wavefield.request import Order
+from holoview.holograms.fields.reading import Recording
+from holoview.holograms.files.request import Order
+from holoview.util.errors import UserError
 
 SHAPE = (240, 320)
 PITCH_M, WAVELENGTH = 3.45e-6, 633e-9

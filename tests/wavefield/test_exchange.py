@@ -17,9 +17,16 @@ import pytest
 import torch
 
 import holoview as hv
+from holoview.holograms.fields.exchange import (
+    HOST,
+    FieldListener,
+    Listener,
+    announced_listener,
+    announcement_path,
+    push,
+)
+from holoview.holograms.fields.wavefield import Wavefield
 from holoview.util.errors import UserError
-from holoview.wavefield.exchange import HOST, FieldListener, Listener, announced_listener, announcement_path, push
-from holoview.wavefield.wavefield import Wavefield
 from tests.patience import PATIENCE_S
 
 PATH = "/fields/run?pitch=8um&wavelength=532nm"

@@ -10,16 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures.virtual_measurement import make_captures
-from holoview.engine.torch_executor import TorchExecutor
-from holoview.io.load_field import open_hologram
-from holoview.model import preset
-from holoview.model.plan import make_plan
-from holoview.optics.frame_inputs import FrameInputs
+from holoview.bench.captures.virtual_measurement import make_captures
+from holoview.holograms.fields.field_bench import MEAN_LUMINANCE, bench_of_field
+from holoview.holograms.fields.reading import ReadRequest
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.holograms.load_field import open_hologram
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model import preset
+from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from holoview.wavefield.field_bench import MEAN_LUMINANCE, bench_of_field
-from holoview.wavefield.reading import ReadRequest
-from holoview.wavefield.wavefield import Wavefield
 
 PITCH_M, λ = 8e-6, 532e-9
 WAIST_M = 0.3e-3

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.cli import main
-from holoview.colour import xyz_to_linear_srgb
-from holoview.model import preset
-from holoview.model.system import System
+from holoview.commands.cli import main
+from holoview.light.colour import xyz_to_linear_srgb
+from holoview.light.model import preset
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 

@@ -15,11 +15,11 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.io.load_field import open_hologram
+from holoview.holograms.fields.reading import Reading, read_wavefield
+from holoview.holograms.files.readers.text_table import TextReader
+from holoview.holograms.files.request import Quantity, ReadRequest
+from holoview.holograms.load_field import open_hologram
 from holoview.util.errors import UserError
-from holoview.wavefield.readers.text_table import TextReader
-from holoview.wavefield.reading import Reading, read_wavefield
-from holoview.wavefield.request import Quantity, ReadRequest
 
 ROWS, COLUMNS = 16, 20
 AMPLITUDE = ReadRequest(accept_guesses=True, quantity="amplitude")

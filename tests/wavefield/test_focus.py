@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.holograms.fields.focus import MEASURES, default_range_m, edge_sparsity, find_focus, normalised_variance
+from holoview.holograms.fields.propagation import propagate_field
+from holoview.holograms.fields.wavefield import Wavefield
 from holoview.util.errors import UserError
-from holoview.wavefield.focus import MEASURES, default_range_m, edge_sparsity, find_focus, normalised_variance
-from holoview.wavefield.propagation import propagate_field
-from holoview.wavefield.wavefield import Wavefield
 
 SIDE, PITCH_M, WAVELENGTH = 256, 4e-6, 532e-9
 

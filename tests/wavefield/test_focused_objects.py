@@ -12,12 +12,12 @@ import scipy.ndimage
 import torch
 from scipy.special import j1
 
-from holoview.wavefield.demodulation import in_line_field
-from holoview.wavefield.depth_sweep import Swept
-from holoview.wavefield.focus import default_range_m, find_focus
-from holoview.wavefield.reading import Recording
-from holoview.wavefield.remaining_light import without_objects
-from holoview.wavefield.wavefield import Wavefield
+from holoview.holograms.fields.demodulation import in_line_field
+from holoview.holograms.fields.depth_sweep import Swept
+from holoview.holograms.fields.focus import default_range_m, find_focus
+from holoview.holograms.fields.reading import Recording
+from holoview.holograms.fields.remaining_light import without_objects
+from holoview.holograms.fields.wavefield import Wavefield
 
 SIDE, PITCH_M, WAVELENGTH = 192, 2e-6, 500e-9
 FINE = 2  # samples a pixel

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.io.load_field import open_hologram
-from holoview.wavefield.imaging import image_field
-from holoview.wavefield.reading import ReadRequest
-from holoview.wavefield.wavefield import without_checkerboard
+from holoview.holograms.fields.imaging import image_field
+from holoview.holograms.fields.reading import ReadRequest
+from holoview.holograms.fields.wavefield import without_checkerboard
+from holoview.holograms.load_field import open_hologram
 
 PITCH_M, λ = 8e-6, 532e-9
 SHAPE = (200, 256)

@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.io.load_field import OpenedHologram, open_hologram
-from holoview.optics.free_space import Window
+from holoview.holograms.fields.imaging import image_field
+from holoview.holograms.fields.propagation import propagate_field
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.holograms.files.request import ReadRequest, WindowRequest
+from holoview.holograms.load_field import OpenedHologram, open_hologram
+from holoview.light.optics.free_space import Window
 from holoview.util.errors import UserError
-from holoview.wavefield.imaging import image_field
-from holoview.wavefield.propagation import propagate_field
-from holoview.wavefield.request import ReadRequest, WindowRequest
-from holoview.wavefield.wavefield import Wavefield
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.wavefield.interpret.named_lengths import LengthKey, find_named_lengths
+from holoview.holograms.fields.interpret.named_lengths import LengthKey, find_named_lengths
 
 
 @pytest.mark.parametrize(

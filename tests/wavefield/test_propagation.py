@@ -9,16 +9,16 @@ import pytest
 import torch
 from scipy.special import fresnel
 
-from holoview.optics.free_space import Window
-from holoview.util.errors import UserError
-from holoview.wavefield.propagation import (
+from holoview.holograms.fields.propagation import (
     choose_method,
     farthest_by_light,
     farthest_by_spectrum,
     own_window,
     propagate_field,
 )
-from holoview.wavefield.wavefield import Wavefield
+from holoview.holograms.fields.wavefield import Wavefield
+from holoview.light.optics.free_space import Window
+from holoview.util.errors import UserError
 
 WAVELENGTH = 532e-9
 DISTANCES = [1e-3, -1e-3, 0.01, 0.05, -0.2, 0.5, 1.0, 2.0, -2.0]

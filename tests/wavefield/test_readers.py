@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.numpy import save_file
 
+from holoview.holograms.fields.interpret.known_files import AlikeFiles, find_alike
+from holoview.holograms.fields.reading import BinaryLayout, Reading, ReadRequest, read_wavefield
+from holoview.holograms.files.readers import registry
+from holoview.holograms.files.readers.contents import Facts
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret.known_files import AlikeFiles, find_alike
-from holoview.wavefield.readers import registry
-from holoview.wavefield.readers.contents import Facts
-from holoview.wavefield.reading import BinaryLayout, Reading, ReadRequest, read_wavefield
 
 WAVES = (640e-9, 532e-9, 473e-9)
 PITCH = (8e-6, 8e-6)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holoview.holograms.fields.interpret import strips
+from holoview.holograms.fields.interpret.candidates import name_role
+from holoview.holograms.fields.reading import Reading, ReadRequest, read_wavefield, remember
+from holoview.holograms.files.request import Order
 from holoview.util.errors import UserError
-from holoview.wavefield.interpret import strips
-from holoview.wavefield.interpret.candidates import name_role
-from holoview.wavefield.reading import Reading, ReadRequest, read_wavefield, remember
-from holoview.wavefield.request import Order
 
 WAVES = (640e-9, 532e-9, 473e-9)
 KNOWN = ReadRequest(pitch_m=(8e-6, 9e-6), wavelengths_m=WAVES)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from holoview.holograms.fields.propagation import propagate_field
+from holoview.holograms.fields.synthetic_aperture import SyntheticAperture, published_picture, seen_through, viewpoints
+from holoview.holograms.fields.wavefield import Wavefield
 from holoview.util.errors import UserError
-from holoview.wavefield.propagation import propagate_field
-from holoview.wavefield.synthetic_aperture import SyntheticAperture, published_picture, seen_through, viewpoints
-from holoview.wavefield.wavefield import Wavefield
 
 PITCH_M, WAVELENGTH = 8e-6, 532e-9
 

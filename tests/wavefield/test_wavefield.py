@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from holoview.holograms.fields.wavefield import Wavefield, shifted_colours
 from holoview.util.errors import UserError
-from holoview.wavefield.wavefield import Wavefield, shifted_colours
 
 VALUES = np.ones((1, 2, 3, 4), dtype=np.complex64)
 

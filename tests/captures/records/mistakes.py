@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.dataset import Captures
+from holoview.bench.captures.dataset import Captures
 
 Arrays = dict[str, NDArray[Any]]
 Name = tuple[str, str]

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.captures import Captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.records import find_record_errors
-from holoview.captures.records.trials import central_captures, central_region, speckle_px
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model.bench_parts import Relay
+from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.records import find_record_errors
+from holoview.bench.captures.records.trials import central_captures, central_region, speckle_px
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model.bench_parts import Relay
 from tests.captures.conftest import pictures
 from tests.captures.records.mistakes import late, spoiled, turn
 from tests.captures.records.test_search import bench

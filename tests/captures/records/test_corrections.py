@@ -11,9 +11,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.records import corrections, record_errors, trials
-from holoview.captures.records.corrections import (
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.records import corrections, record_errors, trials
+from holoview.bench.captures.records.corrections import (
     ORDER,
     CameraOrientation,
     ColumnReversal,
@@ -31,7 +31,7 @@ from holoview.captures.records.corrections import (
     orientation_candidates,
     plausible_units,
 )
-from holoview.captures.records.record_errors import PowerOrder, RecordFindings
+from holoview.bench.captures.records.record_errors import PowerOrder, RecordFindings
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures
 from tests.captures.records.mistakes import Name, all_mistakes, late, shuffle, spoiled, turn

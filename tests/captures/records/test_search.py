@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.records import Case, run
-from holoview.captures import Captures
-from holoview.captures.predictor import Predictor
-from holoview.captures.records import find_record_errors
-from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.model.bench_parts import Modulator, Relay
-from holoview.model.system import System
+from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.records import find_record_errors
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.system import System
 from tests.captures.records.mistakes import Arrays, Name, all_mistakes, names, shuffle, spoiled, turn
 from tests.explored import explored
 

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.captures.records import find_record_errors
-from holoview.diagnose.pipeline import diagnose
+from holoview.bench.captures.records import find_record_errors
+from holoview.bench.diagnose.pipeline import diagnose
 from holoview.util.errors import UserError
 from tests.captures.conftest import pictures
 

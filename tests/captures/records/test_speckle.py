@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.records.trials import SpeckleComparison
+from holoview.bench.captures.records.trials import SpeckleComparison
 
 SHAPE = (64, 80)
 PAIRS = 150

@@ -12,14 +12,14 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.experiment.bench_camera import Picture, PictureRequest
-from holoview.experiment.camera_problem import CameraProblem, camera_sampling
-from holoview.experiment.rig_bench import on_rig, system_of_rig
-from holoview.model.system import System
-from holoview.optimise.settings import Settings
-from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import Counts, DeviceError, Devices, Levels, limit_devices
-from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
+from holoview.bench.experiment.bench_camera import Picture, PictureRequest
+from holoview.bench.experiment.camera_problem import CameraProblem, camera_sampling
+from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
+from holoview.bench.rig import RigDescription, read_rig
+from holoview.bench.rig.devices import Counts, DeviceError, Devices, Levels, limit_devices
+from holoview.bench.rig.virtual.server import VirtualBench, read_virtual_settings
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.system import System
 
 SHAPE = (24, 32)
 PLANE_M = 2e-3

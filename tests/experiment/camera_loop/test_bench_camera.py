@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.bench_camera import BenchCamera, PictureRequest
-from holoview.rig.devices import Counts
+from holoview.bench.experiment.bench_camera import BenchCamera, PictureRequest
+from holoview.bench.rig.devices import Counts
 from tests.experiment.camera_loop.conftest import SHAPE, BenchHere, MakeRig
 
 Λ = 520e-9

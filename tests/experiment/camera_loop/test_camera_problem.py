@@ -9,19 +9,19 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.experiment.bench_camera import Picture, PictureRequest
-from holoview.experiment.camera_problem import (
+from holoview.bench.experiment.bench_camera import Picture, PictureRequest
+from holoview.bench.experiment.camera_problem import (
     CameraCalibration,
     CameraProblem,
     CameraSampling,
     calibrate_camera,
     probe_levels,
 )
-from holoview.experiment.rig_bench import lasers_of, levels_of_drive
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
-from holoview.optimise.variables import PatternVariables, initial_drive
-from holoview.rig.description import RigDescription
+from holoview.bench.experiment.rig_bench import lasers_of, levels_of_drive
+from holoview.bench.rig.description import RigDescription
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.variables import PatternVariables, initial_drive
 from holoview.util.errors import UserError
 from tests.experiment.camera_loop.conftest import PLANE_M, MakeRig, ModelCamera, system_on, target_on
 

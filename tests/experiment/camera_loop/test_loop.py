@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.experiment import camera_loop as loop_module
-from holoview.experiment.camera_loop import (
+from holoview.bench.experiment import camera_loop as loop_module
+from holoview.bench.experiment.camera_loop import (
     CameraLoop,
     CameraLoopState,
     ModelUpdates,
     UpdatedModel,
     load_loop_checkpoint,
 )
-from holoview.model.system import System
-from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.rig.description import RigDescription
+from holoview.bench.rig.description import RigDescription
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.solve import iterate
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.experiment.camera_loop.conftest import MakeRig, ModelCamera, system_on, target_on
 

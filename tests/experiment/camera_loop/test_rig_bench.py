@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.experiment.rig_bench import levels_of_drive, on_rig, system_of_rig
-from holoview.model.system import System
+from holoview.bench.experiment.rig_bench import levels_of_drive, on_rig, system_of_rig
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from tests.experiment.camera_loop.conftest import MakeRig
 

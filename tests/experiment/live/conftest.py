@@ -8,11 +8,11 @@ from typing import cast
 
 import pytest
 
-from holoview.document.editing_session import EditingSession
-from holoview.experiment.rig_bench import system_of_rig
-from holoview.experiment.rig_session import RigSession, random_pattern
-from holoview.rig import live_devices
-from holoview.rig.open_rig import KINDS, Opener
+from holoview.bench.experiment.rig_bench import system_of_rig
+from holoview.bench.rig import live_devices
+from holoview.bench.rig.open_rig import KINDS, Opener
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.rig.rig_session import RigSession, random_pattern
 from tests.document.conftest import small_system
 from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.patience import wait_until

@@ -9,10 +9,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures
-from holoview.diagnose.report.diagnosis import Diagnosis
-from holoview.document.editing_session import EditingSession
-from holoview.experiment.live_view import MOST, LiveDiagnosis
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.rig.live_view import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged
 from tests.experiment.live.fake_bench import PLAN, FakeBench, write_rig
 from tests.patience import PATIENCE_S, wait_until

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures.capture_file import read_captures
-from holoview.experiment.rig_session import MODELS
-from holoview.rig import live_devices
+from holoview.bench.captures.capture_file import read_captures
+from holoview.bench.rig import live_devices
 from holoview.util.errors import UserError
+from holoview.viewer.rig.rig_session import MODELS
 from tests.experiment.live.conftest import LASER_M, Rigged
 from tests.experiment.live.fake_bench import PLAN
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import tomli_w
 
-from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import Counts, Devices, Levels
-from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
+from holoview.bench.rig import RigDescription, read_rig
+from holoview.bench.rig.devices import Counts, Devices, Levels
+from holoview.bench.rig.virtual.server import VirtualBench, read_virtual_settings
 
 _SLM = {
     "device": "virtual",

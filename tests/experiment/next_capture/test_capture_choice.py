@@ -7,13 +7,12 @@ import itertools
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Captures, join_captures
-from holoview.captures.patterns import random_levels
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.fit import CandidateFit, FreeParameters
-from holoview.diagnose.search_context import NEVER
-from holoview.effects.modulator_response import Dispersion
-from holoview.experiment.capture_choice import (
+from holoview.bench.captures.dataset import Captures, join_captures
+from holoview.bench.captures.patterns import random_levels
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.fit import CandidateFit, FreeParameters
+from holoview.bench.diagnose.search_context import NEVER
+from holoview.bench.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
     CaptureChooser,
@@ -29,9 +28,10 @@ from holoview.experiment.capture_choice import (
     starting_proposals,
     value_information,
 )
-from holoview.experiment.hypotheses import Belief, Hypothesis, fitted_hypothesis, loop_context, open_hypotheses
-from holoview.model.effects.registry import get_effect, listed_effects
-from holoview.rig.measurement import Measurement
+from holoview.bench.experiment.hypotheses import Belief, Hypothesis, fitted_hypothesis, loop_context, open_hypotheses
+from holoview.bench.rig.measurement import Measurement
+from holoview.light.effects.modulator_response import Dispersion
+from holoview.light.model.effects.registry import get_effect, listed_effects
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
 NOTHING = np.zeros((0, 1))

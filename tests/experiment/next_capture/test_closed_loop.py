@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from benchmarks.rig_adaptive import FixedPlanner, RandomPlanner
-from holoview.captures.dataset import join_captures
-from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.judge import Verdict
-from holoview.diagnose.search_context import NEVER
-from holoview.experiment.capture_choice import (
+from holoview.bench.captures.dataset import join_captures
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.search_context import NEVER
+from holoview.bench.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
     CaptureChooser,
@@ -22,15 +22,15 @@ from holoview.experiment.capture_choice import (
     expected_delta_chi2,
     improve_pattern,
 )
-from holoview.experiment.closed_loop import (
+from holoview.bench.experiment.closed_loop import (
     ClosedLoop,
     InformedPlanner,
     LoopResult,
     LoopSettings,
     PlannerState,
 )
-from holoview.experiment.hypotheses import Belief, HypothesisFits, loop_context
-from holoview.model.effects.registry import get_effect
+from holoview.bench.experiment.hypotheses import Belief, HypothesisFits, loop_context
+from holoview.light.model.effects.registry import get_effect
 from tests.experiment.next_capture.benches import BenchInProcess, make_bench
 
 GAP_ERROR_M = 6e-5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from holoview.experiment.hypotheses import (
+from holoview.bench.experiment.hypotheses import (
     PRIOR_WIDTH,
     covariance_root,
     linear_gain,

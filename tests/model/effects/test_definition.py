@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from holoview.model.effects.definition import mistakes_in_definition
-from holoview.model.effects.effect import HOOKS, PLACES
-from holoview.model.effects.registry import ids_beside, listed_effects, load_user_effects
+from holoview.light.model.effects.definition import mistakes_in_definition
+from holoview.light.model.effects.effect import HOOKS, PLACES
+from holoview.light.model.effects.registry import ids_beside, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("no_user_effects")
 
 OWN = """
-from holoview.effects import Effect, Parameter
-from holoview.model.effects.effect import ListParameter, StartKind
+from holoview.light.effects import Effect, Parameter
+from holoview.light.model.effects.effect import ListParameter, StartKind
 
 
 class Haze(Effect):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.model.effects.effect import ListParameter
+from holoview.light.model.effects.effect import ListParameter
 
 LENGTHS = ListParameter("errors", "Some lengths.", "mm", low=-1.0, high=1.0, prior=1e-3)
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.model.effects.hook_contexts import CameraContext
-from holoview.model.effects.registry import get_effect, listed_effects, load_user_effects
+from holoview.light.model.effects.hook_contexts import CameraContext
+from holoview.light.model.effects.registry import get_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 
 OWN = """
-from holoview.effects import Effect, Parameter
+from holoview.light.effects import Effect, Parameter
 
 class Haze(Effect):
     id = "haze"
@@ -68,7 +68,7 @@ def test_a_missing_file_and_an_unknown_effect_are_named(tmp_path: Path) -> None:
     [("image + nothing", "its image failed: NameError"), ("None", "its image returned nothing")],
 )
 def test_a_hook_that_fails_is_told_by_the_effects_name(tmp_path: Path, wrong: str, words: str) -> None:
-    from holoview.optics.torch_effects import TorchEffects
+    from holoview.light.optics.torch_effects import TorchEffects
 
     file = tmp_path / "haze.py"
     file.write_text(OWN.replace('image + v["share"] * image.mean()', wrong), encoding="utf-8")

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview.captures.dataset import ORIENTATIONS, nearest_orientation, orientation_matrix, oriented_shape
-from holoview.rig import RigDescription, read_rig
-from holoview.rig.devices import Counts, Devices, Levels, limit_devices
-from holoview.rig.registration import Registration
-from holoview.rig.virtual.server import VirtualBench, read_virtual_settings
+from holoview.bench.captures.dataset import ORIENTATIONS, nearest_orientation, orientation_matrix, oriented_shape
+from holoview.bench.rig import RigDescription, read_rig
+from holoview.bench.rig.devices import Counts, Devices, Levels, limit_devices
+from holoview.bench.rig.registration import Registration
+from holoview.bench.rig.virtual.server import VirtualBench, read_virtual_settings
 
 PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 

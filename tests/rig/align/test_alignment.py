@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import ORIENTATIONS
-from holoview.rig import read_rig
-from holoview.rig.align import find_geometry, find_roughly, misfit_warning, registration_of, sentences
-from holoview.rig.devices import Counts, DeviceError, Devices
-from holoview.rig.dots import flat_levels, optics_of
+from holoview.bench.captures.dataset import ORIENTATIONS
+from holoview.bench.rig import read_rig
+from holoview.bench.rig.align import find_geometry, find_roughly, misfit_warning, registration_of, sentences
+from holoview.bench.rig.devices import Counts, DeviceError, Devices
+from holoview.bench.rig.dots import flat_levels, optics_of
 from tests.explored import explored
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
 

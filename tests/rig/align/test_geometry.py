@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from holoview.model.effects.hook_contexts import Pose
-from holoview.rig.dots import NAMES, BenchFacts, Dots, brightest_dot, find_dots, fit_geometry, predicted_px
+from holoview.bench.rig.dots import NAMES, BenchFacts, Dots, brightest_dot, find_dots, fit_geometry, predicted_px
+from holoview.light.model.effects.hook_contexts import Pose
 
 λ = 638e-9
 NEAR, FOURIER = BenchFacts(λ, None, 2, "flip_x"), BenchFacts(λ, 0.1, 1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from holoview.rig.description import RigDescription, read_rig
+from holoview.bench.rig.description import RigDescription, read_rig
 
 SHAPE, CAMERA_SHAPE = (6, 8), (10, 12)
 FAKES = """
@@ -52,7 +52,7 @@ WriteRig = Callable[..., RigDescription]
 @pytest.fixture(autouse=True)
 def _no_guard(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the process that guards lasers, which takes half a second to start: `test_laser_guard` has it."""
-    monkeypatch.setattr(import_module("holoview.rig.open_rig"), "GuardedLasers", lambda lasers, rig_path: lasers)
+    monkeypatch.setattr(import_module("holoview.bench.rig.open_rig"), "GuardedLasers", lambda lasers, rig_path: lasers)
 
 
 @pytest.fixture

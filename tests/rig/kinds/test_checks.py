@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from holoview.rig import open_rig
-from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.checks import StageAxis, find_class, open_or_close, table, texts
+from holoview.bench.rig import open_rig
+from holoview.bench.rig.devices import DeviceError
+from holoview.bench.rig.kinds.checks import StageAxis, find_class, open_or_close, table, texts
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

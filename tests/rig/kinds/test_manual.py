@@ -6,8 +6,8 @@ import io
 
 import pytest
 
-from holoview.rig import open_rig
-from holoview.rig.devices import DeviceError, Devices
+from holoview.bench.rig import open_rig
+from holoview.bench.rig.devices import DeviceError, Devices
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.rig import open_rig
-from holoview.rig.description import read_rig
-from holoview.rig.devices import DeviceError
+from holoview.bench.rig import open_rig
+from holoview.bench.rig.description import read_rig
+from holoview.bench.rig.devices import DeviceError
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

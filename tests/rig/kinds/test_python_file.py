@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.rig import open_rig
-from holoview.rig.devices import DeviceError
+from holoview.bench.rig import open_rig
+from holoview.bench.rig.devices import DeviceError
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import FAKES, WriteRig
 

@@ -9,10 +9,10 @@ import pytest
 from slmsuite.hardware.cameras.camera import Camera
 from slmsuite.hardware.slms.slm import SLM
 
-from holoview.io.pictures import CELL_MAPS, memory_cells
-from holoview.rig import open_rig
-from holoview.rig.devices import DeviceError
-from holoview.rig.kinds.checks import find_class
+from holoview.bench.rig import open_rig
+from holoview.bench.rig.devices import DeviceError
+from holoview.bench.rig.kinds.checks import find_class
+from holoview.holograms.files.pictures import CELL_MAPS, memory_cells
 from holoview.util.errors import UserError
 from tests.rig.kinds.conftest import WriteRig
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Camera
-from holoview.captures.virtual_measurement import read_out
-from holoview.rig.camera_pictures import (
+from holoview.bench.captures.dataset import Camera
+from holoview.bench.captures.virtual_measurement import read_out
+from holoview.bench.rig.camera_pictures import (
     ATTEMPTS,
     BRIGHT_QUANTILE,
     CheckedCamera,
@@ -22,7 +22,7 @@ from holoview.rig.camera_pictures import (
     take_dark_frame,
     take_exposed,
 )
-from holoview.rig.devices import Counts, DeviceError, DeviceGone
+from holoview.bench.rig.devices import Counts, DeviceError, DeviceGone
 from tests.rig.conftest import CAMERA_SHAPE, MakeRig, direct_devices
 
 FACTS = Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=4.0, read_noise=3.0, black_level=64)

@@ -10,12 +10,12 @@ import h5py
 import numpy as np
 import pytest
 
-from holoview.captures import Captures, read_captures, write_captures
-from holoview.captures.validation import check_settings
-from holoview.rig import RigDescription
-from holoview.rig.camera_pictures import DarkFrame, Settling
-from holoview.rig.capture_folder import BenchRecord, CaptureStore, read_bench_record
-from holoview.rig.capture_plan import CapturePlan, default_plan
+from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.validation import check_settings
+from holoview.bench.rig import RigDescription
+from holoview.bench.rig.camera_pictures import DarkFrame, Settling
+from holoview.bench.rig.capture_folder import BenchRecord, CaptureStore, read_bench_record
+from holoview.bench.rig.capture_plan import CapturePlan, default_plan
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from tests.file_limits import limit_of_file_size

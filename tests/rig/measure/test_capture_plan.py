@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.calibrate.exposure import ExposureLimits, plan_exposures
-from holoview.captures import read_captures, write_captures
-from holoview.captures.dataset import join_captures
-from holoview.cli import main
-from holoview.rig import RigDescription
-from holoview.rig.capture_plan import CapturePlan, default_plan, read_plan
-from holoview.rig.measurement import Measurement
+from holoview.bench.calibrate.exposure import ExposureLimits, plan_exposures
+from holoview.bench.captures import read_captures, write_captures
+from holoview.bench.captures.dataset import join_captures
+from holoview.bench.rig import RigDescription
+from holoview.bench.rig.capture_plan import CapturePlan, default_plan, read_plan
+from holoview.bench.rig.measurement import Measurement
+from holoview.commands.cli import main
 from holoview.util.errors import UserError
 from tests.rig.conftest import LASERS_M, MakeRig, direct_devices
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.predictor import Predictor
-from holoview.rig import RigDescription, camera_pictures
-from holoview.rig.capture_folder import CaptureStore, read_bench_record
-from holoview.rig.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
-from holoview.rig.devices import DeviceError, Devices, Levels
-from holoview.rig.measurement import Measurement, is_complete
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.rig import RigDescription, camera_pictures
+from holoview.bench.rig.capture_folder import CaptureStore, read_bench_record
+from holoview.bench.rig.capture_plan import CapturePlan, default_plan, forecast_lines, make_forecast
+from holoview.bench.rig.devices import DeviceError, Devices, Levels
+from holoview.bench.rig.measurement import Measurement, is_complete
 from holoview.util.errors import UserError
 from tests.rig.conftest import MakeRig, direct_devices
 

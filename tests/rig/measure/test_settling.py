@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.rig.camera_pictures import REMAINING, fit_settling, measure_settling
-from holoview.rig.capture_plan import default_plan
+from holoview.bench.rig.camera_pictures import REMAINING, fit_settling, measure_settling
+from holoview.bench.rig.capture_plan import default_plan
 from tests.rig.conftest import LASERS_M, MakeRig, direct_devices
 
 DELAYS = np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.256])

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from holoview.rig import RigDescription, open_rig, read_rig
-from holoview.rig.devices import DeviceError, DeviceGone, Devices
-from holoview.rig.virtual.client import Connection, Disconnected, Message, VirtualBenchProcess, ask, connect
-from holoview.rig.virtual.server import Drift, FaultInjector, FaultSettings, read_virtual_settings
+from holoview.bench.rig import RigDescription, open_rig, read_rig
+from holoview.bench.rig.devices import DeviceError, DeviceGone, Devices
+from holoview.bench.rig.virtual.client import Connection, Disconnected, Message, VirtualBenchProcess, ask, connect
+from holoview.bench.rig.virtual.server import Drift, FaultInjector, FaultSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
@@ -153,7 +153,7 @@ def test_devices_of_a_virtual_rig_take_a_picture_and_close_with_lasers_off(rig: 
 
 def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> None:
     """When a process is killed, the system closes its end of the pipe."""
-    command = [sys.executable, "-m", "holoview.rig.virtual.server", str(rig.path)]
+    command = [sys.executable, "-m", "holoview.bench.rig.virtual.server", str(rig.path)]
     with child_process(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         process.stdin.write("token\n")

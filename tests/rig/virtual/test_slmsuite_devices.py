@@ -20,10 +20,10 @@ from scipy.optimize import curve_fit
 from slmsuite.hardware.cameraslms import FourierSLM
 from slmsuite.holography.toolbox.phase import blaze
 
-from holoview.rig import open_rig, read_rig
-from holoview.rig.devices import DeviceError
-from holoview.rig.virtual.client import VirtualBenchProcess
-from holoview.rig.virtual.slmsuite_devices import VirtualCamera, VirtualSLM
+from holoview.bench.rig import open_rig, read_rig
+from holoview.bench.rig.devices import DeviceError
+from holoview.bench.rig.virtual.client import VirtualBenchProcess
+from holoview.bench.rig.virtual.slmsuite_devices import VirtualCamera, VirtualSLM
 from holoview.util.errors import UserError
 
 WAVELENGTH_M, FOCAL_LENGTH_M, SIDE, PITCH_M = 520e-9, 60e-3, 128, 16e-6
@@ -231,7 +231,7 @@ def test_raw_levels_are_shown_as_they_are(bench: tuple[Path, VirtualBenchProcess
     arguments = f'{{ rig = "{file}", address = ["127.0.0.1", {process.address[1]}], token = "{process.token}" }}'
     text = file.read_text(encoding="utf-8")
     for name, kind in (("slm1", "VirtualSLM"), ("camera", "VirtualCamera")):
-        own = f'device = "slmsuite"\nclass = "holoview.rig.virtual.slmsuite_devices.{kind}"\narguments = {arguments}'
+        own = f'device = "slmsuite"\nclass = "holoview.bench.rig.virtual.slmsuite_devices.{kind}"\narguments = {arguments}'
         text = text.replace(f'[{name}]\ndevice = "virtual"', f"[{name}]\n{own}")
     for name in ("lasers", "stage"):
         own = f'device = "python"\nfile = "rest.py"\nclass = "{name.title()}"'

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures import Captures
-from holoview.captures.patterns import random_levels
-from holoview.captures.predictor import Predictor
-from holoview.rig import RigDescription
-from holoview.rig.devices import Counts
-from holoview.rig.virtual.server import VirtualBench, VirtualSettings, read_virtual_settings
+from holoview.bench.captures import Captures
+from holoview.bench.captures.patterns import random_levels
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.rig import RigDescription
+from holoview.bench.rig.devices import Counts
+from holoview.bench.rig.virtual.server import VirtualBench, VirtualSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.rig.conftest import CAMERA_SHAPE, LASERS_M, SHAPE, MakeRig
 

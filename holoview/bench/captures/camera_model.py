@@ -1,0 +1,681 @@
+"""Intensity on a camera behind one or two modulators, in the near field and on a Fourier bench.
+
+CameraModel         the common part: fields whose intensities add up, modulators, a cache of tensors
+NearFieldModel      modulators, gap, relays and free space, for the frequencies that the relays pass
+FourierBenchModel   the camera in the back focal plane of a lens behind one modulator
+
+The near field chains the elements of `optics.bench` in the order of `engine.frame`. Each stage gives its light with a
+key that names all values it depends on, so that light is computed only if its key isn't in the cache.
+
+On a Fourier bench
+
+    E(x) = Σ_j t_j · exp(−2πi·(x/(λf) − s)·r_j) · sinc(p·(x/(λf) − s)),  I = |E|²
+
+t_j is the transmission of the modulator at r_j, p the pitch of these points, f the focal length, s = sin θ/λ the
+illumination's slope. The sum over the modulator's pixels is evaluated directly at the camera's pixels. A modulator
+pixel is a uniform square, across which the illumination's phase goes on: hence the sinc around the illumination's
+direction (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A defocus d adds the optical path
+−d·|r|²/(2f²), in the paraxial approximation.
+
+`sample_intensity` takes a field that is known by its spectrum to the camera's pixels, for any position of the camera.
+
+If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
+pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera
+gets it from a grid twice as fine, by windowed sinc interpolation, with an error of 1e-4. A pixel larger than a sample
+averages the intensity at several points. A camera that moves during an exposure averages it over positions.
+
+`FrequencyBand` has the FFTs between a field and the frequencies that a relay passes. With an iris most frequencies of a
+padded grid are zero, and columns outside the band are never transformed. The field occupies the first samples of the
+padded grid, wherever the plan puts it: propagation is a convolution, so that a shift of the field within the grid only
+shifts the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import torch
+
+from holoview.light.engine.frame import relay_behind, spectrum_behind_modulators
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.effects.effect import MODULATOR_HOOKS
+from holoview.light.model.effects.hook_contexts import ModulatorContext, Pose, RelayContext
+from holoview.light.model.passband import Transfer, band_of_rows
+from holoview.light.model.plan import Grid, Plan
+from holoview.light.numerics.fourier import chirp_z_transform, phasor_of_turns
+from holoview.light.numerics.resample import affine_warp, band_limited_warp, centred_indices
+from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
+from holoview.light.optics.propagate import nominal_pupil, transfer_function_at
+from holoview.light.optics.slm import phasor
+from holoview.light.optics.torch_effects import TorchEffects, modulator_context
+
+Tensor = torch.Tensor
+_PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
+_FOURIER_SUMS = 16  # matrices kept: both axes at some wavelengths, 20 MB each for pictures of 1600 × 1200 pixels
+_POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
+_INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """The camera's pixels, referred to the modulator's plane and centred on the axis: pitch, (rows, columns).
+
+    points_per_axis: a pixel averages the intensity over this number of points along each axis; None: one point for
+    each simulation sample that fits on the pixel.
+    axis_m: (y, x), where the axis is from the centre of the picture on a Fourier bench.
+    """
+
+    pitch_m: float
+    shape: tuple[int, int]
+    points_per_axis: int | None = None
+    axis_m: tuple[float, float] = (0.0, 0.0)
+
+
+def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
+    """|field|² on the camera, (y, x).
+
+    spectrum: of the field on the padded simulation `grid`, in a band. pose: how the camera is shifted, rotated and
+    magnified; its `softness` is the fraction of the image that is interpolated linearly between samples, which blurs,
+    and acts only if the camera has the simulation's pitch.
+    """
+    same_pitch = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
+    points = pixel_grid.points_per_axis or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
+    if same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
+        return squared_magnitude(band.inverse(spectrum, grid.shape))
+    point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
+    field_at = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
+    image = mean_over_pixels(squared_magnitude(field_at(spectrum, band, grid, point_grid, pose)), points)
+    if pose.softness and same_pitch:
+        unshifted = squared_magnitude(band.inverse(spectrum, grid.shape))
+        soft = affine_warp(unshifted, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
+        image = (1 - pose.softness) * image + pose.softness * soft
+    return image
+
+
+def squared_magnitude(field: Tensor) -> Tensor:
+    """|field|² of a complex field of any shape."""
+    return field.real.square() + field.imag.square()
+
+
+def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
+    """The field at points whose rows and columns are parallel to the grid's: a Fourier sum along each axis.
+
+    Zero beyond half the padded grid, where the periodic field would repeat itself.
+    """
+    affine, ratio = pose.inverse_affine(points.pitch_m), points.pitch_m / grid.pitch_m
+    y, x = (
+        _fourier_sum(
+            (points.shape[axis], affine[axis][axis], affine[axis][2], ratio),
+            (grid.shape[axis], grid.padded[axis], band.max_indices[axis]),
+            spectrum.dtype,
+        )
+        for axis in (0, 1)
+    )
+    return y @ (spectrum @ x.T)
+
+
+@lru_cache(maxsize=_FOURIER_SUMS)
+def _fourier_sum(points: tuple[int, float, float, float], grid: tuple[int, int, int], dtype: torch.dtype) -> Tensor:
+    """The matrix (point, frequency) of the Fourier sum along an axis.
+
+    points: their number, scale and offset from the pose, and their pitch in samples. grid: samples, padded samples, and
+    the highest frequency index.
+    """
+    (count, scale, offset, ratio), (size, padded, max_index) = points, grid
+    k = _indices_within(padded, max_index)
+    position = centred_indices(count, torch.float64, k.device) * scale + offset
+    from_centre = position * ratio
+    turns = torch.remainder((from_centre + (size - 1) / 2)[:, None] * (k.double() / padded)[None, :], 1.0)
+    within_period = (from_centre.abs() < padded / 2).double()
+    amplitude = (within_period / padded)[:, None].expand_as(turns)
+    return torch.polar(amplitude, 2 * math.pi * turns).to(dtype)
+
+
+def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
+    """The field at points of any orientation: windowed sinc interpolation on a grid twice as fine.
+
+    The finer grid begins `margins` samples before the field.
+    """
+    affine = pose.inverse_affine(points.pitch_m)
+    margins = _margins(grid, points, affine)
+    max_y, max_x = (min(k, p // 2) for k, p in zip(band.max_indices, band.padded, strict=True))
+    finer = FrequencyBand((2 * band.padded[0], 2 * band.padded[1]), (max_y, max_x))
+    shift_y, shift_x = (
+        torch.polar(torch.ones_like(k), -2 * math.pi * k * margin / padded)
+        for k, margin, padded in zip((k.double() for k in finer.frequency_indices), margins, band.padded, strict=True)
+    )
+    spectrum = _with_positive_nyquist(spectrum, band) * (shift_y[:, None] * shift_x[None, :]).to(spectrum.dtype)
+    shape = (2 * (grid.shape[0] + 2 * margins[0]), 2 * (grid.shape[1] + 2 * margins[1]))
+    field = 4 * finer.inverse(spectrum, shape)
+    scale = points.pitch_m / (grid.pitch_m / 2)
+    half = 0.5  # both grids begin at the same sample, so the finer one's centre lies half a finer sample further
+    (a, b, c), (d, e, f) = affine
+    source = ((a * scale, b * scale, c * scale - half), (d * scale, e * scale, f * scale - half))
+    return band_limited_warp(field, source, points.shape)
+
+
+def _margins(grid: Grid, points: PixelGrid, affine: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
+    """Samples (y, x) to add on each side of the field so that it covers the camera's corners, within the padding."""
+    corner = [(n - 1) / 2 for n in points.shape]
+    margins = []
+    for axis, (a, b, c) in enumerate(affine):
+        farthest = (abs(a) * corner[0] + abs(b) * corner[1] + abs(c)) * points.pitch_m / grid.pitch_m
+        needed = math.ceil(farthest - (grid.shape[axis] - 1) / 2) + _INTERPOLATION_MARGIN
+        margins.append(max(0, min(needed, (grid.padded[axis] - grid.shape[axis]) // 2)))
+    return margins[0], margins[1]
+
+
+def _with_positive_nyquist(spectrum: Tensor, band: FrequencyBand) -> Tensor:
+    """The spectrum with a zero for the positive Nyquist frequency, which a full band of even length has as negative."""
+    for dim in (0, 1):
+        half = band.padded[dim] // 2
+        if spectrum.shape[dim] == band.padded[dim] == 2 * half:
+            zero = torch.zeros_like(spectrum.narrow(dim, 0, 1))
+            parts = (spectrum.narrow(dim, 0, half), zero, spectrum.narrow(dim, half, half))
+            spectrum = torch.cat(parts, dim=dim)
+    return spectrum
+
+
+def mean_over_pixels(image: Tensor, points: int) -> Tensor:
+    """The mean of each square of `points` × `points` values."""
+    if points == 1:
+        return image
+    rows, columns = (n // points for n in image.shape)
+    return image.reshape(rows, points, columns, points).mean(dim=(1, 3))
+
+
+# --- frequencies that a relay passes ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FrequencyBand:
+    """Frequencies |k_y| ≤ max_indices[0], |k_x| ≤ max_indices[1] of a grid of `padded` (y, x) samples.
+
+    A spectrum in the band is (rows, columns) in FFT order, without the frequencies outside. A maximum of half the grid
+    or more stands for all frequencies of that axis.
+    """
+
+    padded: tuple[int, int]
+    max_indices: tuple[int, int]
+
+    @staticmethod
+    def from_transfer(transfer: Transfer, grid: Grid) -> FrequencyBand:
+        """The smallest such band that holds all frequencies that a transfer function passes."""
+        band = band_of_rows([transfer.support])
+        max_y, max_x = (max(0, -low, high) for low, high in zip(band.lowest, band.highest, strict=True))
+        return FrequencyBand(grid.padded, (max_y, max_x))
+
+    @property
+    def frequency_indices(self) -> tuple[Tensor, Tensor]:
+        """Signed frequency indices of the rows and of the columns of a spectrum."""
+        (rows, columns), (max_y, max_x) = self.padded, self.max_indices
+        return _indices_within(rows, max_y), _indices_within(columns, max_x)
+
+    def displaced(self, spectrum: Tensor, samples: tuple[float, float]) -> Tensor:
+        """The spectrum (rows, columns) of the field displaced by (y, x) samples, within the period of the grid."""
+        y, x = (
+            phasor_of_turns(-k.double() * (distance / padded)).to(spectrum.dtype)
+            for k, distance, padded in zip(self.frequency_indices, samples, self.padded, strict=True)
+        )
+        return spectrum * y[:, None] * x[None, :]
+
+    def forward(self, field: Tensor) -> Tensor:
+        """Spectrum (rows, columns) of a field (y, x) that is zero on the rest of the padded grid."""
+        lines = _crop_spectrum(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.max_indices[1], 1)
+        return _crop_spectrum(torch.fft.fft(lines, n=self.padded[0], dim=0), self.padded[0], self.max_indices[0], 0)
+
+    def inverse(self, spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
+        """The first `shape` samples (y, x) of the field whose spectrum (rows, columns) is zero outside the band."""
+        lines = torch.fft.ifft(_zero_pad_spectrum(spectrum, self.padded[0], self.max_indices[0], 0), dim=0)[: shape[0]]
+        return torch.fft.ifft(_zero_pad_spectrum(lines, self.padded[1], self.max_indices[1], 1), dim=1)[:, : shape[1]]
+
+
+@lru_cache(maxsize=256)
+def _indices_within(padded: int, max_index: int) -> Tensor:
+    k = torch.from_numpy(frequency_indices(padded))
+    return k if 2 * max_index + 1 >= padded else k[k.abs() <= max_index]
+
+
+def _crop_spectrum(spectrum: Tensor, padded: int, max_index: int, dim: int) -> Tensor:
+    if 2 * max_index + 1 >= padded:
+        return spectrum
+    parts = (spectrum.narrow(dim, 0, max_index + 1), spectrum.narrow(dim, padded - max_index, max_index))
+    return torch.cat(parts, dim=dim)
+
+
+def _zero_pad_spectrum(spectrum: Tensor, padded: int, max_index: int, dim: int) -> Tensor:
+    if 2 * max_index + 1 >= padded:
+        return spectrum
+    shape = list(spectrum.shape)
+    shape[dim] = padded
+    padded_spectrum = spectrum.new_empty(shape)
+    padded_spectrum.narrow(dim, max_index + 1, padded - 2 * max_index - 1).zero_()
+    padded_spectrum.narrow(dim, 0, max_index + 1).copy_(spectrum.narrow(dim, 0, max_index + 1))
+    padded_spectrum.narrow(dim, padded - max_index, max_index).copy_(spectrum.narrow(dim, max_index + 1, max_index))
+    return padded_spectrum
+
+
+# --- models of the camera ---------------------------------------------------------------------------------------------
+
+
+Key = tuple[Hashable, ...]
+
+
+@dataclass(frozen=True)
+class IncoherentComponent:
+    """A field that is coherent in itself: one wavelength and source direction of a plan, at one moment of an exposure.
+
+    path_factor: factor of all optical paths at that moment (flicker of a modulator).
+    laser: number of the laser among those of the captures, 0 for the shortest wavelength.
+    slm_frame: (rows, columns) of the modulators that the plan's are a part of; their own where None.
+    centre_m: (y, x) of that part, and of the camera's picture.
+    """
+
+    wavelength: int
+    source: int
+    path_factor: float
+    laser: int = 0
+    slm_frame: tuple[int, int] | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
+
+
+class CameraModel:
+    """Intensities on the camera at the first plane of a plan: the part that doesn't depend on the geometry.
+
+    plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
+    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
+    cache: keeps intermediate results; a key names all values that its result depends on.
+    earlier: the drives that were sent before a pattern, and first of all; None where no effect asks for them.
+    focal_length_m: of the lens of a Fourier bench; 0 in the near field.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        effects: TorchEffects,
+        relays: tuple[Relay, Relay],
+        pixel_grid: PixelGrid,
+        dtype: torch.dtype,
+        cache: TensorCache,
+        earlier: tuple[Tensor, Tensor] | None = None,
+        focal_length_m: float = 0.0,
+    ) -> None:
+        self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
+        self.focal_length_m = focal_length_m
+        self.dtype, self.cache, self.earlier = dtype, cache, earlier
+        self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
+
+    def wavelength_m(self, component: IncoherentComponent) -> float:
+        """The wavelength of a component."""
+        return float(self.plan.system.wavelengths_m[component.wavelength])
+
+    def slopes(self, component: IncoherentComponent) -> tuple[float, float]:
+        """Phase slopes (y, x) of the illumination in turns per sample; (0, 0) for normal incidence."""
+        slope_y, slope_x = self.plan.slopes[component.source, component.wavelength].tolist()
+        return slope_y, slope_x
+
+    def context(self, number: int, component: IncoherentComponent) -> ModulatorContext:
+        """The context of the hooks on modulator `number` (0 or 1)."""
+        frame, centre_m = component.slm_frame, component.centre_m
+        return modulator_context(self.plan, number, component.wavelength, component.laser, frame, centre_m)
+
+    def transmission(self, drive: Tensor, number: int, component: IncoherentComponent) -> Tensor:
+        """Complex transmission of a modulator, of pixels, or of samples where an effect needs them.
+
+        It doesn't depend on the direction of the source. drive: of the capture, (modulator, y, x).
+        """
+        earlier = [patterns[number].to(self.real_dtype) for patterns in self.earlier or ()]
+        return self.effects.modulator_transmission(
+            drive[number].to(self.real_dtype),
+            self.context(number, component),
+            self.dtype,
+            component.path_factor,
+            *earlier,
+        )
+
+    def modulator_key(self, number: int, component: IncoherentComponent) -> Key:
+        """Names all values that the light behind a modulator depends on, beside its pattern and the incoming light."""
+        hooks = self.effects.cache_key(*MODULATOR_HOOKS, acts_on=f"modulator {number + 1}", laser=component.laser)
+        source = self.effects.cache_key("transmission", acts_on="source") if number == 0 else ()
+        stroke_m = self.plan.system.modulators[number].stroke_m
+        return number, component.path_factor, self.wavelength_m(component), stroke_m, hooks, source
+
+    def mean_over_motion(
+        self, pose: Pose, cycles_per_m: float, intensity: Callable[[tuple[float, float]], Tensor]
+    ) -> Tensor:
+        """The mean intensity (y, x) over the positions of the camera in an exposure.
+
+        pose: in the middle of the exposure. cycles_per_m: highest spatial frequency of the intensity along y and x.
+        intensity: of the picture displaced by (y, x) m from that pose.
+
+        A Gauss–Legendre sum of N positions along the line. Of a wave whose phase turns by ±κ from its middle to its
+        ends the mean is sin κ/κ, to 1e-6 where N ≥ κ/2 + 2·κ^(1/3) + 2.
+        """
+        length_m = [px * self.pixel_grid.pitch_m for px in self.effects.camera_motion()]
+        if not any(length_m):
+            return intensity((0.0, 0.0))
+        kappa = math.pi * cycles_per_m / pose.magnification * sum(map(abs, length_m))
+        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(kappa / 2 + 2 * kappa ** (1 / 3) + 2))
+        total = torch.zeros(self.pixel_grid.shape, dtype=self.real_dtype)
+        for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
+            total.add_(intensity((node / 2 * length_m[0], node / 2 * length_m[1])), alpha=weight)
+        return total
+
+
+class TensorCache:
+    """Tensors by a key that names everything they were computed from.
+
+    Beyond `max_bytes` in all, the least recently used tensors are dropped; the latest one always stays.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes, self._bytes = max_bytes, 0
+        self._tensors: OrderedDict[Hashable, torch.Tensor] = OrderedDict()
+
+    def get(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The tensor of that key, computed if it isn't in the cache."""
+        cached = self._tensors.get(key)
+        if cached is not None:
+            self._tensors.move_to_end(key)
+            return cached
+        computed = compute()
+        self._tensors[key] = computed
+        self._bytes += computed.nbytes
+        while self._bytes > self._max_bytes and len(self._tensors) > 1:
+            self._bytes -= self._tensors.popitem(last=False)[1].nbytes
+        return computed
+
+    def get_invariant(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """As `get`, for a tensor that no effect changes and through which no gradient flows."""
+        return self.get(key, compute)
+
+
+class InvariantCache(TensorCache):
+    """Caches, in another cache, only the tensors that no effect changes; all others are computed anew.
+
+    For calls with gradients: a cached tensor would belong to the computation graph of an earlier call.
+    """
+
+    def __init__(self, store: TensorCache) -> None:
+        super().__init__(0)
+        self._store = store
+
+    def get(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The tensor, computed anew."""
+        return compute()
+
+    def get_invariant(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The tensor of that key, computed if it isn't in the other cache."""
+        return self._store.get(key, compute)
+
+
+# --- near field ---
+
+
+class NearFieldModel(CameraModel):
+    """Intensities on the camera behind relays and free space."""
+
+    def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
+        """|E|² (y, x) on the camera for unit power in one component.
+
+        drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
+        """
+        stages = _Stages(self, drive, component, capture)
+        last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
+        seen = stages.transmit(last, 1, component.wavelength)
+        pose_key = self.effects.cache_key(*_POSE_HOOKS)
+
+        def compute() -> Tensor:
+            band, grid, spectrum = self.band(1, component), self.plan.grid, seen.values()
+            pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
+            highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
+            (a, b, _), (c, d, _) = pose.inverse_affine(grid.pitch_m)
+
+            def displaced(by_m: tuple[float, float]) -> Tensor:
+                y, x = ((p * by_m[0] + q * by_m[1]) / grid.pitch_m for p, q in ((a, b), (c, d)))
+                moved = band.displaced(spectrum, (y, x)) if any(by_m) else spectrum
+                return sample_intensity(moved, band, grid, self.pixel_grid, pose)
+
+            return self.mean_over_motion(pose, 2 * highest / grid.pitch_m, displaced)
+
+        return self.cache.get((*seen.key, "intensity", pose_key), compute)
+
+    # --- relays -----------------------------------------------------------------------------------------------------
+
+    def band(self, relay: int, component: IncoherentComponent) -> FrequencyBand:
+        """The frequencies that pass a relay."""
+        return FrequencyBand.from_transfer(self._transfer(relay, component), self.plan.grid)
+
+    def relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
+        """Names all values that the factor of a relay depends on."""
+        hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
+        return (
+            relay,
+            self.wavelength_m(component),
+            self._transfer(relay, component).distance_m,
+            self.plan.relays[relay],
+            hooks,
+        )
+
+    def relay_factor(self, relay: int, component: IncoherentComponent) -> Tensor:
+        """Transfer function × pupil in the band of a relay, (rows, columns)."""
+        transfer, band = self._transfer(relay, component), self.band(relay, component)
+        ky, kx = band.frequency_indices
+
+        stops = (transfer.wavelength_m, self.plan.relays[relay], band)
+
+        def pupil_without_effects() -> Tensor:
+            device, nominal = torch.device("cpu"), self.relays[relay]
+            whole = nominal_pupil(self.plan, relay, component.wavelength, self.dtype, device, nominal)
+            return torch.ones((), dtype=self.dtype) if whole is None else whole[ky][:, kx]
+
+        def without_effects() -> Tensor:
+            free = transfer_function_at(transfer, ky, kx, torch.complex128)
+            return free * self.cache.get_invariant(("pupil", *stops), pupil_without_effects)
+
+        def compute() -> Tensor:
+            response = self.cache.get_invariant(("nominal", relay, transfer.distance_m, *stops), without_effects)
+            sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
+            λ, nominal = transfer.wavelength_m, self.relays[relay]
+            radius = nominal.pupil_radius_sine(λ, self.plan.nominal.modulators[0].pitch_m)
+            context = RelayContext(relay, λ, sine_y[:, None], sine_x[None], radius, nominal.centre_na)
+            pupil = self.effects.pupil(context, torch.complex128)
+            return (response if pupil is None else response * pupil).to(self.dtype)
+
+        return self.cache.get(("relay", self.relay_key(relay, component), band), compute)
+
+    def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
+        return self.plan.transfer(relay, component.wavelength)
+
+
+@dataclass(frozen=True)
+class _Light:
+    """A field (y, x) or a spectrum in a relay's band. key: names all values that it depends on."""
+
+    key: Key
+    values: Callable[[], Tensor]
+
+
+class _Stages:
+    """The stages of `engine.frame` for one component of a capture. Arguments as of `NearFieldModel.intensity`."""
+
+    def __init__(self, model: NearFieldModel, drive: Tensor, component: IncoherentComponent, capture: int) -> None:
+        self.plan, self._model, self._drive = model.plan, model, drive
+        self._component, self._capture = component, capture
+
+    def illuminate(self, wavelength: int, source: int) -> _Light:
+        """The plane wave that illuminates the first modulator."""
+        key, dtype = (self._capture, self._model.slopes(self._component)), self._model.dtype
+        return _Light(key, lambda: plane_wave(self.plan, wavelength, source, dtype, torch.device("cpu")))
+
+    def modulate(self, field: _Light, frame: int, modulator: int, wavelength: int) -> _Light:
+        """field × the modulator's transmission: samples, or for the first modulator pixels if effects leave them."""
+        key = (*field.key, self._model.modulator_key(modulator, self._component))
+        if modulator == 0:  # the wave is needed at pixels or at samples, as the transmission is
+            source = self._component.source
+            return _Light(key, lambda: illuminated(self.plan, wavelength, source, self._transmission(0)))
+        return _Light(key, lambda: field.values() * self._transmission(1))
+
+    def spectrum(self, field: _Light, modulator: int) -> _Light:
+        """The spectrum in the band of the next relay."""
+        band = self._model.band(relay_behind(self.plan, modulator), self._component)
+        key = (*field.key, "spectrum", band)
+
+        def compute() -> Tensor:
+            light, grid = field.values(), self.plan.grid
+            if modulator or tuple(light.shape) != self.plan.system.modulators[0].shape:
+                return band.forward(light)
+            slopes = self._model.slopes(self._component)
+            return spectrum_of_pixels(light, [_pixel_axis(grid, i, slopes[i], band, light.dtype) for i in (0, 1)])
+
+        return _Light(key, lambda: self._model.cache.get(key, compute))
+
+    def transmit(self, spectrum: _Light, relay: int, wavelength: int, plane: int = 0) -> _Light:
+        """spectrum × transfer function × pupil."""
+        key = (*spectrum.key, self._model.relay_key(relay, self._component))
+        return _Light(key, lambda: spectrum.values() * self._model.relay_factor(relay, self._component))
+
+    def field(self, spectrum: _Light, relay: int) -> _Light:
+        """The field at the second modulator."""
+        key, band = (*spectrum.key, "field"), self._model.band(relay, self._component)
+        return _Light(
+            key, lambda: self._model.cache.get(key, lambda: band.inverse(spectrum.values(), self.plan.grid.shape))
+        )
+
+    def _transmission(self, number: int) -> Tensor:
+        """Complex transmission of a modulator: of samples for the second, of pixels if possible for the first."""
+        model, component = self._model, self._component
+
+        def compute() -> Tensor:
+            found = model.transmission(self._drive, number, component)
+            return model.context(number, component).sampled(found) if number else found
+
+        return model.cache.get(("transmission", self._capture, model.modulator_key(number, component)), compute)
+
+
+@lru_cache(maxsize=256)
+def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype: torch.dtype) -> PixelAxis:
+    return PixelAxis.at(grid, axis, slope, band.frequency_indices[axis], dtype)
+
+
+# --- Fourier bench ---
+
+
+_SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
+_SPARE_SAMPLES = 14  # that interpolation needs at the edges
+_SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
+
+
+class FourierBenchModel(CameraModel):
+    """Intensities on the camera in the focal plane of a lens. The plan has its plane at focal_length_m + defocus."""
+
+    def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
+        """|E|² (y, x) on the camera for unit power in one component.
+
+        Without stops and the sinc its mean over one period of the spectrum is 1. drive: the pattern of the capture as
+        fractions of the stroke, (1, y, x). capture: its index, for the cache.
+        """
+        behind = (
+            "behind the modulator",
+            capture,
+            component.path_factor,
+            self.wavelength_m(component),
+            self.slopes(component),
+            self.plan.system.modulators[0].stroke_m,
+            self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
+        )
+        plane_m, relay = float(self.plan.planes_m[0]), self.plan.system.relay2
+        pose_key = self.effects.cache_key(*_POSE_HOOKS, laser=component.laser)
+
+        def compute() -> Tensor:
+            modulator = self.plan.system.modulators[0]
+            field = self._defocused(self.cache.get(behind, lambda: self._field(drive, component)), component)
+            pose = self.effects.camera_pose(plane_m - self.focal_length_m)
+            cycles = max(modulator.shape) * modulator.pitch_m / (self.wavelength_m(component) * self.focal_length_m)
+
+            def displaced(by_m: tuple[float, float]) -> Tensor:
+                places = zip(pose.shift_m, by_m, self.pixel_grid.axis_m, strict=True)
+                y, x = (shift + by + axis for shift, by, axis in places)
+                return self._camera_intensity(field, component, replace(pose, shift_m=(y, x)))
+
+            return self.mean_over_motion(pose, cycles, displaced)
+
+        return self.cache.get(("fourier", *behind, plane_m, relay, pose_key), compute)
+
+    def _camera_intensity(self, field: Tensor, component: IncoherentComponent, pose: Pose) -> Tensor:
+        points = self.pixel_grid.points_per_axis or 1
+        shape = (self.pixel_grid.shape[0] * points, self.pixel_grid.shape[1] * points)
+        point_grid = PixelGrid(self.pixel_grid.pitch_m / points, shape)
+        if pose.rotation_rad == 0:
+            return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose), points)
+        finer = self._finer_grid(field, self.wavelength_m(component), pose)
+        unrotated = self._intensity_at_pixels(field, component, finer, Pose())
+        (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
+        scale = point_grid.pitch_m / finer.pitch_m
+        source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
+        return mean_over_pixels(band_limited_warp(unrotated, source, shape), points)
+
+    def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
+        """The field behind the modulator, of pixels or samples."""
+        transmission = self.transmission(drive, 0, component)
+        return illuminated(self.plan, component.wavelength, component.source, transmission)
+
+    def _defocused(self, field: Tensor, component: IncoherentComponent) -> Tensor:
+        """The field behind the modulator with the phase of the defocus, a function of y times a function of x."""
+        defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m
+        if not defocus_m:
+            return field
+        context = self.context(0, component)
+        for position in context.positions(field):
+            path_m = -defocus_m * position.square() / (2 * self.focal_length_m**2)
+            field = field * phasor(path_m, context.wavelength_m, self.dtype)
+        return field
+
+    def _intensity_at_pixels(
+        self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose
+    ) -> Tensor:
+        """|E|² at pixels whose rows and columns are parallel to the modulator's; zero where a stop blocks the light."""
+        λ, modulator, slopes = self.wavelength_m(component), self.plan.system.modulators[0], self.slopes(component)
+        pitch_m = modulator.pitch_m * modulator.shape[0] / field.shape[0]
+        affine, light, sines = pose.inverse_affine(pixel_grid.pitch_m), field, []
+        for axis in (0, 1):
+            pixels = centred_indices(pixel_grid.shape[axis], torch.float64, field.device)
+            scale, offset = affine[axis][axis], affine[axis][2]
+            sine = (pixels * scale + offset) * (pixel_grid.pitch_m / self.focal_length_m)
+            cycles = sine * (pitch_m / λ)  # per point of the field
+            step = scale * pixel_grid.pitch_m / self.focal_length_m * pitch_m / λ
+            light = chirp_z_transform(light.transpose(-2, -1), float(cycles[0]), step, pixel_grid.shape[axis])
+            slope = slopes[axis] * (pitch_m / self.plan.grid.pitch_m)  # turns per point of the field
+            envelope = torch.special.sinc(cycles - slope) / field.shape[axis] ** 0.5
+            light = light * envelope.to(self.real_dtype)
+            sines.append(sine)
+        return squared_magnitude(light) * self._stop_mask(λ, *sines)
+
+    def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
+        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
+        sine2 = sine_y.square()[:, None] + sine_x.square()[None, :]
+        passes = torch.ones_like(sine2, dtype=torch.bool)
+        y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relays[1].centre_na, strict=True))
+        if self.relays[1].iris_na is not None:
+            passes &= y.square()[:, None] + x.square()[None, :] <= self.relays[1].iris_na ** 2
+        if self.relays[1].square is not None:
+            half = self.relays[1].square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
+            passes &= (y.abs()[:, None] < half) & (x.abs()[None, :] < half)
+        if self.plan.system.relay2.dc_block_na is not None:
+            passes &= sine2 > self.plan.system.relay2.dc_block_na**2
+        return passes.to(self.real_dtype)
+
+    def _finer_grid(self, field: Tensor, λ: float, pose: Pose) -> PixelGrid:
+        """A square grid that covers the rotated camera, with at least _SAMPLES_PER_SPECKLE samples in a speckle."""
+        modulator_width_m = max(field.shape) * self.plan.system.modulators[0].pitch_m
+        speckle_m = λ * self.focal_length_m / modulator_width_m
+        pitch_m = min(self.pixel_grid.pitch_m, speckle_m / _SAMPLES_PER_SPECKLE)
+        reach_m = math.hypot(*self.pixel_grid.shape) * self.pixel_grid.pitch_m + 2 * math.hypot(*pose.shift_m)
+        samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m) + _SPARE_SAMPLES
+        return PixelGrid(pitch_m, (samples, samples))

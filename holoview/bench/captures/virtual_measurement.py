@@ -1,0 +1,238 @@
+"""Simulates captures: a bench with effects, exposure control, camera noise and digitisation.
+
+    pattern ─▶ bench with effects ─▶ signal × radiometric scale × exposure ─▶ shot and read noise ─▶ counts
+
+Captures state the nominal geometry, that of the bench without effects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.bench.captures.nominal_bench import has_only_stops
+from holoview.bench.captures.patterns import BLUR_SIGMAS_PX, random_levels
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.validation import check_captures
+from holoview.light.model.bench_parts import Relay, Source
+from holoview.light.model.effects.effect import Effect
+from holoview.light.model.effects.registry import EffectValues
+from holoview.light.model.system import System
+from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
+from holoview.util.progress import StepCallback
+
+_DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
+_BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
+_MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-5, 10.0
+_LEVEL_BYTES, _IMAGE_BYTES = 6, 5  # of a pixel of a pattern and of a picture: themselves, and while they are checked
+_FRAME_RATE_HZ = 60  # the first exposure of a wavelength is one frame time, within about 30 %
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """Random variations that occur in any laboratory and aren't faults of the bench, as standard deviations.
+
+    exposure_jitter: relative error of each exposure time.
+    prnu: relative differences of the pixels' sensitivities, the same in all captures.
+    camera_jitter_m: shift of the camera, independent in y and x and in each capture.
+    wavelength_jitter_m: deviation of the laser's wavelength in each capture.
+    """
+
+    exposure_jitter: float = 0.0
+    prnu: float = 0.0
+    camera_jitter_m: float = 0.0
+    wavelength_jitter_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class AcquisitionSettings:
+    """How captures are taken.
+
+    captures_per_condition: captures at each combination of wavelength and plane.
+    power_range: laser powers are uniformly random in this range, relative.
+    blur_sigmas_px: blurs of the random patterns, in modulator pixels; captures cycle through them.
+    camera_pitch_m: None for the pitch of the simulation. camera_shape: None for the area of the modulator.
+    bit_depth, read_noise (electrons), black_level (counts): as in `Camera`. full_well: electrons at full scale.
+    focal_length_m: of a Fourier bench; None for near field.
+    planes_m: distances from the last modulator, or defocus on a Fourier bench; None for the system's planes, or 0.
+    finer: factor by which the simulation is finer than that of `Captures.upsample`; a camera pixel then
+    averages several samples.
+    seed: of patterns, powers and noise.
+    """
+
+    captures_per_condition: int = 8
+    power_range: tuple[float, float] = (0.5, 1.0)
+    blur_sigmas_px: tuple[float, ...] = BLUR_SIGMAS_PX
+    camera_pitch_m: float | None = None
+    camera_shape: tuple[int, int] | None = None
+    bit_depth: int = 12
+    full_well: float = 16000.0
+    read_noise: float = 3.0
+    black_level: float = 64.0
+    focal_length_m: float | None = None
+    planes_m: tuple[float, ...] | None = None
+    nuisances: Nuisances = Nuisances()
+    finer: int = 1
+    seed: int = 0
+
+
+def make_captures(
+    system: System,
+    effects: EffectValues | None = None,
+    settings: AcquisitionSettings | None = None,
+    *,
+    extra_effects: Iterable[Effect] = (),
+    progress: StepCallback | None = None,
+) -> Captures:
+    """Simulates captures of a bench with `effects` {id: {parameter: value}} in addition to its own, without its eye.
+
+    Equal arguments give equal captures. extra_effects: effects beside those of the registry. progress: called with
+    (captures made, captures in all). Raises UserError for a bench whose nominal geometry a capture file can't hold,
+    and for effects that are unknown or impossible.
+    """
+    settings, system = settings or AcquisitionSettings(), system.with_(eye=None)  # a camera takes them
+    rng = np.random.default_rng(settings.seed)
+    captures = blank_captures(system, settings, rng)
+    table = {**system.effect_values, **(effects or {})}
+    predictor = Predictor(captures, extra_effects, finer=settings.finer)
+    camera = _CameraSimulator(captures, settings, rng)
+    images, exposures = captures.images.copy(), captures.exposure_s.copy()
+    for k in range(len(captures)):
+        prediction = predictor([k], jittered_effects(table, settings.nuisances, rng))
+        ambient = 0.0 if prediction.ambient is None else prediction.ambient[0].double().numpy()
+        signal = prediction.signal[0].double().numpy()
+        images[k], exposures[k] = camera.expose(k, signal, ambient, prediction.black_level)
+        if progress is not None:
+            progress(k + 1, len(captures))
+    measured = dataclasses.replace(captures, images=images, exposure_s=exposures)
+    check_captures(measured)
+    return measured
+
+
+def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random.Generator) -> Captures:
+    """Captures before they are taken: patterns and settings, with images of zeros and exposures of 1 s."""
+    _check_nominal(system, settings)
+    slms = tuple(
+        SlmSpec(m.pitch_m, _DEFAULT_NUM_LEVELS if m.levels is None else len(m.levels), m.stroke_m)
+        for m in system.modulators
+    )
+    planes = _planes(system, settings)
+    wavelengths, distances = (a.ravel() for a in np.meshgrid(system.wavelengths_m, planes, indexing="ij"))
+    wavelengths, distances = (np.repeat(a, settings.captures_per_condition) for a in (wavelengths, distances))
+    shape, count = system.modulators[0].shape, len(wavelengths)
+    image_shape = settings.camera_shape or tuple(n * system.sampling.upsample for n in shape)
+    needed = count * (_LEVEL_BYTES * len(slms) * math.prod(shape) + _IMAGE_BYTES * math.prod(image_shape))
+    require_memory("captures", needed, remedy="make fewer captures, or smaller ones")
+    sigmas_px = [settings.blur_sigmas_px[k % len(settings.blur_sigmas_px)] for k in range(count)]
+    levels = [[random_levels(rng, shape, slm.num_levels, sigma_px) for slm in slms] for sigma_px in sigmas_px]
+    pitch_m = settings.camera_pitch_m or system.modulators[0].pitch_m / system.sampling.upsample
+    full_scale = 2**settings.bit_depth - 1 - settings.black_level
+    return Captures(
+        levels=np.array(levels),
+        images=np.zeros((count, *image_shape), np.uint16),
+        wavelength_m=wavelengths,
+        distance_m=distances,
+        power=np.round(rng.uniform(*settings.power_range, count), 2),
+        exposure_s=np.ones(count),
+        slms=slms,
+        camera=Camera(
+            pitch_m, settings.bit_depth, settings.full_well / full_scale, settings.read_noise, settings.black_level
+        ),
+        gap_m=system.gap_m,
+        relay1=system.relay1,
+        relay2=system.relay2 if settings.focal_length_m is None else Relay(),
+        focal_length_m=settings.focal_length_m,
+    )
+
+
+class _CameraSimulator:
+    """Exposure control and the camera: expected signals become counts."""
+
+    def __init__(self, captures: Captures, settings: AcquisitionSettings, rng: np.random.Generator) -> None:
+        self._captures, self._nuisances, self._rng = captures, settings.nuisances, rng
+        self._sensitivity = 1 + settings.nuisances.prnu * rng.standard_normal(captures.shape)
+        self._scale: dict[float, float] = {}  # counts per unit of signal and second; a fit has to find it
+
+    def expose(
+        self, k: int, signal: NDArray[np.float64], ambient: NDArray[np.float64] | float, black_level: float
+    ) -> tuple[NDArray[np.uint16], float]:
+        """Image (y, x) in counts, and the exposure time (s) that was set for it.
+
+        signal: of the lasers, (y, x), per second. ambient: counts per second of other light, (y, x) or a single one.
+        """
+        camera = self._captures.camera
+        target = _TARGET_EXPOSURE * (camera.saturation - black_level)
+        bright = float(np.quantile(signal, _BRIGHT_QUANTILE))
+        if not (bright > 0 and target > 0):
+            raise UserError("captures", f"no light reaches the camera in capture {k}", remedy="widen irises and stops")
+        λ = float(self._captures.wavelength_m[k])
+        scale = self._scale.setdefault(λ, _FRAME_RATE_HZ * target / bright * float(self._rng.uniform(0.7, 1.3)))
+        brightest = scale * bright + float(np.max(ambient))
+        exposure_s = float(np.clip(float(f"{target / brightest:.2g}"), _MIN_EXPOSURE_S, _MAX_EXPOSURE_S))
+        actual_s = exposure_s * (1 + self._nuisances.exposure_jitter * float(self._rng.standard_normal()))
+        light = (scale * signal + ambient) * actual_s * self._sensitivity
+        return read_out(camera, light, black_level, self._rng), exposure_s
+
+
+def read_out(
+    camera: Camera, light: NDArray[np.float64], black_level: float, rng: np.random.Generator
+) -> NDArray[np.uint16]:
+    """Raw counts (y, x) of a picture: shot noise, read noise and digitisation. light: expected counts above black."""
+    electrons = np.maximum(light, 0) * camera.electrons_per_count
+    electrons = rng.poisson(electrons) + camera.read_noise * rng.standard_normal(light.shape)
+    counts = np.rint(electrons / camera.electrons_per_count + black_level)
+    return np.clip(counts, 0, camera.saturation).astype(np.uint16)
+
+
+def jittered_effects(table: EffectValues, nuisances: Nuisances, rng: np.random.Generator) -> dict[str, dict[str, Any]]:
+    """The effects of one capture: those of the bench, with random shifts of camera and wavelength added."""
+    jittered = {name: dict(values) for name, values in table.items()}
+    y, x, λ = rng.standard_normal(3)
+    for name, key, amount in (
+        ("camera_alignment", "shift_y", nuisances.camera_jitter_m * y),
+        ("camera_alignment", "shift_x", nuisances.camera_jitter_m * x),
+        ("wavelength_offset", "offset", nuisances.wavelength_jitter_m * λ),
+    ):
+        if amount:
+            jittered.setdefault(name, {})[key] = jittered.get(name, {}).get(key, 0.0) + amount
+    return jittered
+
+
+def _planes(system: System, settings: AcquisitionSettings) -> NDArray[np.float64]:
+    if settings.planes_m is not None:
+        return np.array(settings.planes_m, dtype=np.float64)
+    return np.zeros(1) if settings.focal_length_m is not None else system.planes_m
+
+
+def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
+    """Raises UserError unless a capture file can hold the bench's nominal geometry."""
+    remedy = "use a preset without it; `--effects` can add it as what is really there"
+    if system.is_field:
+        raise UserError("modulators", "a field", expected="modulators, whose patterns are sent", remedy=remedy)
+    for name in ("relay1", "relay2"):
+        if not has_only_stops(getattr(system, name)):
+            expected = "a nominal relay with an iris and a square stop only"
+            raise UserError(name, "has more than stops", expected=expected, remedy=remedy)
+    if system.source != Source():
+        raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
+    for modulator in system.modulators:
+        if modulator.levels is not None and not np.array_equal(
+            modulator.levels, np.linspace(0, 1, len(modulator.levels))
+        ):
+            raise UserError("levels", "aren't equal steps", expected="equal steps of the stroke", remedy=remedy)
+    if settings.focal_length_m is not None and len(system.modulators) == 2:
+        raise UserError("focal length", "with two modulators", expected="one modulator on a Fourier bench")
+    if settings.captures_per_condition < 1 or settings.finer < 1:
+        raise UserError(
+            "captures",
+            f"{settings.captures_per_condition} of each, {settings.finer} times finer",
+            expected="at least 1",
+        )

@@ -1,0 +1,125 @@
+"""Five small parts of large pictures, the middle and the four corners, predicted one by one and compared as one.
+
+The middle hardly shows effects that grow towards the edges, such as a beam that falls off, and a whole field takes
+thirty times as long as five parts. Each part has as much of the modulators around it as the middle that causes are
+searched in. A picture of parts has them one below the other, and one gain, so that light that is lost at the corners
+isn't lost in their gains. Whole pictures judge what was fitted to parts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.patterns import pattern_roughness
+from holoview.bench.captures.predictor import Prediction
+from holoview.bench.captures.prepared_captures import BORDER_PX, PreparedCaptures
+from holoview.bench.captures.records.trials import cut_out
+from holoview.bench.diagnose.capture_split import split_captures
+from holoview.bench.diagnose.crop import compact_prediction, pixel_ratio, through_windows
+from holoview.bench.diagnose.likelihood import PredictorProtocol, Values
+from holoview.bench.diagnose.search_context import (
+    NeighbourVariances,
+    Pace,
+    PerThreadPredictor,
+    SearchContext,
+    field_samples,
+)
+from holoview.light.model.effects.effect import FileParameter
+from holoview.light.model.effects.registry import get_effect
+
+_CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+_CACHE_MB = 64  # of each part's predictor
+_TIME_SHARE = 0.85
+"""[1] Of the time of a search, after which parts are given up with their best result. Evidence: a reason: whole
+pictures have to judge it."""
+_WHOLE_PX = 1e-3
+"""[px] A part's centre is at a pixel of the modulators and, up to so much, of the camera. Evidence: derivation: far
+below the shifts that captures show."""
+
+
+class PartsPredictor:
+    """Predicts all parts of a picture, one below the other. create: makes the predictor of each part."""
+
+    def __init__(self, create: Sequence[Callable[..., PredictorProtocol]], **options: Any) -> None:
+        self._parts = [one(**({"cache_mb": _CACHE_MB} | options)) for one in create]
+
+    @property
+    def fields_requested(self) -> int:
+        """How many fields of all parts together calls have asked for."""
+        return self._parts[0].fields_requested
+
+    def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
+        """As `Predictor`; the rows of a signal are those of all parts."""
+        found = [part(indices, values, grad=grad) for part in self._parts]
+        ambient = [one.ambient for one in found if one.ambient is not None]
+        together = torch.cat(ambient, dim=1) if ambient else None
+        return Prediction(torch.cat([one.signal for one in found], dim=1), found[0].black_level, together)
+
+
+def parts_of_context(whole: SearchContext, middle: SearchContext, known: Values) -> SearchContext | None:
+    """The context of a search in parts; None where it would save little, and on a Fourier bench.
+
+    middle: whose size each part has. known: effects that the nominal model has; None is returned too where one is read
+    from a file, whose maps are of whole modulators.
+    """
+    captures, config = whole.data.captures, whole.config.region
+    offsets = None if captures.is_fourier else _offsets(captures, middle.data.captures)
+    has_maps = any(isinstance(p, FileParameter) for name in known for p in get_effect(name).parameters)
+    if offsets is None or has_maps:
+        return None
+    like = middle.data.captures
+    shape = (like.levels.shape[2], like.levels.shape[3])
+    cut = [cut_out(captures, shape, like.shape, offset) for offset in offsets]
+    parts, windows = [one for one, _ in cut], tuple(window for _, window in cut)
+    together = _one_below_the_other(parts)
+    if pixel_ratio(captures, together) < config.min_saving:
+        return None
+    light, usable = through_windows(windows, whole.data.light), through_windows(windows, whole.data.usable)
+    data = PreparedCaptures(together, light, usable)
+    creators = [partial(whole.predictor.create, **compact_prediction(part)) for part in parts]
+    budget = whole.config.budget.fields_for(field_samples(together))
+    return dataclasses.replace(
+        whole,
+        data=data,
+        system=parts[0].nominal_system(),
+        field_budget=budget if math.isfinite(whole.field_budget) else math.inf,
+        split=split_captures(together, pattern_roughness(captures), whole.left_out),
+        predictor=PerThreadPredictor(partial(PartsPredictor, creators)),
+        variances=NeighbourVariances(data),
+        end=whole.end.after_share(_TIME_SHARE),
+        pace=Pace(),
+        windows=windows,
+    )
+
+
+def _offsets(captures: Captures, cut: Captures) -> list[tuple[int, int]] | None:
+    """How far (y, x) each part's centre is from the pictures', modulator pixels; None where no part fits.
+
+    As far out as the modulators around a part, and the usable pixels of the picture, allow.
+    """
+    scale, reach = captures.slms[0].pitch_m / captures.camera.pitch_m, list[int]()
+    for axis in (0, 1):
+        around = (captures.levels.shape[2 + axis] - cut.levels.shape[2 + axis]) // 2
+        seen = (captures.shape[axis] - cut.shape[axis]) / 2 - BORDER_PX
+        most = math.floor(min(around, seen / scale))
+        fitting = [n for n in range(most, most // 2, -1) if abs(n * scale - round(n * scale)) < _WHOLE_PX]
+        if not fitting:
+            return None
+        reach.append(fitting[0])
+    return [(0, 0), *((y * reach[0], x * reach[1]) for y, x in _CORNERS)]
+
+
+def _one_below_the_other(parts: Sequence[Captures]) -> Captures:
+    """Captures whose pictures and patterns have those of all parts; their place in the modulators means nothing."""
+    names = ("levels", "images") if parts[0].usable is None else ("levels", "images", "usable")
+    together: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts], axis=-2) for name in names}
+    return dataclasses.replace(parts[0], **together, levels_before=None, levels_first=None)

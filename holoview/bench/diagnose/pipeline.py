@@ -1,0 +1,504 @@
+"""From captures to a diagnosis: prepare, search, decide, and state how certain it is."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+
+from holoview.bench.captures.count_bits import with_clipped_as_saturated
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.patterns import pattern_roughness
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
+from holoview.bench.diagnose.capture_split import split_captures
+from holoview.bench.diagnose.config import SearchConfig
+from holoview.bench.diagnose.correct.bad_captures import BadCapture, find_useless_captures
+from holoview.bench.diagnose.correct.wrong_records import CheckedRecords, check_records
+from holoview.bench.diagnose.crop import (
+    MAX_TIME_SHARE,
+    describe_middle,
+    measure_missing_light,
+    middle_of_context,
+    with_fitting_stops,
+    within_limits,
+    without_light_from_beyond,
+)
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Lookalikes, SearchResult, Verdict
+from holoview.bench.diagnose.likelihood import Values
+from holoview.bench.diagnose.nuisances import detect_nuisances
+from holoview.bench.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
+from holoview.bench.diagnose.parts import parts_of_context
+from holoview.bench.diagnose.power_law import changes_only_power
+from holoview.bench.diagnose.report.assemble import assemble, better_explained, with_wrong_records
+from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.diagnose.screening import LOCAL_MAX_ERROR
+from holoview.bench.diagnose.search import InitialCandidates
+from holoview.bench.diagnose.search_context import (
+    BestSoFar,
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    SearchEnd,
+    SearchEnded,
+    describe_so_far,
+    describe_work,
+    equivalent_effects,
+    field_samples,
+)
+from holoview.bench.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
+from holoview.bench.diagnose.speckle_evidence import NEAR_CORRELATION, describe_light, light_by_speckle
+from holoview.bench.diagnose.speckle_search import FoundLight
+from holoview.bench.diagnose.worker_pool import WorkerPool
+from holoview.light.model.effects.effect import Effect
+from holoview.light.model.effects.registry import (
+    ActiveEffects,
+    effect_on_bench,
+    is_user_effect,
+    listed_effects,
+    load_user_effects,
+    unmet_by_bench,
+    unmet_by_data,
+)
+from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback, TextCallback, no_progress
+
+_CORRECTION_SHARE = 0.7
+"""[1] Of a search's budget, which corrections of known effects may take before it. Evidence: 16 s of one core on the
+virtual rig (48 × 64 pixels, 24 captures)."""
+_SPECKLE_SHARE = 0.6
+"""[1] Of the time, which the search by speckle may take. Evidence: a reason: the usual search needs the rest."""
+_LAST_BEGIN = 0.7
+"""[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
+longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
+_PART_ROUNDS = 2
+"""[1] Searches in parts, of which the second follows if the first names other causes. Evidence: a reason: a third would
+change the light from beyond by the error of an error."""
+
+_OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
+
+
+def diagnose(
+    captures: Captures,
+    effects: Iterable[Effect] | None = None,
+    *,
+    known: Values | None = None,
+    uncertain: Uncertainties | None = None,
+    workers: int = 1,
+    progress: ProgressCallback | None = None,
+    free_maps: bool = True,
+    thorough: bool = False,
+    time_s: float | None = None,
+    is_asked_to_end: Callable[[], bool] | None = None,
+    so_far: TextCallback | None = None,
+    forecast: TextCallback | None = None,
+    sampling: SamplingConfig = PLAIN,
+    config: SearchConfig | None = None,
+) -> Diagnosis:
+    """Names the differences of the real bench from the nominal model of these captures, wrong records first.
+
+    effects: the candidates; all of the registry when None.
+    known: effects that the nominal model has, {id: {parameter: value}}; the values found add to them.
+    uncertain: standard deviations of known effects that were measured, {id: {parameter: value}}; their errors are
+    fitted first, within these. `Diagnosis.known` has the known effects as they were used.
+    workers: processes; results don't depend on their number. With more than one, a script needs the usual
+    `if __name__ == "__main__":` of Python's multiprocessing.
+    progress: called with (done, total, what).
+    free_maps: look for the place of an error that no effect explains, if one remains.
+    thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
+    about a minute for 128 × 96 modulator pixels on two cores.
+    time_s: the search ends after so long with its best result; records, intervals and notes take a little
+    longer. None: it ends at its budget of fields alone, so that the result doesn't depend on the machine's speed.
+    is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
+    so_far: called with a sentence when the search has found a better result.
+    forecast: called with a sentence before the search: how many fields it computes at most, and the seconds that these
+    are expected to take on this machine, measured with the first predictions. Notes of `progress` go on from there.
+    sampling: how predictions sample light.
+    config: settings of all stages.
+
+    Where corrected records leave the captures unexplained, and a gross error of the bench can imitate these wrong
+    records, the captures are searched as recorded as well, each within half of the budget; the better explanation
+    counts.
+
+    Counts clipped below the camera's full scale count as saturated. Every capture is judged: `Diagnosis.bad_captures`
+    lists those that don't fit their records. Of a single picture, blocks of pixels are held out. Raises UserError when
+    no capture shows anything, and for known effects that such a bench can't have.
+    """
+    began, known = time.monotonic(), known or {}
+    check_known_effects(captures, known)
+    candidates = list(listed_effects().values() if effects is None else effects)
+    ceiling_s = math.inf if time_s is None else time_s
+    options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
+    request = _Request(candidates, known, uncertain or {}, *options, sampling, config or SearchConfig())
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        diagnosis = _diagnose(captures, request)
+    finally:
+        torch.set_num_threads(threads)
+    return replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """The arguments of `diagnose` but for the captures."""
+
+    candidates: list[Effect]
+    known: Values
+    uncertain: Uncertainties
+    workers: int
+    progress: ProgressCallback
+    free_maps: bool
+    thorough: bool
+    time_s: float
+    is_asked_to_end: Callable[[], bool] | None
+    so_far: TextCallback | None
+    forecast: TextCallback | None
+    sampling: SamplingConfig
+    config: SearchConfig
+
+    def start_workers(self) -> WorkerPool:
+        """Processes for a search."""
+        return WorkerPool(self.workers, self.config.budget.worker_start_s)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether the caller has asked for the end of the search."""
+        return self.is_asked_to_end is not None and self.is_asked_to_end()
+
+
+def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
+    """Leaves out clipped counts, puts records right, corrects known effects that were measured, and searches."""
+    said: list[str] = []
+    captures = with_clipped_as_saturated(captures, said.append)
+    records = check_records(captures, request.known)
+    if not request.known and (by_speckle := _light_by_speckle(records.captures, request, said.append)):
+        window, light = by_speckle
+        diagnosis = _search(replace(records, captures=window), request, 1.0, light)
+        return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
+    share = 0.5 if records.are_doubtful else 1.0
+    request, notes = _with_corrected_known(records, request)
+    diagnosis = _search(records, request, share)
+    if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
+        as_recorded = _search(records.as_recorded(captures), request, share)
+        diagnosis = better_explained(records, diagnosis, as_recorded)
+    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+
+
+def _light_by_speckle(
+    captures: Captures, request: _Request, tell: Callable[[str], None]
+) -> tuple[Captures, FoundLight] | None:
+    """The window and the light that `light_by_speckle` finds; None also where the caller or the time ends it."""
+    began = time.monotonic()
+
+    def progress(done: int, total: int, what: str) -> None:
+        request.progress(done, total, what)
+        if request.is_asked or time.monotonic() - began > _SPECKLE_SHARE * request.time_s:
+            raise SearchEnded
+
+    try:
+        return light_by_speckle(captures, [effect.id for effect in request.candidates], progress)
+    except SearchEnded:
+        tell("The search by speckle was ended before it had found the light")
+        return None
+
+
+@dataclass(frozen=True)
+class _Preparation:
+    """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
+    of large pictures; None where it would save little. parts: of the middle and the corners; None as for the middle.
+    weighted: predicts whole pictures with weighted stops. count: of all captures. useless: captures that are left out.
+    only: the other captures. notes: on effects that the captures can't show.
+    """
+
+    whole: SearchContext
+    middle: SearchContext | None
+    parts: SearchContext | None
+    weighted: PerThreadPredictor
+    count: int
+    useless: Sequence[BadCapture]
+    only: set[int]
+    notes: list[str]
+
+
+def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
+    """The contexts of a search that may spend a share of the budget."""
+    config = request.config
+    captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
+    useless = find_useless_captures(captures, request.known)
+    whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
+    whole = _limited(whole, request, share)
+    with whole.measuring_pace():
+        middle = middle_of_context(whole)
+    parts = None if middle is None else parts_of_context(whole, middle, request.known)
+    weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
+    only = {*range(len(captures))} - {bad.index for bad in useless}
+    if len(only) == 1:
+        whole, notes = with_one_picture(whole, min(only)), [*notes, ONE_PICTURE_NOTE]
+        middle, parts = None if middle is None else with_one_picture(middle, min(only)), None
+    shared: dict[str, object] = {}
+    if middle is not None:
+        shared = {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
+        shared["predictor with weighted stops"] = weighted
+    if parts is not None:
+        shared |= {f"{name} of the parts": one for name, one in parts.shared_objects().items()}
+    prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
+    needed = prediction_bytes(captures, request.sampling)
+    needed += cache_bytes(captures)
+    pool.share(shared | whole.shared_objects(), prepare, needed)
+    if pool.workers < request.workers:
+        cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
+    return _Preparation(whole, middle, parts, weighted, len(captures), useless, only, [*notes, *cut_notes])
+
+
+def _limited(context: SearchContext, request: _Request, share: float) -> SearchContext:
+    """The context with a share of the budget of fields and of the time, and with the receiver of its best results."""
+    budget, samples = request.config.budget, field_samples(context.data.captures)
+    end = SearchEnd(share * request.time_s, request.is_asked_to_end, _LAST_BEGIN)
+    fields, so_far = math.inf if request.thorough else share * budget.fields_for(samples), request.so_far
+    best: BestSoFar[SearchResult] = BestSoFar(
+        None if so_far is None else lambda result: so_far(describe_so_far(result))
+    )
+    return replace(context, field_budget=fields, end=end, best_so_far=best)
+
+
+def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
+    """The request with known effects corrected within their uncertainties, and notes on the corrections."""
+    if not request.uncertain:
+        return request, ()
+    share, silent = _CORRECTION_SHARE, replace(request, so_far=None)
+    with request.start_workers() as pool:
+        prepared = _prepare(records, silent, pool, share)
+        context = prepared.middle or prepared.whole
+        corrections = known_corrections(context, request.uncertain, request.progress)
+    known = add_effect_values(request.known, corrections or {})
+    return replace(request, known=known), correction_notes(corrections, request.uncertain)
+
+
+def _search(records: CheckedRecords, request: _Request, share: float, light: FoundLight | None = None) -> Diagnosis:
+    """The diagnosis of captures with checked records, within a share of the budget. light: found by speckle before."""
+    with request.start_workers() as pool:
+        prepared = _prepare(records, request, pool, share)
+        if light is None:
+            outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
+        else:
+            outcome = _judge_light(prepared, light, request.progress)
+        wants_maps = request.free_maps and not prepared.whole.end.was_asked
+        diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
+    if len(prepared.only) == 1:  # its picture was split into two
+        only = min(prepared.only)
+        samples = tuple(replace(sample, capture=only) for sample in diagnosis.samples)
+        diagnosis = replace(diagnosis, samples=samples)
+    return with_wrong_records(diagnosis, records)
+
+
+def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
+    """The causes that stand for the light that was found by speckle, judged by least squares."""
+    fit = CandidateFit(tuple(light.values), light.values, math.inf)
+    initial = InitialCandidates((fit,), are_searched=light.after > NEAR_CORRELATION, over_field_only=True)
+    search = partial(search_once, prepared.whole, progress=progress, initial=initial)
+    outcome = judge_captures(
+        prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress
+    )
+    outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
+    if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
+        return outcome
+    named = outcome.decision.best.fit  # far from the captures, derivatives tell nothing of what looks alike
+    alike = Lookalikes(named, {cause: {} for cause in named.causes}, {cause: {} for cause in named.causes})
+    return replace(outcome, result=replace(outcome.result, lookalikes=alike))
+
+
+def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: TextCallback) -> SearchOutcome:
+    """The causes and the bad captures: searched in the middle of large pictures, refined and judged in whole
+    pictures. forecast: is told how much work that is."""
+    whole = prepared.whole
+    judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
+    if prepared.middle is None:
+        search = partial(search_once, whole, progress=progress)
+        return judge(whole, search(_doubtful(whole, progress, forecast, [])), search)
+    progress(0, 1, "light from beyond the middle")
+    with whole.measuring_pace():
+        missing = measure_missing_light(whole, prepared.middle)
+    middle = replace(prepared.middle, missing_light=missing)
+    is_corrected = not whole.data.captures.is_fourier and len(prepared.only) > 1
+    search = partial(search_once, middle, progress=progress)
+    later = [middle, *([prepared.parts] if prepared.parts is not None else []), whole] if is_corrected else [whole]
+    found = search(_doubtful(middle, progress, forecast, later))
+    where = describe_middle(middle)
+    if whole.end.was_asked:
+        outcome = judge(middle, found, search)
+        return replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
+    if whole.data.captures.slm_frame is not None:  # cut too: its error is at most that of a smaller part
+        whole = replace(whole, missing_light=missing)
+    if is_corrected:
+        progress(0, 1, "light from beyond the middle, as predicted")
+        whole = with_fitting_stops(whole, prepared.weighted, found.decision.values)
+        first, found = found, _found_without_light_from_beyond(whole, found, prepared.middle.field_budget, progress)
+    fitted = None
+    if is_corrected and prepared.parts is not None:
+        fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), first, found, progress)
+    outcome = _judged_whole(whole, found, fitted, is_corrected, judge, progress)
+    is_of_parts = outcome.fitted is not None
+    how = "five parts fitted them, whole ones judged" if is_of_parts else "whole pictures fitted and judged them"
+    return replace(outcome, notes=list(dict.fromkeys([*found.notes, *outcome.notes, f"{where}; {how}."])))
+
+
+def _judged_whole(
+    whole: SearchContext,
+    found: SearchOutcome,
+    fitted: SearchOutcome | None,
+    is_corrected: bool,
+    judge: Callable[..., SearchOutcome],
+    progress: ProgressCallback,
+) -> SearchOutcome:
+    """The outcome in whole pictures of the causes found in the middle, and perhaps fitted to parts.
+
+    is_corrected: whether the light from beyond the middle was subtracted. judge: judges every capture by an outcome.
+    """
+    whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
+    torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
+    whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+    last = fitted or found
+    explains = last.decision.verdict not in _OPEN
+    initial = InitialCandidates(_named_fits(last), explains, is_corrected, are_fitted=fitted is not None)
+    refine = partial(search_once, whole, progress=progress, initial=initial)
+    outcome = judge(whole, refine(found.context.left_out), refine)
+    if outcome.result.best.causes == found.result.best.causes:
+        unseen = found.result.unseen_rivals
+        outcome = replace(outcome, result=replace(outcome.result, unseen_rivals=unseen))
+    are_of_parts = fitted is not None and outcome.result.best.fit in initial.fits
+    return replace(outcome, middle=found.context, fitted=fitted.context if fitted and are_of_parts else None)
+
+
+def _fitted_to_parts(
+    whole: SearchContext,
+    parts: SearchContext,
+    first: SearchOutcome,
+    found: SearchOutcome,
+    progress: ProgressCallback,
+) -> SearchOutcome | None:
+    """The outcome of a search in parts of the pictures that starts from that in their middle, `found`; None where its
+    causes are too far from the truth to predict the light from beyond the parts.
+
+    first: of the search in the middle before, with whose values whole pictures are predicted already; they serve where
+    the causes are the same. With further causes that light is another, so that they are fitted once more without it.
+    """
+    outcome = None
+    for _ in range(_PART_ROUNDS):
+        causes = {*found.decision.values}
+        values = (first if {*first.decision.values} == causes else found).decision.values
+        if found.context.relative_model_error(found.decision.values) > LOCAL_MAX_ERROR:
+            break
+        progress(0, 1, "light from beyond the parts")
+        corrected = without_light_from_beyond(whole, parts, values)
+        corrected = replace(corrected, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+        initial = InitialCandidates(_named_fits(found), are_searched=True, over_field_only=True)
+        found = outcome = search_once(corrected, found.context.left_out, progress, initial)
+        if {*found.decision.values} == causes or found.was_ended:
+            break
+    return outcome
+
+
+def _doubtful(
+    context: SearchContext, progress: ProgressCallback, forecast: TextCallback, later: Sequence[SearchContext]
+) -> Collection[int]:
+    """The captures that stand out, whose predictions tell how long the search takes, and later searches after it."""
+    with context.measuring_pace():
+        doubtful = doubtful_captures(context, progress)
+    a_field = context.pace.first
+    for one in later:
+        if one.windows and one.pace.first is None and a_field is not None:  # parts, each of which is like the middle
+            one.pace.first = len(one.windows) * a_field
+    forecast(describe_work([context, *later]))
+    return doubtful
+
+
+def _found_without_light_from_beyond(
+    whole: SearchContext, found: SearchOutcome, field_budget: float, progress: ProgressCallback
+) -> SearchOutcome:
+    """The outcome of a search in the middle, and of a further one that starts from it, without the light from beyond
+    the middle, which hides weak faults. As it was where its causes are too far from the truth to predict that light.
+    """
+    values = found.decision.values
+    if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
+        return found
+    corrected = detect_nuisances(without_light_from_beyond(whole, found.context, values), values)
+    corrected = replace(corrected, field_budget=field_budget, end=whole.end.after_share(MAX_TIME_SHARE))
+    initial = InitialCandidates(_named_fits(found), are_searched=True)
+    again = search_once(corrected, found.context.left_out, progress, initial)
+    unseen = found.result.unseen_rivals if again.result.best.causes == found.result.best.causes else ()
+    notes = list(dict.fromkeys([*found.notes, *again.notes]))
+    return replace(again, result=replace(again.result, unseen_rivals=unseen), notes=notes)
+
+
+def _named_fits(found: SearchOutcome) -> tuple[CandidateFit, ...]:
+    """The best candidate of a search and its rivals."""
+    named = (found.decision.best, *found.decision.rivals)
+    return tuple(score.fit for score in named if score is not None)
+
+
+def _prepare_worker(effect_files: Sequence[str]) -> None:
+    """Prepares another process for the jobs of a diagnosis."""
+    torch.set_num_threads(1)
+    for file in effect_files:
+        load_user_effects(file)
+
+
+def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
+    return sorted({inspect.getfile(type(effect)) for effect in effects if is_user_effect(effect)})
+
+
+def prepare_search(
+    captures: Captures,
+    useless: Sequence[BadCapture],
+    effects: Sequence[Effect],
+    known: Values,
+    sampling: SamplingConfig,
+    config: SearchConfig,
+    pool: WorkerPool,
+) -> tuple[SearchContext, list[str]]:
+    """The context of a search, and notes on effects that these captures can't show.
+
+    useless: captures that are left out. effects: the candidates. known: effects that the nominal model has. Raises
+    UserError when no capture is left.
+    """
+    left_out = tuple(bad.index for bad in useless)
+    kept = [k for k in range(len(captures)) if k not in left_out]
+    if not kept:
+        raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
+    properties = (captures.subset(kept) if left_out else captures).data_properties()
+    unmet = {e.id: unmet_by_data(e, properties) for e in effects}
+    visible = {e.id: effect_on_bench(e, properties) for e in effects if not unmet[e.id]}
+    others = [e for e in effects if unmet[e.id] and not unmet_by_bench(e, properties)]
+    unseen = {e.id: e for e in others if not changes_only_power(e)}
+    notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
+    if properties.wavelengths == 1:
+        notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
+    if properties.planes == 1 and not properties.is_fourier:
+        notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
+    notes += [f"Estimated, because nobody stated it: {sentence}." for sentence in captures.estimated]
+    options = {"captures": captures, "known_values": known, **sampling.keywords}
+    data = prepare_captures(captures)
+    context = SearchContext(
+        data=data,
+        system=ActiveEffects(known).actual_system(captures.nominal_system()),
+        effects=visible,
+        split=split_captures(captures, pattern_roughness(captures), left_out),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
+        workers=pool,
+        variances=NeighbourVariances(data),
+        config=config,
+        sampling=sampling,
+        equivalents=equivalent_effects(visible, properties),
+        unseen=unseen,
+        left_out=left_out,
+    )
+    return context, notes

@@ -1,0 +1,82 @@
+"""When the light on the modulator is sought by speckle, and in which part of the pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+
+import numpy as np
+
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.picture_geometry import bright_window, zero_order_mask
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import PreparedCaptures, neighbour_variance, prepare_captures
+from holoview.bench.captures.records.trials import cut_pictures
+from holoview.bench.diagnose.speckle_search import FoundLight, SpeckleSearch, find_light
+from holoview.util.progress import ProgressCallback
+
+_MOST_PICTURES = 4
+"""[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
+_FAR_CHI2 = 4.0
+"""[χ²/n] Nominal predictions that leave less are near enough for derivatives. Evidence: none recorded."""
+_STANDING = 0.6
+"""[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
+_GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.
+_LEAST = 0.3  # [1] Of it, below which nothing is handed on. Evidence: none recorded.
+_WINDOW_PX = 320, 640
+"""[px] Rows and columns of the brightest window, in which light is sought and causes are judged. Evidence: the cost."""
+_PART_PX = 192, 384  # [px] … of its brightest part, in which it is sought at first. Evidence: the cost.
+NEAR_CORRELATION = 0.9
+"""[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
+_CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
+
+
+def window_of(captures: Captures, size: tuple[int, int]) -> Captures:
+    """The brightest window of the pictures of a Fourier bench, without the zero order; near fields as they are."""
+    if not captures.is_fourier:
+        return captures
+    brightest = captures.images.max(axis=0).astype(np.float64) - captures.camera.black_level
+    usable = ~zero_order_mask(captures.images.max(axis=0), captures.camera.saturation)
+    counted = np.stack([captures.usable_pixels(k) & usable for k in range(len(captures))])
+    window = bright_window(np.maximum(brightest, 0.0), np.asarray(counted.any(axis=0)), size)
+    return cut_pictures(dataclasses.replace(captures, usable=counted), window)
+
+
+def light_by_speckle(
+    captures: Captures, effects: Collection[str], progress: ProgressCallback
+) -> tuple[Captures, FoundLight] | None:
+    """The window of a few pictures in which causes can be judged, and the light that makes their speckle stand.
+
+    effects: ids of the candidates. None where there are many pictures or the nominal bench is near, and where no light
+    makes the speckle stand: then a search by derivatives does better, or has to say so.
+    """
+    is_alike = len(captures.wavelengths_m) == len(np.unique(captures.distance_m)) == 1
+    if not (captures.is_fourier and is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
+        return None
+    window = window_of(captures, _WINDOW_PX)
+    data = prepare_captures(window)
+    if _nominal_chi2(data) < _FAR_CHI2 or float(SpeckleSearch(data, 0.5).held_out_blocks(None).sum()) > _STANDING:
+        return None
+    found = find_light(data, prepare_captures(window_of(window, _PART_PX)), progress)
+    return (window, found) if found.after > max(found.before + _GAIN, _LEAST) else None
+
+
+def describe_light(light: FoundLight) -> str:
+    """In words, how well the speckle stands with the light that was found, and what it loses without each part."""
+    parts = ", ".join(f"{part} {lost:.3f} ({sigmas:.1f} σ)" for part, (lost, sigmas) in light.losses.items())
+    return (
+        "The light on the modulator was sought by speckle in the brightest window, which was judged. On held-out "
+        f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}. Without each "
+        f"part it is lower by: {parts}."
+    )
+
+
+def _nominal_chi2(data: PreparedCaptures) -> float:
+    """χ²/n of the nominal bench, each picture with its own gain."""
+    indices = np.arange(len(data.captures))
+    predicted = Predictor(data.captures, cache_mb=1)(indices, {}).signal.numpy()
+    variance = neighbour_variance(data, indices)
+    shares = zip(predicted, data.light, variance, data.usable, strict=True)
+    gains = [float((p * i / v)[u].sum() / (p * p / v)[u].sum()) for p, i, v, u in shares]
+    chi2 = (data.light - np.array(gains, np.float32)[:, None, None] * predicted) ** 2 / variance
+    return float(chi2[data.usable].mean())

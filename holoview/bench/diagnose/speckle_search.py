@@ -1,0 +1,425 @@
+"""The light on the modulator that makes the predicted speckle stand in a picture, found far from the nominal bench.
+
+Where a beam is small, its wavefront wrong by radians and the stroke half of what is assumed, no single cause brings
+the speckle to its place, and every least-squares fit prefers what smooths the prediction. The correlation of local
+contrasts (`numerics.speckle_match`) has a gradient there. Beam, wavefront over the beam, stroke and unmodulated light
+are varied together, from several sizes and strokes, with the picture free to move by tilts of the wavefront. Parts of
+that light without which held-out speckle stands as well are dropped; the others are handed on as values of effects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import PreparedCaptures
+from holoview.light.effects.beam import WAVEFRONT_TERMS
+from holoview.light.model.effects.effect import Effect, Parameter, Values
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX, match_speckle
+from holoview.light.numerics.surfaces import zernike
+from holoview.util.progress import ProgressCallback
+
+Tensor = torch.Tensor
+Point = dict[str, float]
+
+_TERMS = tuple(range(2, 12))  # Noll: tilts, defocus, astigmatism, coma, trefoil, spherical
+_STEPS: dict[str, float] = {
+    "log_size": 0.04,
+    "edge": 0.15,
+    "centre_y": 0.03,
+    "centre_x": 0.03,
+    "stroke": 0.03,
+    "share": 0.03,
+    "quadrature": 0.03,
+    "stray": 0.02,
+    **{f"z{noll}": 0.12 for noll in _TERMS},
+}
+"""Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, radians r.m.s. of
+wavefront."""
+_BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
+_EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
+"""Light that falls by 0.3 % of its amplitude from the middle to the corners: even."""
+PARTS: dict[str, dict[str, float]] = {
+    "shape": _EVEN,
+    "defocus": {"z4": 0.0},
+    "astigmatism": {"z5": 0.0, "z6": 0.0},
+    "coma": {"z7": 0.0, "z8": 0.0},
+    "trefoil": {"z9": 0.0, "z10": 0.0},
+    "spherical aberration": {"z11": 0.0},
+    "stroke": {"stroke": 1.0},
+    "unmodulated light": {"share": 0.0, "quadrature": 0.0},
+    "stray light": {"stray": 0.0},
+}
+"""Parts of the light that may be superfluous, with the numbers that stand for their absence."""
+_LOW_PASS_PX = 0.6
+_START_SIZES = 0.7, 1.0, 1.5, 2.2, 3.3  # half the modulator's longer side over the beam's radius
+_START_STROKES = 0.5, 0.9
+_REACH_PX, _AROUND_PX = 25, 80
+_KICKS = 7
+_LEAST_STEP = 0.002  # of the correlation
+_SCALES = tuple(1 + 0.001 * step for step in range(-6, 7))  # of the focal length
+_HELD_SIDE_PX = 64  # at most, of the squares of which a quarter is held out
+_HELD_SQUARES = 6  # at least, along the shorter side
+_BLOCK_PX = 32  # at most, of the blocks by whose scatter a gain is judged: independent of each other
+LEAST_LOSS = 0.01
+"""[1] Of the held-out correlation without a part, below which the part isn't named. Evidence: the prototype: a trefoil
+and unmodulated light that weren't there gave 0.001, the least true part 0.011."""
+LEAST_SIGMAS = 5.0
+"""[σ] … and of its mean over held-out blocks. Evidence: the prototype: 1.7 σ and less of parts that weren't there."""
+
+
+class FreeLight(Effect):
+    """The light of a beam, its tilt, the modulators' stroke and unmodulated light with tensors in place of numbers."""
+
+    id = "speckle_light"
+    cause = "A search by speckle."
+    finding = "A search by speckle."
+    parameters = (Parameter("on", "Whether it acts."),)
+    acts_on = ("source", "modulator 1", "modulator 2")
+    listed: ClassVar = False
+
+    def __init__(self, circle: float, unit_m: float) -> None:
+        """circle: radius of the circle of the wavefront's terms, in units of half the modulator's longer side. unit_m:
+        the wavelength of which their radians are."""
+        self.point: dict[str, Tensor] = {}
+        self.circle, self._unit_m = circle, unit_m
+        self._terms: dict[tuple[int, ...], Tensor] = {}
+
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        return share * self.point["stroke"].to(share.dtype)
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        p = self.point
+        leak = torch.complex(p["share"], p["quadrature"]).to(transmission.dtype)
+        transmission = (1 - leak.abs()) * transmission + leak
+        if context.number:
+            return transmission
+        half_m = context.half_width()
+        even = dict.fromkeys((f"z{noll}" for noll in WAVEFRONT_TERMS), 0.0)
+        values = {"size": p["log_size"].exp(), "edge": p["edge"], "ellipse": 0.0, **even}
+        values |= {f"centre_{axis}": p[f"centre_{axis}"] for axis in "yx"}
+        light = get_effect("beam").transmission(transmission, context, values)  # type: ignore[arg-type]
+        one, shape = transmission.real.detach(), tuple(transmission.shape)
+        if shape not in self._terms:
+            radius_m = self.circle * half_m
+            terms = [context.zernike(one, {noll: 1.0}, (0.0, 0.0), radius_m) for noll in _TERMS]
+            self._terms[shape] = torch.stack(terms)
+        phase = torch.tensordot(torch.stack([p[f"z{noll}"] for noll in _TERMS]), self._terms[shape], dims=1)
+        phase = phase * (self._unit_m / context.wavelength_m)
+        return light * torch.polar(torch.ones_like(phase), phase)
+
+
+@dataclass(frozen=True)
+class FoundLight:
+    """What a search by speckle found.
+
+    values: of the effects, {id: {parameter: value}}. before, after: correlation of the held-out speckle at the nominal
+    bench and with the values. losses: of each part of the light, by how much this correlation is lower without it, and
+    by how many standard deviations; parts that aren't in `values` too.
+    """
+
+    values: dict[str, dict[str, float]]
+    before: float
+    after: float
+    losses: dict[str, tuple[float, float]]
+
+
+class SpeckleSearch:
+    """Ascents of the correlation of local contrasts of pictures.
+
+    data: the pictures, few enough to be predicted together.
+    """
+
+    def __init__(self, data: PreparedCaptures, circle: float) -> None:
+        captures = data.captures
+        self._data, self._light = data, FreeLight(circle, float(captures.wavelength_m[0]))
+        self._predict = Predictor(captures, [self._light], cache_mb=1)
+        self._indices, self._calls = np.arange(len(captures)), 0
+        self._low = [_window(n, _LOW_PASS_PX) for n in captures.shape]
+        self._mean = [_window(n, LOCAL_MEAN_PX) for n in captures.shape]
+        self._usable = usable = torch.from_numpy(data.usable)
+        self._share = self._blurred(usable.float(), self._mean).clamp_min(1e-3)
+        light = torch.from_numpy(np.maximum(data.light, 0.0))
+        mean = self._blurred(light * usable, self._mean) / self._share
+        middle = mean.flatten()[:: max(1, mean.numel() // 100_000)].quantile(0.5)
+        bright = usable & (mean > middle)
+        self._side = max(8, min(_HELD_SIDE_PX, min(captures.shape) // _HELD_SQUARES))
+        y, x = np.mgrid[: captures.shape[0], : captures.shape[1]]
+        held = torch.from_numpy((y // self._side + x // self._side) % 4 == 0)
+        self.fitted, self.held_out = bright & ~held, bright & held
+        self._contrast = self._local_contrast(light)
+        side = max(1, min(_BLOCK_PX, self._side // 2))
+        blocks = (y // side) * captures.shape[1] + x // side
+        stacked = np.stack([blocks + number * blocks.size for number in self._indices])
+        self._blocks = torch.from_numpy(np.unique(stacked[self.held_out.numpy()], return_inverse=True)[1])
+
+    def start(self, size: float, stroke: float) -> Point:
+        """A point without a wavefront."""
+        point = dict.fromkeys(_STEPS, 0.0)
+        return point | {"log_size": math.log(size), "edge": 2.0, "stroke": stroke}
+
+    def score(self, point: Point) -> float:
+        """Correlation of the speckle on the fitted pixels."""
+        with torch.no_grad():
+            return float(self._products(self._predicted(point), self.fitted).sum())
+
+    def held_out_blocks(self, point: Point | None) -> NDArray[np.float64]:
+        """What each block of held-out pixels adds to their correlation; of the nominal bench without a point."""
+        with torch.no_grad():
+            products = self._products(self._predicted(point), self.held_out)
+        return np.asarray(np.bincount(self._blocks.numpy(), products.double().numpy()), np.float64)
+
+    def moved_to_peak(self, point: Point) -> tuple[float, Point]:
+        """The peak of the correlation over shifts of the picture, and the point with the tilts that move it there."""
+        with torch.no_grad():
+            predicted = self._predicted(point)[0].numpy()
+        reach = min(_REACH_PX, min(self._data.captures.shape) // 4)
+        found = match_speckle(
+            self._data.light[0], predicted, self.fitted[0].numpy(), reach_px=reach, around_px=max(_AROUND_PX, reach + 8)
+        )
+        per_px = self._per_metre(self._light.circle) * self._data.captures.camera.pitch_m
+        moved = {"z3": point["z3"] + found.shift[0] * per_px, "z2": point["z2"] + found.shift[1] * per_px}
+        return found.correlation, point | moved
+
+    def ascend(self, point: Point, steps: int, rate: float = 1.0, fixed: Collection[str] = ()) -> tuple[float, Point]:
+        """The best point of an ascent by Adam, with its score. fixed: numbers that stay."""
+        moves = {name: torch.zeros((), requires_grad=True) for name in _STEPS if name not in fixed}
+        adam = torch.optim.Adam(moves.values(), lr=rate, betas=(0.8, 0.95))
+        best = (-1.0, point)
+        for number in range(steps):
+            for group in adam.param_groups:
+                group["lr"] = rate * (1 - 0.85 * number / steps)
+            values = {
+                name: _bounded(name, value + _STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
+                for name, value in point.items()
+            }
+            score = self._products(self._predicted(values), self.fitted).sum()
+            if score.item() > best[0]:
+                best = (score.item(), {name: float(value.detach()) for name, value in values.items()})
+            adam.zero_grad()
+            (-score).backward()  # type: ignore[no-untyped-call]
+            adam.step()
+        return best
+
+    def rebased(self, point: Point, circle: float, centre: tuple[float, float] = (0.0, 0.0)) -> Point:
+        """The same wavefront in terms over another circle, by least squares over it."""
+        line = torch.linspace(-1, 1, 41, dtype=torch.float64)
+        y, x = torch.meshgrid(line, line, indexing="ij")
+        inside = y.square() + x.square() <= 1
+        y, x = y[inside] * circle, x[inside] * circle
+
+        def terms(y: Tensor, x: Tensor) -> Tensor:
+            return torch.stack([zernike(noll, torch.hypot(y, x), torch.atan2(y, x)) for noll in (1, *_TERMS)], 1)
+
+        before = self._light.circle
+        wanted = (
+            terms((y + centre[0]) / before, (x + centre[1]) / before)[:, 1:]
+            @ torch.tensor([point[f"z{noll}"] for noll in _TERMS]).double()
+        )
+        solved = torch.linalg.lstsq(terms(y / circle, x / circle), wanted[:, None]).solution[1:, 0]
+        return point | {f"z{noll}": float(value) for noll, value in zip(_TERMS, solved, strict=True)}
+
+    def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
+        """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
+        captures = self._data.captures
+        circle = self._whole_circle()
+        values: dict[str, dict[str, float]] = {}
+        beam: dict[str, float] = {}
+        if "shape" not in dropped:
+            circle = min(math.exp(-point["log_size"]), circle)
+            beam = {"size": math.exp(point["log_size"]), "edge": point["edge"]}
+            beam |= {f"centre_{axis}": point[f"centre_{axis}"] for axis in "yx"}
+        centred = self.rebased(point, circle, (point["centre_y"], point["centre_x"]))  # (0, 0) without a shape
+        per_radian = float(captures.wavelength_m[0]) / (2 * math.pi)
+        names = [f"z{noll}" for noll in WAVEFRONT_TERMS]
+        is_dropped = {name for part in dropped for name in PARTS[part]}
+        wave = {name: centred[name] * per_radian for name in names if name not in is_dropped}
+        if beam:
+            values["beam"] = beam | wave
+        elif wave:  # over the circle around the modulator, whose own wavefront can't be told from the light's
+            values["slm_flatness"] = {f"{name}_1": value for name, value in wave.items()}
+        if "stroke" not in dropped:
+            values["stroke"] = {"stroke_error": point["stroke"] - 1}
+        if "unmodulated light" not in dropped:
+            values["undiffracted"] = {"share": point["share"], "quadrature": point["quadrature"]}
+        if "stray light" not in dropped:
+            mean = float(self._data.light[self._data.usable].mean())
+            values["camera_black"] = {"black": mean * point["stray"] / (1 + point["stray"])}
+        to_m = 1 / self._per_metre(circle)
+        return values | {"camera_alignment": {"shift_y": centred["z3"] * to_m, "shift_x": centred["z2"] * to_m}}
+
+    def _half_m(self) -> float:
+        return max(self._data.captures.levels.shape[2:]) * self._data.captures.slms[0].pitch_m / 2
+
+    def _whole_circle(self) -> float:
+        """Radius of the circle around the modulator in half sides."""
+        shape = self._data.captures.levels.shape[2:]
+        return math.hypot(*shape) / max(shape)
+
+    def _per_metre(self, circle: float) -> float:
+        """Radians r.m.s. of a tilt over a circle that move the picture by a metre: a slope s of the path moves light by
+        s times the focal length, or the distance."""
+        captures = self._data.captures
+        distance_m = captures.focal_length_m or float(captures.distance_m[0])
+        return 2 * math.pi / float(captures.wavelength_m[0]) / distance_m * circle * self._half_m() / 2
+
+    def _predicted(self, point: Mapping[str, Tensor | float] | None) -> Tensor:
+        """The predicted light (capture, y, x)."""
+        if point is None:
+            return self._predict(self._indices, {}).signal
+        point = dict(point)
+        stray = point.pop("stray")
+        self._light.point = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in point.items()}
+        self._calls += 1  # each point is another light, of which nothing is kept
+        values = {"speckle_light": {"on": float(self._calls)}}
+        light = self._predict(self._indices, values, grad=torch.is_grad_enabled()).signal
+        return light + stray * light.mean()
+
+    def _products(self, predicted: Tensor, pixels: Tensor) -> Tensor:
+        """What each of some pixels adds to the correlation of local contrasts."""
+        a, b = self._contrast[pixels], self._local_contrast(predicted)[pixels]
+        a, b = a - a.mean(), b - b.mean()
+        return a * b / torch.sqrt(a.square().sum() * b.square().sum() + 1e-12)
+
+    def _local_contrast(self, pictures: Tensor) -> Tensor:
+        """Of pictures in which pixels that aren't usable, as of a saturated zero order, count as their surroundings."""
+        mean = self._blurred(pictures * self._usable, self._mean) / self._share
+        low = self._blurred(torch.where(self._usable, pictures, mean), self._low)
+        return low / (low + mean + 1e-9 * mean.max())
+
+    @staticmethod
+    def _blurred(pictures: Tensor, windows: list[Tensor]) -> Tensor:
+        return windows[0] @ pictures @ windows[1].T
+
+
+def _window(count: int, sigma: float) -> Tensor:
+    """The matrix (count, count) of a Gaussian mean that is normalised at the edges."""
+    index = torch.arange(count, dtype=torch.float32)
+    weights = torch.exp(-0.5 * ((index[:, None] - index[None, :]) / sigma).square())
+    return weights / weights.sum(dim=1, keepdim=True)
+
+
+def _bounded(name: str, value: Tensor) -> Tensor:
+    low, high = _BOUNDS.get(name, (-math.inf, math.inf))
+    return value.clamp(low, high)
+
+
+# --- the search -------------------------------------------------------------------------------------------------------
+
+
+def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: ProgressCallback, seed: int = 0) -> FoundLight:
+    """The light that makes the speckle of pictures stand, as values of effects. seed: of the random kicks.
+
+    data: one or a few pictures. part: a smaller window of them, in which the light is sought before it is refined and
+    judged.
+    """
+    told, steps = "light on the modulator, by speckle", 14 + len(PARTS)
+    before = float(SpeckleSearch(data, 0.5).held_out_blocks(None).sum())
+    search = SpeckleSearch(part, 0.5)
+    starts = [search.moved_to_peak(search.start(size, stroke)) for size in _START_SIZES for stroke in _START_STROKES]
+    best_start = max(starts, key=lambda found: found[0])[1]
+    for noll in (4, 5, 6, 7, 8, 11):
+        starts += [search.moved_to_peak(best_start | {f"z{noll}": radians}) for radians in (-1.0, 1.0)]
+    rough = []
+    for number, (_, point) in enumerate(_spread(sorted(starts, key=lambda found: -found[0]))):
+        progress(number, steps, told)
+        rough.append(search.ascend(point, 12))
+    rough.sort(key=lambda found: -found[0])
+    circle = min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25)
+    leaders = [search.rebased(point, circle) for _, point in rough[:2]]
+    search, magnification, rng = SpeckleSearch(part, circle), 1.0, np.random.default_rng(seed)
+    score, point = max((search.ascend(leader, 24) for leader in leaders), key=lambda found: found[0])
+    for number in range(_KICKS):
+        progress(6 + number, steps, told)
+        if number in (0, _KICKS - 1):  # the focal length is known to some thousandths only
+            rivals = [SpeckleSearch(_magnified(part, magnification * factor), circle) for factor in _SCALES]
+            scores = [rival.score(point) for rival in rivals]
+            best = int(np.argmax(scores))
+            search, magnification, score = rivals[best], magnification * _SCALES[best], scores[best]
+        other = search.ascend(search.moved_to_peak(_kicked(point, number, rng))[1], 14)
+        if other[0] > score + _LEAST_STEP:
+            score, point = other
+    search = SpeckleSearch(_magnified(data, magnification), circle)
+    score = search.score(point)
+    for _ in range(3):
+        polished = search.ascend(point, 20, rate=0.5)
+        gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda found: found[0])
+        if gained < 2 * _LEAST_STEP:
+            break
+    point, losses = without_superfluous(search, point, lambda number: progress(14 + number, steps, told))
+    dropped = [part for part, loss in losses.items() if not _is_needed(loss)]
+    values = search.effect_values(point, dropped)
+    values["camera_alignment"]["magnification"] = magnification - 1
+    return FoundLight(values, before, float(search.held_out_blocks(point).sum()), losses)
+
+
+def without_superfluous(
+    search: SpeckleSearch, point: Point, progress: Callable[[int], None]
+) -> tuple[Point, dict[str, tuple[float, float]]]:
+    """The point without parts that held-out speckle doesn't need, and the loss without each part: of the correlation
+    after a refit of all others, and in standard deviations of its mean over blocks."""
+    whole, losses, without = search.held_out_blocks(point), {}, {}
+    for number, (part, absent) in enumerate(PARTS.items()):
+        progress(number)
+        without[part] = search.ascend(point | absent, 12, rate=0.5, fixed=absent)[1]
+        losses[part] = _loss(whole, search.held_out_blocks(without[part]))
+    for part in sorted(losses, key=lambda name: losses[name][0]):
+        if _is_needed(losses[part]):
+            continue
+        dropped = [name for name, loss in losses.items() if not _is_needed(loss)]
+        absent = {name: value for one in dropped for name, value in PARTS[one].items()}
+        fewer = search.ascend(point | absent, 20, rate=0.5, fixed=absent)[1]
+        together = _loss(whole, search.held_out_blocks(fewer))
+        if len(dropped) == 1 or not _is_needed(together):
+            return fewer, losses
+        needed = max(dropped, key=lambda name: losses[name][0])  # several stood for each other
+        losses[needed] = together
+    return point, losses
+
+
+def _loss(whole: NDArray[np.float64], without: NDArray[np.float64]) -> tuple[float, float]:
+    lost = whole - without
+    spread = float(lost.std(ddof=1)) * math.sqrt(len(lost)) if len(lost) > 1 else math.inf
+    return float(lost.sum()), float(lost.sum()) / max(spread, 1e-12)
+
+
+def _is_needed(loss: tuple[float, float]) -> bool:
+    return loss[0] > LEAST_LOSS and loss[1] > LEAST_SIGMAS
+
+
+def _magnified(data: PreparedCaptures, factor: float) -> PreparedCaptures:
+    """The pictures of a bench whose focal length is another one; near fields as they are."""
+    if data.captures.focal_length_m is None:
+        return data
+    focal_length_m = data.captures.focal_length_m * factor
+    return dataclasses.replace(data, captures=dataclasses.replace(data.captures, focal_length_m=focal_length_m))
+
+
+def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
+    """The two best starts, and the best of each third of the sizes and of the larger stroke, each once."""
+    chosen = starts[:2]
+    sizes = [math.log(size) for size in _START_SIZES]
+    for low, high in ((-9.0, sizes[1] + 0.01), (sizes[1] + 0.01, sizes[3] - 0.01), (sizes[3] - 0.01, 9.0)):
+        chosen += [found for found in starts if low < found[1]["log_size"] <= high][:1]
+    chosen += [found for found in starts if found[1]["stroke"] > _START_STROKES[0]][:1]
+    return [found for number, found in enumerate(chosen) if found not in chosen[:number]]
+
+
+def _kicked(point: Point, number: int, rng: np.random.Generator) -> Point:
+    """The point after a jump of its size, of its stroke, or of all terms."""
+    if number < 2:
+        return point | {"log_size": point["log_size"] + (0.35, -0.35)[number]}
+    if number < 4:
+        return point | {"stroke": point["stroke"] * (0.55, 1.8)[number - 2]}
+    terms = {f"z{noll}": point[f"z{noll}"] * rng.uniform(0.2, 1.2) + 0.4 * rng.normal() for noll in WAVEFRONT_TERMS}
+    return point | terms | {"stroke": point["stroke"] * math.exp(0.25 * rng.normal())}

@@ -1,0 +1,155 @@
+"""Derivatives of χ² by the complex transmission of every pixel of the modulators, by adjoint passes of the model.
+
+They give the fall of χ², to first order, if a pixel kept to a level, for all pixels at once. With G = ∂χ²/∂Re t +
+i·∂χ²/∂Im t by the transmission t of a pixel: a pixel that shows the share s of the stroke has the transmission
+exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)], to first order in the light
+of the pixel, whatever the change of its phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.bench.diagnose.fit import FittedValues
+from holoview.bench.diagnose.likelihood import Comparison
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.effects.effect import Effect, Parameter, Values
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+
+Complex = NDArray[np.complexfloating]
+Tensor = torch.Tensor
+
+
+def modulator_of(effect: Effect) -> int:
+    """The number of the modulator that an effect acts on, 0 for the first."""
+    return int(effect.acts_on[0].removeprefix("modulator ")) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class TransmissionSlope:
+    """Derivatives by the samples of a modulator from one capture of a comparison, at a position in its indices.
+
+    slope (y, x): ∂χ²/∂Re t + i·∂χ²/∂Im t by the transmission t (y, x) of a sample.
+    """
+
+    position: int
+    modulator: ModulatorContext
+    slope: Complex
+    transmission: Complex
+
+    def of_pixels(self, samples: NDArray[np.inexact]) -> NDArray[np.inexact]:
+        """The sums of samples (y, x) over each pixel."""
+        rows, columns = self.modulator.shape
+        return np.asarray(samples.reshape(rows, samples.shape[0] // rows, columns, -1).sum(axis=(1, 3)))
+
+
+class _TransmissionProbe(Effect):
+    """Adds zeros to every transmission, by which derivatives are taken."""
+
+    id = "free_transmission"
+    cause = "Something changes a modulator's transmission."
+    finding = "Derivatives are asked for."
+    parameters = (Parameter("on", "1: on."),)
+    acts_on = ("modulator 1", "modulator 2")
+    order = -1
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[Tensor, Tensor, ModulatorContext]] = []
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        zero = torch.zeros_like(transmission, requires_grad=True)
+        self.seen.append((zero, transmission.detach(), context))
+        return transmission + zero
+
+
+def transmission_slopes(
+    context: SearchContext, base: FittedValues, comparison: Comparison
+) -> Iterator[TransmissionSlope]:
+    """The slopes of every modulator at every capture of a comparison, with the causes of a base; a pass for each."""
+    probe = _TransmissionProbe()
+    probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
+    values: FittedValues = {**base, probe.id: {"on": 1.0}}
+    for position in range(len(comparison.indices)):
+        probe.seen.clear()
+        squares = squared_residuals(probed, values, position)
+        slopes = torch.autograd.grad(squares, [zero for zero, _, _ in probe.seen])
+        for slope, (_, transmission, modulator) in zip(slopes, probe.seen, strict=True):
+            yield TransmissionSlope(position, modulator, slope.numpy(), transmission.numpy())
+
+
+def squared_residuals(comparison: Comparison, values: FittedValues, position: int) -> Tensor:
+    """Σ residual² of one capture of a comparison, with its best gain, as a tensor with gradients."""
+    weight, light = (torch.from_numpy(a[position]) for a in (comparison.weight, comparison.light))
+    prediction = comparison.predictor(comparison.indices[position : position + 1], values, grad=True)
+    model = weight * prediction.signal[0]
+    dark = np.asarray(prediction.counts_without_lasers(comparison.data.camera.black_level))
+    data = weight * (light - torch.from_numpy(dark))
+    gain = (data * model).sum() / (model * model).sum().clamp_min(1e-30)
+    return (data - gain.detach() * model).square().sum(dtype=torch.float64)
+
+
+Floats = NDArray[np.float64]
+
+
+def replacement_gains(
+    context: SearchContext, base: FittedValues, comparison: Comparison, levels: Floats, *, earlier: bool = False
+) -> dict[int, Floats]:
+    """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
+
+    levels (level,): shares of the stroke. earlier: adds two rows, for pixels that show the first pattern of all
+    captures and for pixels that show the pattern of the capture before.
+    """
+    gains: dict[int, Floats] = {}
+    for found in transmission_slopes(context, base, comparison):
+        shares, modulator = levels[:, None, None], found.modulator
+        if earlier:
+            patterns = _earlier_patterns(comparison, found.position, modulator.number)
+            shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
+        gains[modulator.number] = gains.get(modulator.number, 0.0) + _gain_of_shares(found, shares)
+    return gains
+
+
+def line_gains(gains: Floats, axis: int, segments: int) -> Floats:
+    """The gain of whole lines along an axis of (level, y, x), robust against a few parts that gain alone."""
+    parts = _segment_gains(gains, axis, segments)
+    return np.asarray(segments * np.median(parts, axis=0))
+
+
+def line_significance(gains: Floats, axis: int, segments: int, least: int) -> Floats:
+    """How far lines stand out, (level, line): whole, or in parts of `least` segments and more from one edge on."""
+    parts = _segment_gains(gains, axis, segments)
+    spans = [parts, *(half for n in range(least, segments) for half in (parts[:n], parts[-n:]))]
+    return np.asarray(np.max([significance(len(span) * np.median(span, axis=0)) for span in spans], axis=0))
+
+
+def _segment_gains(gains: Floats, axis: int, segments: int) -> Floats:
+    """The gain of each part of a line, (segment, level, line)."""
+    return np.stack([part.sum(axis=axis) for part in np.array_split(gains, segments, axis=axis)])
+
+
+def significance(gains: Floats) -> Floats:
+    """How far each gain is above the median of its level (first axis), in robust standard deviations."""
+    flat = gains.reshape(len(gains), -1)
+    above = flat - np.median(flat, axis=1, keepdims=True)
+    scale = np.maximum(1.4826 * np.median(np.abs(above), axis=1, keepdims=True), 1e-30)
+    return np.asarray((above / scale).reshape(gains.shape))
+
+
+def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
+    """The first pattern of all captures, and the pattern before a capture, as shares of the stroke (pattern, y, x)."""
+    captures = comparison.data.captures
+    before = captures.drive_before(int(comparison.indices[position]))
+    return np.stack([captures.first_drive[modulator], before[modulator]])
+
+
+def _gain_of_shares(found: TransmissionSlope, shares: Floats) -> Floats:
+    """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each share s (share, y, x) and pixel; samples of a pixel are summed."""
+    conjugate, of = found.slope.conj(), found.modulator
+    own, towards = (found.of_pixels(a) for a in ((conjugate * found.transmission).real, conjugate))
+    phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * shares)
+    return np.asarray(own - (towards * phasors).real, dtype=np.float64)

@@ -1,0 +1,330 @@
+"""Reads a rig's description: its devices, their facts, the safety limits, and the nominal bench.
+
+rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devices' own keys, and three of its own:
+
+    name = "left arm"
+    [slm1]                          # and [slm2]
+    device = "slmsuite"             # kind of device, see `open_rig`; further keys are that kind's options
+    class = "slmsuite.hardware.slms.holoeye.Holoeye"
+    shape = [1080, 1920]            # rows, columns
+    pitch = "8 um"
+    num_levels = 256
+    opd_range = "633 nm"
+    settle = "auto"                 # s until a pattern is shown; "auto": `holoview measure` finds out
+    [camera]
+    device = "slmsuite"
+    class = "slmsuite.hardware.cameras.thorlabs.ThorCam"
+    shape = [1080, 1440]            # of a raw picture
+    pitch = "3.45 um"               # and bit_depth, electrons_per_count, read_noise, black_level
+    [lasers]
+    device = "manual"
+    wavelengths = ["450 nm", "520 nm", "638 nm"]
+    [stage]
+    device = "manual"
+    range = ["0 mm", "20 mm"]
+    [limits]
+    power = 1.0                     # highest, relative
+    exposure = [1e-4, 0.5]          # s
+    stage = ["1 mm", "15 mm"]       # default: the stage's range
+    [geometry]
+    gap = "1 mm"
+
+`holoview rig align` writes the places of camera and modulators beside it (`registration`); they are read with it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
+from holoview.bench.captures.patterns import random_levels
+from holoview.bench.captures.validation import check_settings
+from holoview.bench.rig.devices import Counts, Levels, SafetyLimits
+from holoview.bench.rig.registration import Registration, read_registration, registration_path
+from holoview.light.model.fields import Array, Number
+from holoview.util import units
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.files import read_text
+from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
+
+_EXPECTED = "a description of a rig in TOML"
+_LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
+_DEVICES = ("slm1", "slm2", "camera", "lasers", "stage")
+_TABLES = ("limits", "geometry", "virtual", *_DEVICES)
+
+
+class _Positive:
+    """Field type of a number above 0."""
+
+    def parse(self, value: Any, where: str) -> float:
+        number = Number(low=0.0).parse(value, where)
+        if not number:
+            raise UserError(where, f"{value}", expected="a number greater than 0")
+        return number
+
+
+class _Shape:
+    """Field type of a shape: rows and columns."""
+
+    def parse(self, value: Any, where: str) -> tuple[int, int]:
+        numbers = Array(Number(low=1, high=65536)).parse(value, where)
+        if numbers is None or len(numbers) != 2 or any(numbers != numbers.round()):
+            raise UserError(where, str(value), expected="rows and columns, such as [1080, 1920]")
+        return int(numbers[0]), int(numbers[1])
+
+
+class _Wavelengths:
+    """Field type of the lasers' wavelengths, ascending."""
+
+    def parse(self, value: Any, where: str) -> tuple[float, ...]:
+        numbers = Array(Number("nm", low=100e-9, high=10e-6)).parse(value, where)
+        wavelengths = tuple(sorted(float(λ) for λ in numbers)) if numbers is not None else ()
+        if not wavelengths:
+            raise UserError(where, "is empty", expected="at least one wavelength")
+        if len(set(wavelengths)) != len(wavelengths):
+            raise UserError(where, "one is listed twice", expected="distinct wavelengths")
+        return wavelengths
+
+
+@dataclass(frozen=True)
+class _Range:
+    """Field type of two values, the lower one first. is_positive: whether both have to be above 0."""
+
+    kind: Number
+    is_positive: bool = False
+
+    def parse(self, value: Any, where: str) -> tuple[float, float]:
+        numbers = Array(self.kind).parse(value, where)
+        values = [] if numbers is None else [float(number) for number in numbers]
+        if len(values) != 2 or values[0] > values[1]:
+            raise UserError(where, str(values), expected="two values, the lower one first")
+        if self.is_positive and values[0] == 0:
+            raise UserError(where, "0 s", expected="exposures greater than 0")
+        return values[0], values[1]
+
+
+_LENGTHS = _Range(Number("mm", low=-1.0, high=10.0))
+_LIMITS: dict[str, ValueType] = {
+    "power": _Positive(),
+    "exposure": _Range(Number(low=0.0), is_positive=True),
+    "stage": _LENGTHS,
+}
+_FACTS: dict[str, dict[str, ValueType]] = {
+    "slm1": {"shape": _Shape()},
+    "slm2": {"shape": _Shape()},
+    "camera": {"shape": _Shape()},
+    "lasers": {"wavelengths": _Wavelengths()},
+    "stage": {"range": _LENGTHS},
+}
+"""Types of the facts of each device, beside those of the bench; all are required."""
+
+
+@dataclass(frozen=True)
+class DeviceSpec:
+    """A device that is to be opened. name: its table in rig.toml. kind: who drives it. options: of that kind.
+
+    measures_settling: whether the time that a modulator needs is to be measured; until then its option is a long time.
+    """
+
+    name: str
+    kind: str
+    options: Mapping[str, Any]
+    measures_settling: bool = False
+
+
+@dataclass(frozen=True)
+class RigDescription:
+    """A rig. All lengths in m, times in s.
+
+    path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
+    wavelengths_m: of the lasers, ascending. stage_m: the reach of the stage.
+    devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
+    registration: the measured places of the devices; None: they are as described. With a registration, camera_shape is
+    that of the rectified picture, bench has the measured pitch, and stage_m and limits are measured distances.
+    described: the rig without it.
+    """
+
+    path: Path
+    name: str
+    bench: BenchTables
+    slm_shape: tuple[int, int]
+    camera_shape: tuple[int, int]
+    wavelengths_m: tuple[float, ...]
+    stage_m: tuple[float, float]
+    limits: SafetyLimits
+    devices: Mapping[str, DeviceSpec]
+    virtual: Mapping[str, Any]
+    registration: Registration | None = None
+    described: RigDescription | None = None
+
+    @property
+    def as_described(self) -> RigDescription:
+        """The rig of rig.toml, without a registration."""
+        return self.described or self
+
+    def registered(self, registration: Registration) -> RigDescription:
+        """The rig with the measured places of its devices. Raises UserError for a registration of other devices."""
+        described = self.as_described
+        for name, found, own in (
+            ("slm_shape", registration.slm_shape, described.slm_shape),
+            ("camera_shape", registration.camera_shape, described.camera_shape),
+            ("modulators", 1 if registration.slm2_turn is None else 2, len(described.bench.slms)),
+        ):
+            if found != own:
+                where, remedy = f"{registration_path(self.path)}: found_for.{name}", "run `holoview rig align` again"
+                raise UserError(where, str(found), expected=f"{own}, as in {self.path}", remedy=remedy)
+        camera = replace(described.bench.camera, pitch_m=registration["pitch"])
+        return replace(
+            described,
+            bench=replace(described.bench, camera=camera),
+            camera_shape=registration.shape,
+            stage_m=described._distances_m(described.stage_m, registration),
+            limits=replace(described.limits, stage_m=described._distances_m(described.limits.stage_m, registration)),
+            registration=registration,
+            described=described,
+        )
+
+    def _distances_m(self, settings_m: tuple[float, float], registration: Registration) -> tuple[float, float]:
+        """Distances at settings of the stage; in the near field not behind the last modulator."""
+        low, high = (registration.distance_m(setting) for setting in settings_m)
+        least = 0.0 if self.bench.focal_length_m is None else low
+        return max(low, least), max(high, least)
+
+    @property
+    def levels_type(self) -> type[np.unsignedinteger]:
+        """The type of grey levels of all modulators."""
+        return np.uint8 if max(slm.num_levels for slm in self.bench.slms) <= 256 else np.uint16
+
+    def random_levels(self, rng: np.random.Generator, sigma_px: float) -> Levels:
+        """Random patterns (modulator, y, x), blurred by a Gaussian of `sigma_px` modulator pixels."""
+        return np.stack([random_levels(rng, self.slm_shape, slm.num_levels, sigma_px) for slm in self.bench.slms])
+
+    def capture(
+        self,
+        levels: NDArray[np.unsignedinteger],
+        image: Counts,
+        *,
+        wavelength_m: float,
+        distance_m: float,
+        power: float,
+        exposure_s: float,
+        **fields: Any,
+    ) -> Captures:
+        """One capture of the nominal bench. levels: (modulator, y, x). image: (y, x). fields: further ones."""
+        return Captures(
+            levels=levels[None],
+            images=image[None],
+            wavelength_m=np.array([wavelength_m]),
+            distance_m=np.array([distance_m]),
+            power=np.array([power]),
+            exposure_s=np.array([exposure_s]),
+            **self.bench.as_fields(),
+            **fields,
+        )
+
+    def blank_capture(self) -> Captures:
+        """A capture that wasn't taken: dark patterns and no light, with the shortest wavelength at the near end."""
+        return self.capture(
+            np.zeros((len(self.bench.slms), *self.slm_shape), np.uint8),
+            np.zeros(self.camera_shape, np.uint16),
+            wavelength_m=self.wavelengths_m[0],
+            distance_m=self.limits.stage_m[0],
+            power=self.limits.power,
+            exposure_s=self.limits.exposures_s[0],
+        )
+
+
+def read_rig(path: str | os.PathLike[str], *, is_registered: bool = True) -> RigDescription:
+    """Reads rig.toml, and the registration beside it if there is one.
+
+    is_registered: False for the rig without a registration, whose pictures needn't be rectified. Raises UserError that
+    names a missing, unknown or wrong key, and for a registration of other devices.
+    """
+    rig = _read_description(path)
+    if not is_registered:
+        return rig
+    file = registration_path(rig.path)
+    rig = rig.registered(read_registration(file)) if file.exists() else rig
+    _check(rig)
+    return rig
+
+
+def _read_description(path: str | os.PathLike[str]) -> RigDescription:
+    file = Path(path)
+    tables = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED)
+    where = str(file)
+    name = tables.pop("name", file.stem)
+    if not isinstance(name, str):
+        raise UserError(f"{where}: name", f"{name!r}", expected="a text")
+    for key, table in tables.items():
+        if key not in _TABLES or not isinstance(table, Mapping):
+            raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
+    for key in ("slm1", "camera", "lasers", "stage", "limits"):
+        check_keys(tables, _TABLES, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
+    facts = {name: _facts(tables[name], name, where) for name in _DEVICES if name in tables}
+    slm_shapes = [facts[name]["shape"] for name in ("slm1", "slm2") if name in facts]
+    if len(set(slm_shapes)) > 1:
+        expected = f"that of slm1, {list(slm_shapes[0])}"
+        raise UserError(f"{where}: slm2.shape", str(list(slm_shapes[1])), expected=expected)
+    bench = {name: {key: v for key, v in tables[name].items() if key in KEYS[name]} for name in KEYS if name in tables}
+    bench |= {"geometry": tables["geometry"]} if "geometry" in tables else {}
+    rig = RigDescription(
+        path=file,
+        name=name,
+        bench=parse_bench_tables(bench, where),
+        slm_shape=slm_shapes[0],
+        camera_shape=facts["camera"]["shape"],
+        wavelengths_m=facts["lasers"]["wavelengths"],
+        stage_m=facts["stage"]["range"],
+        limits=_limits(tables["limits"], facts["stage"]["range"], f"{where}: limits"),
+        devices={name: _device(name, tables[name], where) for name in facts},
+        virtual=dict(tables.get("virtual", {})),
+    )
+    _check(replace(rig, camera_shape=rig.slm_shape))  # a raw picture may have any shape
+    return rig
+
+
+def _check(rig: RigDescription) -> None:
+    """Raises UserError for a rig whose captures no file can hold."""
+    try:
+        check_settings(rig.blank_capture())
+    except UserError as error:
+        raise error.inside(f"{rig.path}: ") from error
+
+
+def _facts(table: Mapping[str, Any], name: str, where: str) -> dict[str, Any]:
+    """The facts of a device, parsed, without those of the bench and the options of its kind."""
+    types = _FACTS[name]
+    return read_table({key: v for key, v in table.items() if key in types}, types, f"{where}: {name}.", required=types)
+
+
+def _limits(table: Mapping[str, Any], reach_m: tuple[float, float], where: str) -> SafetyLimits:
+    """The safety limits. reach_m: of the stage, beyond which they can't go."""
+    values = read_table(table, _LIMITS, f"{where}.", required=("power", "exposure"))
+    stage_m = values.get("stage", reach_m)
+    if not reach_m[0] <= stage_m[0] <= stage_m[1] <= reach_m[1]:
+        expected = f"a range within {' … '.join(units.format_rounded(z, 'mm') for z in reach_m)}, that of the stage"
+        raise UserError(f"{where}.stage", " … ".join(units.format_rounded(z, "mm") for z in stage_m), expected=expected)
+    return SafetyLimits(values["power"], values["exposure"], stage_m)
+
+
+def _device(name: str, table: Mapping[str, Any], where: str) -> DeviceSpec:
+    options = {key: v for key, v in table.items() if key not in KEYS.get(name, ()) and key not in _FACTS[name]}
+    kind = options.get("device")
+    if not isinstance(kind, str):
+        raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")
+    own = {key: value for key, value in options.items() if key != "device"}
+    if name not in ("slm1", "slm2") or "settle" not in own:
+        return DeviceSpec(name, kind, own)
+    is_auto = own["settle"] == "auto"
+    if not is_auto:
+        Number(low=0.0, high=1000.0).parse(own["settle"], f"{where}: {name}.settle")
+    return DeviceSpec(name, kind, own | {"settle": _LONG_SETTLE_S} if is_auto else own, is_auto)

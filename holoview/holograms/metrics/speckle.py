@@ -1,0 +1,421 @@
+"""Speckle contrast: the standard deviation of an intensity over its mean, C = σ/μ, in a region that should be smooth.
+
+Fully developed speckle has C = 1; the sum of N independent patterns of equal mean has C = 1/√N (Goodman, *Speckle
+Phenomena in Optics*, 2007, ch. 3), so that 1/C² is the number of independent patterns that wavelengths, frames or
+sources contribute.
+
+A picture has structure of its own, which σ/μ would count as speckle. Speckle is multiplicative: I = g·T·s with the
+target T, a gain g and a pattern s of mean 1. Where T is known, the ratio I/(g·T) = s has the contrast of the speckle
+for any picture, unlike the difference I − g·T, whose deviation is proportional to the picture. σ/μ doesn't depend on
+g, which is fitted (Σ I/Σ T) only to report a mean near 1.
+
+Where T is dark, the ratio is one of stray light and noise to almost nothing: pixels whose target is below
+`TARGET_FLOOR` of its mean in the region are excluded. Raising T to a floor instead would bias C, since the ratios of
+the dark pixels would be far below 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from holoview.light.colour import observer_weights
+from holoview.light.model.bench_parts import Relay
+from holoview.light.model.eye import PUPIL, sample_degrees
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.numerics.sampling import Region, region_slices
+from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
+
+_DIRECTIONS = 64  # along each side of the first order
+TARGET_FLOOR = 0.05
+"""Least target value, as a fraction of its mean in the region, of a pixel that counts."""
+
+
+@dataclass(frozen=True)
+class SpeckleContrast:
+    """Contrast σ/μ, the mean μ and standard deviation σ, and the number of pixels that count.
+
+    With a target, μ and σ are those of the ratio I/(g·T), without unit.
+    """
+
+    contrast: float
+    mean: float
+    std: float
+    n_pixels: int
+
+
+def speckle_contrast(
+    intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
+) -> SpeckleContrast:
+    """Speckle contrast of an intensity image (y, x), in a region if given, relative to a target (y, x) if given.
+
+    Pixels inside one speckle grain are correlated: the estimate is noisier than n_pixels suggests, and too low in a
+    region of few grains. Raises UserError for an image that isn't (y, x), a region that is empty or outside, a target
+    of another shape, and when fewer than two pixels with light remain.
+    """
+    image = np.asarray(intensity, dtype=np.float64)
+    if image.ndim != 2 or image.size == 0:
+        raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
+    window = _checked_slices(region, image.shape[1], image.shape[0])
+    values = image[window].ravel()
+    if target is not None:
+        target_image = np.asarray(target, dtype=np.float64)
+        if target_image.shape != image.shape:
+            raise UserError("target", f"shape {target_image.shape}", expected=f"the image's shape, {image.shape}")
+        values = _ratio_to_target(values, target_image[window].ravel())
+    mean = float(values.mean()) if values.size > 1 else 0.0
+    if not mean > 0.0:
+        raise UserError(
+            "region",
+            f"{values.size} usable pixels of mean {mean:g}",
+            expected="two or more pixels with light on them",
+            remedy="choose a larger or brighter region",
+        )
+    std = float(values.std())
+    return SpeckleContrast(contrast=std / mean, mean=mean, std=std, n_pixels=values.size)
+
+
+def independent_patterns(contrast: float) -> float:
+    """Number N = 1/C² of independent speckle patterns of equal mean whose sum has the contrast C; inf for C = 0.
+
+    Raises UserError for a negative contrast.
+    """
+    if not contrast >= 0.0:
+        raise UserError("contrast", f"{contrast:g}", expected="0 or more")
+    return 1.0 / contrast**2 if contrast > 0.0 else float("inf")
+
+
+def _checked_slices(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
+    """The region as slices of (y, x). Raises UserError unless it lies inside the image."""
+    if region is None:
+        return slice(None), slice(None)
+    x, y, w, h = region
+    if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
+        raise UserError(
+            "region",
+            f"x = {x}, y = {y}, width = {w}, height = {h}",
+            expected=f"at least one pixel, inside the image of {width} × {height} pixels (width × height)",
+        )
+    return region_slices(region)
+
+
+def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ratio I/(g·T) of the pixels whose target isn't too dark; empty when there are none."""
+    bright = (target > 0.0) & (target >= TARGET_FLOOR * target.mean())
+    values, target = values[bright], target[bright]
+    gain = values.sum() / target.sum() if values.size else 0.0
+    return values / (gain * target) if gain > 0.0 else np.zeros(0)
+
+
+# --- histogram --------------------------------------------------------------------------------------------------------
+
+# Fully developed, polarised speckle of one laser is exponentially distributed: p(s) = exp(−s) for s = I/Ī. The sum of N
+# independent patterns of equal mean has a gamma distribution of shape N; that of patterns with unequal means m has
+# nearly the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
+
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SpeckleHistogram:
+    """Probability density of I/Ī in bins (n,).
+
+    edges: of the bins (n + 1,). density: measured (n,). pattern_count: number of independent patterns expected.
+    """
+
+    edges: Floats
+    density: Floats
+    pattern_count: float
+
+    @cached_property
+    def centres(self) -> Floats:
+        """Centres of the bins (n,)."""
+        return (self.edges[1:] + self.edges[:-1]) / 2
+
+    @cached_property
+    def fully_developed_density(self) -> Floats:
+        """The density of fully developed speckle of one laser at the centres (n,)."""
+        return speckle_density(self.centres)
+
+    @cached_property
+    def expected_density(self) -> Floats:
+        """The density of the sum of `pattern_count` independent patterns at the centres (n,)."""
+        return speckle_density(self.centres, self.pattern_count)
+
+
+def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
+    """Probability density of s = I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional.
+
+    The density is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
+    """
+    count, s = pattern_count, np.asarray(relative_intensity, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        powers = np.zeros_like(s) if count == 1.0 else (count - 1.0) * np.log(s)
+    return np.where(s >= 0, np.exp(count * math.log(count) - math.lgamma(count) - count * s + powers), 0.0)
+
+
+def speckle_histogram(
+    luminance: NDArray[np.floating], region: Region, pattern_count: float = 1.0, bins: int = 60, max_ratio: float = 4.0
+) -> SpeckleHistogram:
+    """The histogram of a region of an image (y, x) over the region's mean, from 0 to `max_ratio`.
+
+    Raises UserError for a region without light.
+    """
+    values = np.asarray(luminance[region_slices(region)], dtype=np.float64).ravel()
+    mean = float(values.mean()) if values.size else 0.0
+    if not mean > 0:
+        raise UserError("region", "no light in it", remedy="choose a brighter region")
+    counts, edges = np.histogram(values / mean, bins=bins, range=(0.0, max_ratio))
+    return SpeckleHistogram(edges, counts / (values.size * (edges[1] - edges[0])), pattern_count)
+
+
+# --- independent patterns of lasers, frames and sources ---------------------------------------------------------------
+
+# Patterns of different lasers, frames and sources count as independent and fully developed here, which those of one
+# hologram need not be: the contrast √(Σm²)/Σm for mean luminances m is the least that they can bring (Goodman, *Speckle
+# Phenomena in Optics*, 2007, ch. 3). Effects may split the light of one laser, frame and source into lines, directions
+# and moments, whose patterns are alike. With shares w of the light and correlations ρ of the intensities, m² becomes
+# m²·Σ w_i·w_j·ρ_ij, and ρ is that of random patterns, even over the stroke, behind which a field's correlation is
+#
+#     sinc(S·Δ(f/λ)) for each modulator of stroke S, at moments of factor f,
+#     the mean of exp(2πi·z·(Δs·θ/λ + Δ(1/λ)·|θ|²/2)) over the directions θ that pass, for each way z,
+#
+# for light that falls in at s (Goodman, ch. 5). Against the contrast of random patterns this is right to 10 %.
+
+
+def laser_luminances(system: System) -> Floats:
+    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames.
+
+    With the effects on powers and lines; the light of all lines of a laser counts as the laser's.
+    """
+    return _luminances(make_plan(system)).sum(axis=(1, 3))
+
+
+def independent_pattern_count(system: System, plane_m: float | None = None) -> float:
+    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source.
+
+    Lines of one laser, directions of an extended source and moments of an exposure, which effects add, count as far as
+    their patterns differ at a plane, the middle one when None.
+    """
+    means = laser_luminances(system)
+    if not np.any(means > 0):
+        return 1.0
+    squares = np.square(means) * pattern_likeness(system, plane_m) / len(system.source.directions_rad)
+    return float(means.sum() ** 2 / squares.sum())
+
+
+def pattern_likeness(system: System, plane_m: float | None = None) -> Floats:
+    """Squared contrast (wavelength,) of the light of each laser in one frame from one source, 1 for a single pattern.
+
+    Below 1 where effects split it into lines, directions and moments whose patterns differ, at a plane as of
+    `independent_pattern_count`.
+    """
+    if not system.effects:
+        return np.ones(len(system.wavelengths_m))
+    plan = make_plan(system, None if plane_m is None else [plane_m])
+    built, z = plan.system, abs(plan.planes[len(plan.planes) // 2].true_m)
+    ways = [(z, built.relay2)] + ([(built.gap_m, built.relay1)] if built.gap_m is not None else [])
+    moments, points = np.array(plan.moments), list(plan.directions[0].indices)
+    directions, power = np.sin(built.source.directions_rad[points]), _luminances(plan).sum(axis=0)
+    likeness = np.ones(len(plan.lasers))
+    for laser in np.flatnonzero(power.sum(axis=(0, 2)) > 0):
+        λ = built.wavelengths_m[list(plan.lasers[laser].indices)]
+        mean_m = float(λ.mean())
+        of_lines, of_directions = _by_strokes(built, 1 / λ), np.ones((len(directions),) * 2)
+        for z_m, relay in ways:
+            sine_y, sine_x, weights = _directions_that_pass(built, relay, mean_m)
+            path_m = z_m * (sine_y**2 + sine_x**2) / 2
+            of_lines = of_lines * _correlation(np.exp(2j * np.pi * path_m / λ[:, None]), weights)
+            shift = z_m / mean_m * (directions @ np.stack([sine_y, sine_x]))
+            of_directions = of_directions * _correlation(np.exp(2j * np.pi * shift), weights)
+        parts = (
+            (power[:, laser].sum(axis=0), of_lines),
+            (np.ones(len(directions)), of_directions),
+            (power[:, laser].sum(axis=1), _by_strokes(built, moments / mean_m)),
+        )
+        for shares, correlation in parts:
+            w = shares / shares.sum()
+            likeness[laser] *= float(w @ np.square(correlation) @ w)
+    return likeness
+
+
+def _luminances(plan: Plan) -> Floats:
+    """Mean luminance (frame, moment, laser, line) of a plan's light, of all sources together."""
+    visible = np.maximum(observer_weights(plan.system.observer, plan.system.wavelengths_m)[:, 1], 0.0)
+    power = plan.weights * len(plan.slopes) * visible
+    frames, lines = (np.array([samples.indices for samples in of]) for of in (plan.frames, plan.lasers))
+    return power[frames[:, :, None, None], lines]
+
+
+def _by_strokes(system: System, waves_per_m: Floats) -> Floats:
+    """Correlation (n, n) of fields behind random patterns whose phases are 2π·path·waves_per_m, (n,)."""
+    difference = waves_per_m[:, None] - waves_per_m[None, :]
+    return np.prod([np.sinc(modulator.stroke_m * difference) for modulator in system.modulators], axis=0)
+
+
+def _directions_that_pass(system: System, relay: Relay, wavelength_m: float) -> tuple[Floats, Floats, Floats]:
+    """Direction sines y and x, and their shares of the light (n,), of the first order behind a relay's stops."""
+    pitch_m = system.modulators[0].pitch_m
+    edge = wavelength_m / (2 * pitch_m)
+    sines = edge * (2 * np.arange(_DIRECTIONS) + 1 - _DIRECTIONS) / _DIRECTIONS
+    y, x = (values.ravel() for values in np.meshgrid(sines, sines, indexing="ij"))
+    passes = np.ones(y.shape, dtype=bool)
+    from_centre = y - relay.centre_na[0], x - relay.centre_na[1]
+    if relay.iris_na is not None:
+        passes &= np.hypot(*from_centre) <= relay.iris_na
+    if relay.square is not None:
+        half = relay.square.half_side_sine(wavelength_m, pitch_m)
+        passes &= np.maximum(*np.abs(from_centre)) <= half
+    weights = np.square(np.sinc(y * pitch_m / wavelength_m) * np.sinc(x * pitch_m / wavelength_m)) * passes
+    return y, x, weights / max(weights.sum(), np.finfo(float).tiny)
+
+
+def _correlation(phasors: NDArray[np.complexfloating], weights: Floats) -> Floats:
+    """|Σ_n w_n·p_in·p*_jn| (i, j) of phasors (i, n)."""
+    return np.abs((phasors * weights) @ phasors.conj().T)
+
+
+def independent_contrast(system: System, plane_m: float | None = None) -> float:
+    """Luminance contrast of independent patterns, 1/√N with N of `independent_pattern_count`."""
+    return float(independent_pattern_count(system, plane_m) ** -0.5)
+
+
+def mean_wavelength(system: System) -> float:
+    """Mean wavelength in metres, each weighted by its luminance; by nothing if none can be seen."""
+    weights = laser_luminances(system).sum(axis=0)
+    return float(np.average(system.wavelengths_m, weights=weights if np.any(weights > 0) else None))
+
+
+# --- on the retina ----------------------------------------------------------------------------------------------------
+
+# A pupil of diameter d makes grains about λ/d wide (Goodman, *Speckle Phenomena in Optics*, 2007, ch. 4): a small pupil
+# makes coarse speckle, a large one fine. Their contrast doesn't depend on the pupil as long as the patterns of the
+# lasers are fully developed and independent; then it is √(Σm²)/Σm for mean luminances m, 1/√N for N equal ones. Foveal
+# cones average over discs of 0.5 arcmin, which hides grains that are smaller.
+
+
+CONE_ARCMIN = 0.5
+"""Diameter of a foveal cone (Curcio et al., J. Comp. Neurol. 292, 497 (1990)): 2.5 µm at 17 mm."""
+PUPILS_M = (2e-3, 2.5e-3, 3e-3, 4e-3, 5e-3, 6e-3)
+"""Diameters of natural pupils, from bright light to dim."""
+MAX_PUPILS = 50
+
+
+@dataclass(frozen=True)
+class RetinalContrast:
+    """Speckle contrast of a region of the retinal image, seen through one pupil.
+
+    pupil_m: its diameter. contrast: of the luminance at every sample. cone_contrast: of its means over cones.
+    grain_arcmin: λ/d, about the width of a grain, at the mean wavelength of the luminance.
+    """
+
+    pupil_m: float
+    contrast: float
+    cone_contrast: float
+    grain_arcmin: float
+
+    def as_json(self) -> dict[str, float]:
+        """For programs; the diameter in mm."""
+        own = {"contrast": self.contrast, "cone_contrast": self.cone_contrast, "grain_arcmin": self.grain_arcmin}
+        return {"pupil_mm": round(self.pupil_m * 1e3, 6), **own}
+
+
+def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[System]:
+    """The system with its eye's pupil of each diameter.
+
+    Raises UserError without an eye, for no diameter or more than MAX_PUPILS, and for one out of range.
+    """
+    if system.eye is None:
+        raise UserError("pupils", "there is no eye", expected="a bench with an eye", remedy="--set eye={}")
+    if not 1 <= len(pupils_m) <= MAX_PUPILS:
+        raise UserError("pupils", str(len(pupils_m)), expected=f"1 to {MAX_PUPILS} diameters")
+    for diameter_m in pupils_m:
+        PUPIL.parse(diameter_m, "pupils")
+    return [system.with_(eye=replace(system.eye, pupil_m=diameter_m)) for diameter_m in pupils_m]
+
+
+def default_pupils(system: System) -> tuple[float, ...]:
+    """The diameters of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
+    eye = system.eye
+    if eye is None:
+        return PUPILS_M
+    reach_m = 2 * (eye.eyepiece_m - float(np.hypot(eye.pupil_y_m, eye.pupil_x_m)))
+    return tuple(d for d in PUPILS_M if d < reach_m) or (min(PUPILS_M[0], 0.9 * reach_m),)
+
+
+def retinal_contrast(
+    system: System,
+    luminance: NDArray[np.floating],
+    region: Region | None = None,
+    target: NDArray[np.floating] | None = None,
+) -> RetinalContrast:
+    """Contrast of a region of the picture that the eye of a system sees.
+
+    luminance: (y, x) of the whole image. target: (y, x), whose structure is divided out.
+    Raises UserError without an eye, and as `speckle_contrast` does.
+    """
+    if system.eye is None:
+        raise UserError("retinal speckle", "there is no eye", expected="a bench with an eye")
+    pitch_m = system.modulators[0].pitch_m / system.sampling.upsample
+    degrees = sample_degrees(pitch_m, system.eye.eyepiece_m)
+    blurred = None if target is None else seen_by_cones(target, degrees)
+    diameter_m = system.eye.pupil_diameter_m(system.field_m)
+    return RetinalContrast(
+        pupil_m=diameter_m,
+        contrast=speckle_contrast(luminance, region, target).contrast,
+        cone_contrast=speckle_contrast(seen_by_cones(luminance, degrees), region, blurred).contrast,
+        grain_arcmin=60 * float(np.degrees(mean_wavelength(system) / diameter_m)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RetinalCurve:
+    """Contrasts through pupils of several diameters, and the contrast of independent patterns of the same lasers.
+
+    has_target: whether the structure of a target was divided out.
+    """
+
+    contrasts: tuple[RetinalContrast, ...]
+    independent: float
+    has_target: bool = False
+
+
+def retinal_curve(
+    systems: Sequence[System],
+    images: Iterable[NDArray[np.floating]],
+    region: Region,
+    progress: ProgressCallback,
+    target_of: Callable[[System], NDArray[np.floating] | None] = lambda system: None,
+    plane_m: float | None = None,
+) -> RetinalCurve:
+    """The contrasts of a region in what the eye of each system sees.
+
+    systems: of `pupils_of`. images: XYZ (y, x, 3), one for each system; they may be computed one by one. progress:
+    called after each. target_of: luminance (y, x) of the target as the eye of a system sees it; None for none.
+    plane_m: that is seen, as of `independent_pattern_count`.
+    """
+    contrasts, has_target = list[RetinalContrast](), False
+    for number, (system, xyz) in enumerate(zip(systems, images, strict=True), start=1):
+        target = target_of(system)
+        has_target |= target is not None
+        contrasts.append(retinal_contrast(system, xyz[..., 1], region, target))
+        progress(number, len(systems), f"{contrasts[-1].pupil_m * 1e3:.3g} mm")
+    return RetinalCurve(tuple(contrasts), independent_contrast(systems[0], plane_m), has_target)
+
+
+def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.float64]:
+    """The mean of an image (y, x) over a disc as wide as a foveal cone, around every sample; it counts as periodic."""
+    from scipy.special import j1  # slow start: a viewer begins without it
+
+    y, x = (np.fft.fftfreq(n, degrees_per_sample) for n in image.shape)
+    v = np.pi * CONE_ARCMIN / 60 * np.hypot(y[:, None], x[None, :])
+    transfer = np.divide(2 * j1(v), v, out=np.ones_like(v), where=v > 0)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(image) * transfer).real)

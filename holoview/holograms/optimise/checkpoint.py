@@ -1,0 +1,166 @@
+"""An optimisation between two iterations: what the loop yields, and a file to continue from.
+
+The file is one of safetensors; an optimisation continues from it bit for bit on the same machine.
+
+drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
+best_drive                       float32: the best hologram so far
+amplitudes best_amplitudes       float64 (frame, wavelength)
+wavelengths best_wavelengths     float64 (wavelength,), m
+amplitude_moments                float64 (2, frame, wavelength), of Adam
+wavelength_moments               float64 (2, wavelength)
+steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
+metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.holograms.hologram import Hologram, drive_schema, drive_sizes
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model import preset
+from holoview.light.model.system import System
+from holoview.util.errors import UserError
+from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
+from holoview.util.tables import ArraySchema, read_record
+
+if TYPE_CHECKING:  # its module imports torch, for which the viewer doesn't wait
+    from holoview.holograms.optimise.field_loss import ComplexTarget
+
+
+@dataclass(frozen=True)
+class IterationState:
+    """The state of an optimisation after an iteration.
+
+    iteration, iterations: number of this iteration, from 0, and of the last one. loss: with the eyebox's penalty.
+    psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised). Loss and PSNR
+    are those of the planes that this iteration took (`Settings.drawn_planes`).
+    best_psnr_db: that of `best`.
+    eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
+    seconds: time spent, including that before a checkpoint. make_best(): `best`, which is made when it is asked for.
+    picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to
+    continue. These two must be called before the next state is requested.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float
+    psnr_db: float
+    best_psnr_db: float
+    eyebox: float
+    seconds: float
+    make_best: Callable[[], Hologram] = field(repr=False, compare=False)
+    picture: Callable[[], NDArray[np.floating]] = field(repr=False, compare=False)
+    checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
+
+    @cached_property
+    def best(self) -> Hologram:
+        """The hologram of the smallest loss of all planes so far; the latest where pupils are drawn."""
+        return self.make_best()
+
+
+# --- the file ---
+
+
+_F64 = ("float64",)
+_WAVELENGTHS_M = (100e-9, 10e-6)  # least and greatest
+VARIABLE_TENSORS = (
+    drive_schema("drive", "float32"),
+    drive_schema("drive", "float32").alike("first"),
+    drive_schema("drive", "float32").alike("second", low=0.0),
+    drive_schema("best_drive", "float32"),
+    *(ArraySchema(name, _F64, ("frame", "wavelength"), low=0.0) for name in ("amplitudes", "best_amplitudes")),
+    *(ArraySchema(name, _F64, ("wavelength",), *_WAVELENGTHS_M) for name in ("wavelengths", "best_wavelengths")),
+    ArraySchema("amplitude_moments", _F64, (2, "frame", "wavelength")),
+    ArraySchema("wavelength_moments", _F64, (2, "wavelength")),
+    ArraySchema("steps", _F64, (3,), low=0.0, high=1e9),
+)
+"""The tensors of the variables of an optimisation and of its best hologram."""
+
+_FORMAT = TensorFormat(
+    name="holoview-checkpoint",
+    version="1",
+    what="a checkpoint that `holoview optimise` wrote",
+    tensors=VARIABLE_TENSORS,
+    metadata_keys=("system", "settings", "progress", "target"),
+)
+
+
+@dataclass(frozen=True)
+class CheckpointProgress:
+    """How far an optimisation has come.
+
+    iteration: the next one. seconds: time spent. best_loss, best_psnr_db: of the smallest loss so far. eyebox: the
+    latest coefficient of variation of the light in the eyebox.
+    """
+
+    iteration: int
+    seconds: float
+    best_loss: float
+    best_psnr_db: float
+    eyebox: float
+
+    def __post_init__(self) -> None:
+        if self.iteration < 0 or not 0 <= self.seconds < math.inf:
+            found = f"iteration {self.iteration} after {self.seconds} s"
+            raise UserError("progress", found, expected="numbers of 0 or more")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """An optimisation between two iterations. target: `target_digest` of its focal stack."""
+
+    system: System
+    settings: Settings
+    target: str
+    progress: CheckpointProgress
+    tensors: dict[str, NDArray[np.floating]]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file; only a complete file replaces an existing one."""
+        texts = {
+            "system": preset.dumps(self.system),
+            "settings": json.dumps(dataclasses.asdict(self.settings)),
+            "progress": json.dumps(dataclasses.asdict(self.progress)),
+            "target": self.target,
+        }
+        _FORMAT.write(path, self.tensors, texts)
+
+    def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
+        """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.
+
+        where: the name of the checkpoint, for the error.
+        """
+        stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
+        differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
+        differing += differing_fields(self.settings, settings)
+        differing += ["the target"] * (self.target != target)
+        refuse_differences(differing, where, "optimisation", "preset, picture and options")
+
+
+def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
+    with _FORMAT.open(path) as file:
+        system = preset.loads(file.texts["system"], f"{path}: system")
+        settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
+        progress = read_record(CheckpointProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
+        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(drive_sizes(system)))
+
+
+def target_digest(stack: NDArray[np.floating], complex_target: ComplexTarget | None = None) -> str:
+    """The SHA-256 of a focal stack's shape and float32 values, and of the fields of a complex target."""
+    values = np.ascontiguousarray(stack, dtype=np.float32)
+    fields = b"" if complex_target is None else np.ascontiguousarray(complex_target.fields).tobytes()
+    return hashlib.sha256(repr(values.shape).encode() + values.tobytes() + fields).hexdigest()

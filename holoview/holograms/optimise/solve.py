@@ -1,0 +1,295 @@
+"""The optimisation loop: Adam steps on patterns, least squares for laser amplitudes, gradient steps on wavelengths.
+
+for state in iterate(system, stack, Settings(iterations=60)):
+    print(state.iteration, state.psnr_db)
+hologram = state.best          # of the smallest loss so far; the loop may be left at any time
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import cache, lru_cache
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
+from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
+from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
+from holoview.holograms.optimise.graphed_step import GraphedStep, recorder_for
+from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
+from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation, Problem
+from holoview.holograms.optimise.settings import NEXT_ITERATIONS, Settings, next_settings
+from holoview.holograms.optimise.variables import OptimisationVariables, initial_drive
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import check_drive
+from holoview.util.errors import UserError
+
+_DEFAULT = Settings()
+_NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
+_DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes, and are so many where that's at most half
+_SETTLING = 40
+_WHOLE_EVERY = 10  # iterations of which one takes all planes
+_FEWEST_PLANES = 4  # of which one is drawn by default
+LONG_RUN = 80
+"""Iterations from which on one plane is drawn by default: in shorter runs noise doesn't average out."""
+
+
+def iterate(
+    system: System,
+    stack: NDArray[np.floating] | StacksAt | ComplexTarget,
+    settings: Settings = _DEFAULT,
+    start: NDArray[np.float32] | None = None,
+    resume: Checkpoint | None = None,
+    *,
+    done: int = 0,
+    device: str = "cpu",
+    team: ProcessGroup = SINGLE_PROCESS,
+    record: bool = True,
+) -> Iterator[IterationState]:
+    """Optimises patterns, and laser amplitudes and wavelengths where these are free, for a focal stack.
+
+    Adam on the patterns with the analytic adjoint of the simulation (complex64); amplitudes by non-negative least
+    squares; wavelengths by gradient steps. Scalar diffraction as in `simulate`; the optimum is a local one.
+
+    system: the display. Its effects are optimised for, except those that split a laser or change its power.
+    stack: (plane, y, x, 3) linear sRGB at the system's planes, on the simulation grid, (rows, columns) · `upsample`.
+    `target_for` makes it. With `settings.pupil_places_m`, the stacks of all places one after the other, and with
+    `settings.drawn_pupils` a function from places (y, x), m, to their stacks
+    (`holoview.holograms.targets.moving_pupil.moving_target`). A `holoview.holograms.optimise.field_loss.ComplexTarget` has fields instead,
+    of which phases count as well.
+    settings: options of the optimiser.
+    start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
+    resume: a checkpoint to continue from, bit for bit on the same machine.
+    done: iterations of the plan that lie behind `start`, where there is no checkpoint: the first state has this number,
+    and steps and planes are those that the whole plan has from there on. Adam's memory begins anew.
+    device: of torch, "cpu", "cuda", "cuda:1" or "mps".
+    team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
+    record: repeat iterations that only move patterns as CUDA graphs, on a card that can; False to compare with.
+
+    Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
+    `best`, the `Hologram` of the smallest loss so far of all planes; the latest one where pupils are drawn, since
+    losses of different draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the
+    drive or the checkpoint doesn't fit, and when memory runs out.
+
+    >>> import numpy as np
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 24], planes=["10 mm"])
+    >>> stack = np.full((1, 32, 48, 3), 0.2, dtype=np.float32)
+    >>> states = list(hv.iterate(system, stack, hv.Settings(iterations=10)))
+    >>> len(states), states[-1].psnr_db > states[0].psnr_db, states[-1].best.drive.shape
+    (11, True, (1, 2, 16, 24))
+    """
+    if not 0 <= done <= settings.iterations:
+        raise UserError("done", str(done), expected=f"from 0 to the {settings.iterations} iterations of the plan")
+    return Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
+
+
+def follow(
+    system: System,
+    stacks: Iterable[NDArray[np.floating]],
+    settings: Settings = _DEFAULT,
+    next_iterations: int = NEXT_ITERATIONS,
+    start: NDArray[np.float32] | None = None,
+    *,
+    device: str = "cpu",
+) -> Iterator[IterationState]:
+    """Optimises for one focal stack after the other; each begins with the hologram before, and all that is prepared.
+
+    stacks: as for `iterate`, all of one shape. A stack is asked for when the iterations of the one before are done, so
+    that a generator may give what a camera sees then. settings: of the first one; `next_settings` of it for the others.
+    Other arguments and errors as of `iterate`. The iterations count from 0 for each stack.
+    """
+    check_changing_target(settings)
+    optimiser = None
+    for stack in stacks:
+        if optimiser is None:
+            optimiser = Optimiser(system, stack, settings, start, device=device)
+        else:
+            optimiser.go_on(stack, next_settings(settings, next_iterations), optimiser.best())
+        yield from optimiser.states()
+
+
+def check_changing_target(settings: Settings) -> None:
+    """Raises UserError for settings with which a target can't change."""
+    if settings.drawn_pupils or "wavelengths" in settings.free:
+        found = "drawn pupils" if settings.drawn_pupils else "free wavelengths"
+        raise UserError("target", f"that changes, with {found}", expected="patterns and amplitudes")
+
+
+class Optimiser:
+    """The state between two iterations: the problem, its variables, the best hologram and the progress."""
+
+    def __init__(
+        self,
+        system: System,
+        stack: NDArray[np.floating] | StacksAt | ComplexTarget,
+        settings: Settings,
+        start: NDArray[np.float32] | None = None,
+        resume: Checkpoint | None = None,
+        device: str = "cpu",
+        group: ProcessGroup = SINGLE_PROCESS,
+        record: bool = True,
+        done: int = 0,
+    ) -> None:
+        """Arguments and errors as of `iterate`."""
+        self.system, self.settings = system, settings
+        self._drawn = _drawn_pupils(system, settings, stack)
+        places, first = (None, stack) if self._drawn is None else self._drawn(0)
+        assert not callable(first)
+        self.target_digest = target_digest(*split_target(first))
+        if resume is not None:
+            resume.check_matches(system, settings, self.target_digest, "checkpoint")
+        self.problem = Problem(system, first, settings, device, group, places_m=places)
+        drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
+        check_drive(self.problem.model.plan, drive)
+        self.variables = OptimisationVariables(system, settings, drive.to(device))
+        recorder = recorder_for(device) if record and "patterns" in settings.free else None
+        self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)
+        self._make_best: Callable[[], Hologram] | None = None
+        self.progress = replace(_NOTHING_DONE, iteration=done)
+        if resume is not None:
+            self._resume(resume)
+        elif self.variables.wavelengths_adjusted:
+            self.problem.set_wavelengths(self.variables.wavelengths_m)
+
+    def best(self) -> Hologram:
+        """The hologram of the smallest loss so far."""
+        assert self._make_best is not None
+        return self._make_best()
+
+    def go_on(self, stack: NDArray[np.floating], settings: Settings, start: Hologram) -> None:
+        """Begins again for another focal stack from a hologram of the same bench; only its amplitudes may differ.
+
+        settings: other iterations and another step than before.
+        """
+        self.settings, self.target_digest = settings, target_digest(stack, None)
+        self.problem.objective.set_stack(stack)
+        self.variables.begin_again(settings, start)
+        self._make_best, self.progress = None, _NOTHING_DONE
+
+    def states(self) -> Iterator[IterationState]:
+        """The states as of `iterate`, from the present one on."""
+        started = time.perf_counter() - self.progress.seconds
+        for iteration in range(self.progress.iteration, self.settings.iterations + 1):
+            if self._drawn is not None and iteration > 0:
+                self.problem.see_from(*self._drawn(iteration))
+            shown = self.variables.patterns.displayed_drive()
+            request = self._request(iteration)
+            evaluation = self._evaluate(shown, iteration, request)
+            if not math.isfinite(evaluation.loss):
+                raise UserError(
+                    "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
+                )
+            best = (self.progress.best_loss, self.progress.best_psnr_db)
+            is_whole = request.planes is None
+            if is_whole and (evaluation.loss < best[0] or self._drawn is not None):
+                best, self._make_best = (evaluation.loss, evaluation.psnr_db), self._maker_of(shown)
+            assert self._make_best is not None  # the first iteration takes all planes
+            if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
+                self.problem.set_wavelengths(self.variables.wavelengths_m)
+            eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
+            self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox)
+            yield IterationState(
+                iteration=iteration,
+                iterations=self.settings.iterations,
+                loss=evaluation.loss,
+                psnr_db=evaluation.psnr_db,
+                best_psnr_db=best[1],
+                eyebox=eyebox,
+                seconds=self.progress.seconds,
+                make_best=self._make_best,
+                picture=evaluation.picture,
+                checkpoint=self._checkpoint,
+            )
+
+    def _evaluate(self, shown: torch.Tensor, iteration: int, request: EvaluationRequest) -> LossEvaluation:
+        """The evaluation of an iteration; in the first and the last, amplitudes are solved for before it.
+
+        Otherwise the first gradient would be that of a picture of another brightness, and Adam would remember it.
+        """
+        variables, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
+        if request.optimal_amplitudes and iteration in (0, self.settings.iterations):
+            solved = self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(optimal_amplitudes=True))
+            assert solved.optimal_amplitudes is not None
+            variables.amplitudes = solved.optimal_amplitudes
+            request = replace(request, optimal_amplitudes=False)
+        if iteration < self.settings.iterations:
+            taken = None
+            if self._graphed is not None:
+                scale = variables.pattern_step_scale(iteration)
+                taken = self._graphed.take(shown, variables.amplitudes, request, scale)
+            return taken or self.problem.evaluate(path_m, variables.amplitudes, request)
+        return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
+
+    def _request(self, iteration: int) -> EvaluationRequest:
+        """The quantities and the planes to evaluate in an iteration.
+
+        Early iterations take some planes in turn, in an order that is drawn anew for each turn. The sum of a turn's
+        gradients is nearly that of all planes, unlike that of independently drawn planes.
+        """
+        request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
+        count, few = len(self.problem.objective.target), self._planes_at_a_time
+        settles = iteration >= min(_DRAWN_SHARE * iterations, max(iterations - _SETTLING, iterations / 2))
+        is_first = self._make_best is None
+        if not 0 < few < count or settles or is_first or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
+            return request
+        turn, place = divmod(iteration, count // few)
+        chosen = _order_of_planes(self.settings.seed, turn, count)[place * few : (place + 1) * few]
+        return replace(request, planes=tuple(sorted(chosen)))
+
+    @property
+    def _planes_at_a_time(self) -> int:
+        """How many planes an early iteration takes; 0: all."""
+        settings, count = self.settings, len(self.problem.objective.target)
+        if settings.drawn_planes is not None:
+            return settings.drawn_planes
+        is_plain = count == len(self.system.planes_m) and settings.plane_weights is None
+        return 1 if is_plain and count >= _FEWEST_PLANES and settings.iterations >= LONG_RUN else 0
+
+    def _maker_of(self, shown: torch.Tensor) -> Callable[[], Hologram]:
+        """Makes the hologram of present patterns when it is asked for, since few are; the same one each time."""
+        changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
+        return cache(lambda: Hologram(shown.cpu().numpy().copy(), self.system.edit(changes)))
+
+    def _checkpoint(self) -> Checkpoint:
+        hologram = self.best()
+        best: dict[str, NDArray[np.floating]] = {
+            "best_drive": hologram.drive,
+            "best_amplitudes": np.array(hologram.system.amplitudes),
+            "best_wavelengths": np.array(hologram.system.wavelengths_m),
+        }
+        return Checkpoint(
+            self.system, self.settings, self.target_digest, self.progress, self.variables.state_dict() | best
+        )
+
+    def _resume(self, resume: Checkpoint) -> None:
+        tensors = resume.tensors
+        self.variables.load_state_dict(tensors)
+        changes = {"wavelengths": tensors["best_wavelengths"], "amplitudes": tensors["best_amplitudes"]}
+        hologram = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
+        self._make_best = lambda: hologram
+        self.progress = resume.progress
+        self.problem.set_wavelengths(self.variables.wavelengths_m)
+
+
+@lru_cache(maxsize=2)
+def _order_of_planes(seed: int, turn: int, count: int) -> list[int]:
+    """All planes in an order that is drawn anew for each turn."""
+    order: list[int] = np.random.default_rng((seed, turn)).permutation(count).tolist()
+    return order
+
+
+def _drawn_pupils(
+    system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt | ComplexTarget
+) -> DrawnPupils | None:
+    """The places that the settings want drawn; None where none are drawn."""
+    if callable(stack) != (settings.drawn_pupils > 0):
+        found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")
+        raise UserError("target", found, expected=f"{expected} with {settings.drawn_pupils} drawn pupils")
+    return DrawnPupils(system, settings, stack) if callable(stack) else None

@@ -1,0 +1,156 @@
+"""Wavelengths as variables: projection onto the allowed range and spacing, and the derivative of the loss.
+
+A beam's light depends on λ through the modulators' phase 2π·opd/λ, the transfer functions H and pupils P of the relays,
+and the phase 2π·n·s of oblique illumination at sample n, with the slope s = sin θ·dx/λ. Let φ = z·φ′ be the phase of H
+over a distance z, and c the conjugate gradients that `forward_model` defines: dL = Re Σ c·dx. Then, at fixed optical
+paths of the modulators,
+
+    ∂L/∂λ = −Σ ∂φ′/∂λ·Im(W·Σ_k z_k·c_Wk) − z_gap·Σ ∂φ′/∂λ·Im(V·c_V)
+            + Re Σ ∂(ln P₂)/∂λ·W·c_W + Re Σ ∂(ln P₁)/∂λ·V·c_V + illumination + modulators
+
+with the spectra W behind the last modulator and V at modulator 2. For an eye that is focused δ(λ) further away, z_k is
+the distance of the plane and δ, and −Σ ∂δ/∂λ·φ′·Im(W·c_W) is added. `problem` adds the derivative of the colour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from holoview.holograms.optimise.settings import LossSpace, Settings
+from holoview.holograms.optimise.transfer_functions import TransferFunctions
+from holoview.light.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
+from holoview.light.model.plan import Plan
+from holoview.light.numerics.resample import upsample_nearest
+from holoview.light.optics.bench import plane_wave
+from holoview.light.optics.slm import phasor
+from holoview.util.errors import UserError
+
+Tensor = torch.Tensor
+Floats = NDArray[np.float64]
+
+
+def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
+    """The nearest wavelengths (least squares) inside the range and at least the spacing apart, in the same order.
+
+    For sorted wavelengths x_i and spacing s, x_i − i·s must not fall: the nearest such sequence is an isotonic
+    regression. Raises UserError when the range has no room for so many.
+    """
+    low, high = settings.wavelength_range_m
+    count, spacing = len(wavelengths_m), settings.wavelength_spacing_m
+    if (count - 1) * spacing > high - low:
+        raise UserError(
+            "wavelength range",
+            f"{low * 1e9:g} to {high * 1e9:g} nm for {count} lasers {spacing * 1e9:g} nm apart",
+            expected=f"at least {(count - 1) * spacing * 1e9:g} nm",
+            remedy="widen the range or lower the spacing",
+        )
+    order = np.argsort(wavelengths_m, kind="stable")
+    offsets = spacing * np.arange(count)
+    monotone = isotonic_regression(wavelengths_m[order] - offsets).x.clip(low, high - (count - 1) * spacing)
+    projected = np.empty(count)
+    projected[order] = monotone + offsets
+    return projected
+
+
+def check_wavelength_search(observer: str, settings: Settings) -> None:
+    """Raises UserError for an observer whose derivative isn't implemented, and for a range where it has no data."""
+    if observer not in ("eye", "mono"):
+        raise UserError(
+            "free wavelengths",
+            f'observer = "{observer}"',
+            expected='"eye" or "mono"',
+            remedy="only the cone fundamentals have slopes here",
+        )
+    try:
+        observer_weights(observer, settings.wavelength_range_m)
+    except UserError as error:
+        raise error.inside("wavelength range: ") from error
+
+
+def channel_wavelength_derivatives(loss: LossSpace, wavelengths_m: Floats, observer: str) -> Floats:
+    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, from the eye's cone fundamentals.
+
+    Zero for a monochrome camera, to which all wavelengths are equally bright.
+    """
+    if loss.ignores_wavelength or observer == "mono":
+        return np.zeros((len(wavelengths_m), len(loss.matrix)))
+    derivatives: Floats = cone_fundamental_derivatives(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
+    return derivatives
+
+
+# --- the derivative of the loss --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BeamAdjoint:
+    """The spectra of one beam and their conjugate gradients, complex (k_y, k_x) in the bands of the relays.
+
+    wavelength, source: indices in the plan. spectrum: W. spectrum_adjoint: c_W. z_weighted_adjoint: Σ_k z_k·c_Wk with
+    the part c_Wk of plane k at distance z_k, without δ. incident_spectrum, incident_adjoint: V and c_V.
+    opd_m: optical paths of the modulators in the beam's frame, (modulator, y, x). pixel_products: c·w of each
+    modulator, summed over the samples of each pixel, (y, x).
+    """
+
+    wavelength: int
+    source: int
+    spectrum: Tensor
+    spectrum_adjoint: Tensor
+    z_weighted_adjoint: Tensor
+    incident_spectrum: Tensor
+    incident_adjoint: Tensor
+    opd_m: Tensor
+    pixel_products: Sequence[Tensor]
+
+
+def wavelength_derivative(plan: Plan, transfer_functions: TransferFunctions, beam: BeamAdjoint) -> float:
+    """∂L/∂λ (1/m) of the loss through one beam."""
+    λ = float(plan.system.wavelengths_m[beam.wavelength])
+    phase_derivative = transfer_functions.phase_derivative(1, beam.wavelength)
+    z_weighted = beam.z_weighted_adjoint.add(beam.spectrum_adjoint, alpha=float(plan.focus_shift_m[beam.wavelength]))
+    total = -_sum(phase_derivative * (z_weighted * beam.spectrum).imag)
+    focus = transfer_functions.focus_derivative(beam.wavelength)
+    if focus is not None:
+        total -= _sum(focus * (beam.spectrum_adjoint * beam.spectrum).imag)
+    total += _pupil_term(transfer_functions, 1, beam.wavelength, beam.spectrum_adjoint * beam.spectrum)
+    gap_m = plan.system.gap_m
+    if gap_m is not None:
+        product = beam.incident_spectrum.mul(beam.incident_adjoint)
+        total -= gap_m * _sum(transfer_functions.phase_derivative(0, beam.wavelength) * product.imag)
+        total += _pupil_term(transfer_functions, 0, beam.wavelength, product)
+    total += _illumination_term(plan, transfer_functions, beam, λ)
+    pairs = zip(beam.pixel_products, beam.opd_m, strict=True)
+    return total + 2 * math.pi * sum(_sum(product.imag * opd) for product, opd in pairs) / λ**2
+
+
+def _pupil_term(transfer_functions: TransferFunctions, relay: int, wavelength: int, product: Tensor) -> float:
+    derivative = transfer_functions.log_pupil_derivative(relay, wavelength)
+    return 0.0 if derivative is None else _sum((derivative * product).real)
+
+
+def _illumination_term(plan: Plan, transfer_functions: TransferFunctions, beam: BeamAdjoint, λ: float) -> float:
+    """The part of the illumination: its phase 2π·s·n has ∂s/∂λ = −s/λ at sample n, counted from the grid's centre."""
+    slopes = plan.slopes[beam.source, beam.wavelength]
+    if not slopes.any():
+        return 0.0
+    dtype, device = beam.spectrum.dtype, beam.spectrum.device
+    adjoint = beam.incident_adjoint
+    if plan.system.gap_m is not None:
+        adjoint = adjoint * transfer_functions.across_gap(beam.wavelength)
+    y, x = (axis.undisplaced_gap for axis in transfer_functions.axes)
+    field_adjoint = x.forward_transposed(y.forward_transposed(adjoint, 0), 1)
+    pixels = upsample_nearest(phasor(beam.opd_m[0], λ, dtype), plan.grid.upsample)
+    product = field_adjoint * plane_wave(plan, beam.wavelength, beam.source, dtype, device) * pixels
+    rows, columns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in plan.grid.shape)
+    turns = (slopes[0] * rows[:, None] + slopes[1] * columns[None, :]).to(product.imag)
+    return 2 * math.pi / λ * _sum(turns * product.imag)
+
+
+def _sum(values: Tensor) -> float:
+    return float(values.sum())

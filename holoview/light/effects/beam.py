@@ -1,0 +1,129 @@
+"""The light falls on a part of the first modulator: a disc, a Gaussian beam or an ellipse, with a wavefront over it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from holoview.light.model.effects.effect import Effect, Parameter, Values
+from holoview.light.model.system import System
+from holoview.util.units import format_rounded
+
+if TYPE_CHECKING:  # torch takes seconds to import
+    from torch import Tensor
+
+    from holoview.light.model.effects.hook_contexts import ModulatorContext
+
+WAVEFRONT_TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical
+_NAMES = {4: "defocus", 5: "astigmatism", 7: "coma", 9: "trefoil", 11: "spherical aberration"}
+_DISC_EDGE = 2.0  # exponents above it are a disc in words
+
+
+def _term(noll: int) -> Parameter:
+    return Parameter(
+        f"z{noll}",
+        f"Zernike term {noll} (Noll) of the light's wavefront, r.m.s. over the beam's circle.",
+        "nm",
+        low=-10e-6,
+        high=10e-6,
+        prior=100e-9,
+        secondary=True,
+    )
+
+
+def _centre(name: str) -> Parameter:
+    moved = ("size", *(f"z{noll}" for noll in WAVEFRONT_TERMS))
+    doc = "Place of its centre, in half the modulator's longer side."
+    return Parameter(name, doc, low=-2.0, high=2.0, prior=0.1, modifies=moved)
+
+
+class Beam(Effect):
+    """amplitude = exp(−(size²·|E(r − centre)|²)^edge) · exp(2πi·W(r)/λ), r in half sides of the modulator, the longer.
+
+    size is the half side over the radius at which the amplitude has fallen to 1/e; 0 is even light. edge 1 is a
+    Gaussian beam, larger ones have a steeper edge, up to a disc. E stretches y by e^ellipse and x by its inverse. The
+    wavefront W is a sum of Zernike terms over the beam's circle, or over that around the modulator if it is smaller,
+    and goes on beyond it. Terms over the beam keep coma apart from the tilt that coma over a wider circle is there.
+    """
+
+    id = "beam"
+    cause = "The light fills only a part of the first modulator, or has a wavefront of its own."
+    finding = "The light on the modulator is {shape}{wavefront}."
+    parameters = (
+        Parameter(
+            "size",
+            "Half the modulator's longer side over the beam's radius (1/e of amplitude); 0: even light.",
+            low=0.0,
+            high=20.0,
+            prior=0.5,
+        ),
+        Parameter(
+            "edge",
+            "Exponent of the edge: 1 Gaussian, 8 nearly a disc.",
+            low=0.7,
+            high=8.0,
+            prior=1.0,
+            identity=1.0,
+            modifies=("size",),
+        ),
+        _centre("centre_y"),
+        _centre("centre_x"),
+        Parameter(
+            "ellipse",
+            "Half the logarithm of width over height.",
+            low=-1.0,
+            high=1.0,
+            prior=0.2,
+            secondary=True,
+            modifies=("size",),
+        ),
+        *map(_term, WAVEFRONT_TERMS),
+    )
+    acts_on = ("source",)
+    degenerate_with = ("source_profile",)  # which is a Gaussian beam, in fewer numbers
+    varies_over_field = True
+    order = 3  # it lights what the modulator leaves unmodulated too
+
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        return [{"size": size, "edge": edge} for size in (0.8, 1.2, 1.8, 2.6, 4.0) for edge in (1.0, 4.0)]
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        """`v` may hold tensors; the light is differentiable with respect to them."""
+        half_m = context.half_width()
+        centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
+        y, x = (place - centre for place, centre in zip(context.positions(transmission), centre_m, strict=True))
+        stretch = (0.0 * y + v["ellipse"]).exp()
+        square = ((y * stretch).square() + (x / stretch).square()) * (v["size"] / half_m) ** 2
+        light = transmission * (-((square + 1e-12) ** v["edge"])).exp()
+        terms = {noll: v[f"z{noll}"] for noll in WAVEFRONT_TERMS if _is_varied(v[f"z{noll}"])}
+        if not terms:
+            return light
+        radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
+        waves = context.zernike(transmission, terms, centre_m, radius_m) / context.wavelength_m
+        return light * (2j * math.pi * waves.remainder(1.0)).exp()
+
+    def radius_m(self, half_width_m: float, v: Values) -> float:
+        """Radius of the beam, m; infinite for even light."""
+        return half_width_m / v["size"] if v["size"] else math.inf
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        half_m = max(system.modulators[0].shape) * system.modulators[0].pitch_m / 2
+        shape = "even"
+        if v["size"]:
+            kind = "a disc" if v["edge"] > _DISC_EDGE else "a Gaussian beam"
+            shape = f"{kind} of radius {format_rounded(self.radius_m(half_m, v), 'mm', 3)} (1/e of amplitude)"
+            if v["centre_y"] or v["centre_x"]:
+                y, x = (format_rounded(v[f"centre_{axis}"] * half_m, "mm", 3) for axis in "yx")
+                shape += f", centred at y = {y}, x = {x}"
+        sizes: dict[str, float] = {}
+        for noll in WAVEFRONT_TERMS:
+            name = _NAMES.get(noll) or _NAMES[noll - 1]
+            sizes[name] = math.hypot(sizes.get(name, 0.0), v[f"z{noll}"])
+        told = [f"{format_rounded(size, 'nm', 3)} of {name}" for name, size in sizes.items() if size > 1e-9]
+        return {"shape": shape, "wavefront": f", with {', '.join(told)}" if told else ""}
+
+
+def _is_varied(value: Any) -> bool:
+    """Whether a term may be other than 0: a tensor is a number that a fit varies."""
+    return not isinstance(value, float | int) or value != 0

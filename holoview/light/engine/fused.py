@@ -1,0 +1,643 @@
+"""Records the fused kernels of a frame.
+
+    light      source × modulator 1 → row FFT              → first rows
+    propagate  column FFT × H of the gap → column IFFT     → rows behind the gap
+    modulate   row IFFT × modulator 2 → row FFT            → second rows
+    propagate  column FFT × H to the plane → column IFFT   → rows at the plane
+    observe    row IFFT → |field|² × weight                → intensity
+
+With one modulator, `propagate` to the plane follows `light`. If the last relay's stops pass so little that the spectrum
+is smaller than the second rows, `propagate` to the plane is split, so that other planes are computed from the spectrum:
+
+    spectrum   column FFT                                  → spectrum
+    image      × H to the plane → column IFFT              → rows at the plane
+
+Only rows that hold the field are stored between kernels, transformed along x, and of their frequencies only those that
+a relay passes (`fused_kernels: FrameLayout`). H is the transfer function.
+
+`DeviceTables` holds the inputs of the kernels in device buffers, with fingerprints that tell when a result is stale.
+
+The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
+if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes,
+which alone decide what an edit makes stale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.engine.compositor import Compositor, WeightedIntensity
+from holoview.light.engine.fused_kernels import (
+    FrameLayout,
+    FusedKernels,
+    KernelVariant,
+    StoredRows,
+    Switches,
+    frame_shape,
+    lines_of,
+    required_variants,
+    rows_of,
+    works_in_place,
+)
+from holoview.light.engine.shader_structs import (
+    DISPATCH_PARAMS,
+    MODULATOR,
+    PLANE_WAVE,
+    PROPAGATION,
+    ShaderInputs,
+    dense_transmission,
+    modulator_uniform,
+    pixel_spectra,
+    plane_wave_uniform,
+    propagation_uniform,
+    support_table,
+)
+from holoview.light.gpu.device import Buffer, Device
+from holoview.light.gpu.line_fft import Strategy
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.model.passband import Transfer
+from holoview.light.model.plan import Plan
+from holoview.light.numerics.sampling import ceil_div
+
+_SUPPORT_BYTES = 16  # of a vec4i: the frequencies that pass in a column
+
+Key = tuple[str | int, ...]
+Fingerprint = Hashable
+"""Equal for equal inputs."""
+
+
+class DeviceTables:
+    """The inputs of a plan's kernels in device memory. A key is a name followed by indices:
+
+    ("plane waves",)                          PlaneWave of each source and wavelength
+    ("pixel spectra",)                        spectrum of one pixel in each of these waves, along y, then along x
+    ("modulators", modulator)                 Modulator of each wavelength
+    ("opd", frame, modulator)                 optical path of each pixel, in strokes
+    ("dense", frame, modulator, wavelength)   transmission of each sample, if it is given sample by sample
+    ("propagations", relay)                   Propagation of each wavelength
+    ("support", relay)                        column support of each wavelength
+    ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
+    """
+
+    def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
+        self._device = device
+        self._tables: dict[Key, Buffer] = {}
+        self._digests: dict[Key, tuple[bytes, ...]] = {}
+        self._items: dict[Key, list[bytes]] = {}
+        self._transfers: dict[tuple[int, int], Transfer] = {}  # that the tables of a relay and wavelength hold
+        self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
+        self.plan, self.inputs = plan, inputs
+        changes = TableChanges(plan, inputs)
+        self._add_inputs(changes)
+        self._add_plan(changes, plane)
+        self._apply(changes)
+
+    def set_plan(self, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
+        """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
+
+        plane: to which relay 1 leads, by its index; None: the way to a plane stays that of the last `set_plane`. All
+        tables are computed, and with them all hooks of effects are called, before the first is written: an exception
+        leaves everything as it was.
+        """
+        changes = TableChanges(plan, inputs)
+        if inputs is not self.inputs:
+            self._add_inputs(changes)
+        self._add_plan(changes, plane)
+        self._apply(changes)
+
+    def set_plane(self, plane: int, wavelengths: Iterable[int] | None = None) -> None:
+        """Set the focal plane to which relay 1 leads, by its index in the plan, at all wavelengths or some.
+
+        It holds for all work that hasn't been submitted yet, including recorded work.
+        """
+        changes = TableChanges(self.plan, self.inputs)
+        self._add_propagation(changes, 1, plane, wavelengths)
+        self._apply(changes)
+
+    def table(self, *key: str | int) -> Buffer:
+        """The buffer of a key."""
+        return self._tables[key]
+
+    def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether the relay has a pupil at that wavelength, and its buffer; a dummy buffer if it has none."""
+        return self._optional("pupil", relay, wavelength)
+
+    def dense(self, frame: int, modulator: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether a modulator's transmission is given sample by sample, and its buffer; a dummy buffer if it isn't."""
+        return self._optional("dense", frame, modulator, wavelength)
+
+    def _optional(self, *key: str | int) -> tuple[bool, Buffer]:
+        table = self._tables.get(key)
+        return table is not None, table or self._no_table
+
+    def is_tilted(self, source: int, wavelengths: range) -> bool:
+        """Whether the plane wave of a source is tilted at any of some wavelengths."""
+        return bool(np.any(self.plan.slopes[source, wavelengths.start : wavelengths.stop]))
+
+    # --- fingerprints -----------------------------------------------------------------------------------------------
+
+    def field_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, Fingerprint]:
+        """Fingerprints of the fields behind the first and behind the last modulator."""
+        wave = source * len(self.plan.system.wavelengths_m) + wavelength
+        first = (self._digests[("plane waves",)][wave], *self._modulator_fingerprint(0, frame, wavelength))
+        if self.plan.system.gap_m is None:
+            return first, first
+        gap = self.relay_fingerprint(wavelength, relay=0)
+        return first, (first, gap, *self._modulator_fingerprint(1, frame, wavelength))
+
+    def relay_fingerprint(self, wavelength: int, relay: int = 1) -> Fingerprint:
+        """Fingerprint of the propagation through a relay: over the gap (0) or to the plane (1)."""
+        tables = tuple(self._digests[name, relay][wavelength] for name in ("propagations", "support"))
+        return (*tables, self._digests.get(("pupil", relay, wavelength)))
+
+    def _modulator_fingerprint(self, modulator: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
+        dense = self._digests.get(("dense", frame, modulator, wavelength))
+        return dense or (self._digests["modulators", modulator][wavelength], self._digests["opd", frame, modulator])
+
+    # --- computing --------------------------------------------------------------------------------------------------
+
+    def _add_plan(self, changes: TableChanges, plane: int | None) -> None:
+        """Add the tables that every plan states anew; plane: to which relay 1 leads, None where that stays."""
+        plan = changes.plan
+        wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
+        waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._restate(changes, ("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
+        spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._restate(changes, ("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
+        for modulator in range(len(plan.system.modulators)):
+            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
+            self._restate(changes, ("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
+        if plan.system.gap_m is not None:
+            self._add_propagation(changes, 0, 0)
+        if plane is not None:
+            self._add_propagation(changes, 1, plane)
+
+    def _add_propagation(
+        self, changes: TableChanges, relay: int, plane: int, wavelengths: Iterable[int] | None = None
+    ) -> None:
+        """Add the tables of a relay: over the gap (0), or to the plane of an index (1)."""
+        plan = changes.plan
+        grid, count = plan.grid, len(plan.system.wavelengths_m)
+        propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
+        columns = grid.padded[1]
+        supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
+        for wavelength in range(count) if wavelengths is None else wavelengths:
+            step, last = plan.transfer(relay, wavelength, plane), self._transfers.get((relay, wavelength))
+            has_same_stops = last is not None and step.has_stops_of(last)
+            if last is not None and has_same_stops and replace(step, support=last.support) == last:  # arrays aside
+                continue
+            changes.transfers[relay, wavelength] = step
+            propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
+            if not has_same_stops:  # most edits leave the stops as they are
+                supports[wavelength] = support_table(step, grid).tobytes()
+        self._restate(changes, ("propagations", relay), propagations)
+        self._restate(changes, ("support", relay), supports)
+
+    def _add_inputs(self, changes: TableChanges) -> None:
+        """Add the tables of the inputs: optical paths, transmissions and pupils."""
+        for frame in range(changes.plan.system.frames):
+            for index, modulator in enumerate(changes.plan.system.modulators):
+                strokes = changes.inputs.stroke_fractions(frame, index, modulator.stroke_m)
+                self._add(changes, ("opd", frame, index), [strokes.tobytes()])
+                self._add_dense(changes, frame, index)
+        for relay, pupils in enumerate(changes.inputs.pupils):
+            for wavelength, pupil in enumerate(pupils):
+                key = ("pupil", relay, wavelength)
+                if pupil is not None:
+                    self._add(changes, key, [pupil.cpu().numpy().astype(np.complex64).tobytes()])
+                else:
+                    changes.dropped.append(key)
+
+    def _add_dense(self, changes: TableChanges, frame: int, modulator: int) -> None:
+        """Add the transmissions of a modulator's samples, if it has any, at the wavelengths with light."""
+        plan, inputs = changes.plan, changes.inputs
+        for wavelength in range(len(plan.system.wavelengths_m)):
+            key = ("dense", frame, modulator, wavelength)
+            if inputs.is_sampled(modulator) and plan.weights[frame, wavelength] > 0:
+                self._add(changes, key, [dense_transmission(inputs, frame, modulator, wavelength).tobytes()])
+            else:
+                changes.dropped.append(key)
+
+    def _restate(self, changes: TableChanges, key: Key, items: list[bytes]) -> None:
+        """Add a table that every plan states anew, if its items have changed; comparing them is faster than a
+        digest."""
+        if self._items.get(key) != items:
+            self._add(changes, key, items)
+            changes.items[key] = items
+
+    def _add(self, changes: TableChanges, key: Key, items: list[bytes]) -> None:
+        """Add the concatenated `items`, unless the buffer of the key holds them already."""
+        digests = tuple(blake2b(item, digest_size=16).digest() for item in items)
+        if self._digests.get(key) != digests:
+            changes.data[key], changes.digests[key] = b"".join(items), digests
+
+    # --- filling ----------------------------------------------------------------------------------------------------
+
+    def _apply(self, changes: TableChanges) -> None:
+        """Write what has changed. New buffers are allocated first, since memory may be short."""
+        new = {
+            key: self._device.buffer(len(data), " ".join(map(str, key)))
+            for key, data in changes.data.items()
+            if key not in self._tables or self._tables[key].nbytes != len(data)
+        }
+        self._device.check_alive()
+        self.plan, self.inputs = changes.plan, changes.inputs
+        self._tables |= new
+        for key, data in changes.data.items():
+            self._device.write(self._tables[key], data)
+        self._digests |= changes.digests
+        self._items |= changes.items
+        self._transfers |= changes.transfers
+        for key in changes.dropped:
+            self._tables.pop(key, None)
+            self._digests.pop(key, None)
+
+
+@dataclass
+class TableChanges:
+    """What device memory is to hold for another plan and its inputs, computed as a whole before any of it is written.
+
+    data, digests: bytes of the tables that differ, and digests of their items. items: of tables that every plan states
+    anew. dropped: tables that there are none of. transfers: that the tables of a relay and wavelength will hold.
+    """
+
+    plan: Plan
+    inputs: ShaderInputs
+    data: dict[Key, bytes] = field(default_factory=dict)
+    digests: dict[Key, tuple[bytes, ...]] = field(default_factory=dict)
+    items: dict[Key, list[bytes]] = field(default_factory=dict)
+    dropped: list[Key] = field(default_factory=list)
+    transfers: dict[tuple[int, int], Transfer] = field(default_factory=dict)
+
+
+# --- the fused kernels of a frame -------------------------------------------------------------------------------------
+
+
+_COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
+
+
+@dataclass(frozen=True)
+class WavelengthSpan:
+    """`count` successive wavelengths of one frame and source, from index `wavelength`, which one dispatch computes."""
+
+    frame: int
+    source: int
+    wavelength: int
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class BufferRegion:
+    """The fields or intensities of a span: their buffer, and the index of the first of them in it."""
+
+    buffer: Buffer
+    first: int = 0
+
+
+class FusedFrame:
+    """Records the kernels of a frame of one plan, which `tables.set_plan` can replace by another on the same grid.
+
+    half: store fields as f16 between kernels (if `fused_kernels` is None). max_wavelengths: the most wavelengths of a
+    span. fused_kernels: the kernels for this grid, if they exist already. plane: to which relay
+    1 leads, by its index; None: set later. Raises UserError if the grid exceeds the device's limits.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        inputs: ShaderInputs,
+        device: Device,
+        *,
+        half: bool = False,
+        max_wavelengths: int = 1,
+        strategy: Strategy = "passes",
+        fused_kernels: FusedKernels | None = None,
+        plane: int | None = None,
+    ) -> None:
+        self.device, self.grid, self.max_wavelengths = device, plan.grid, max_wavelengths
+        self._number_bytes = _COMPLEX32 if half else _COMPLEX64
+        self.dispatch_counts: Counter[str] = Counter()
+        if fused_kernels is None:
+            fused_kernels = FusedKernels.kept(
+                device, frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0)), half=half
+            )
+        self.fused_kernels = fused_kernels
+        self._dispatches: dict[Hashable, list[Dispatch]] = {}
+        self.tables = DeviceTables(device, plan, inputs, plane)
+        self.use_strategy(strategy)
+
+    @property
+    def layout(self) -> FrameLayout:
+        """The rows that are stored between the kernels."""
+        return self.fused_kernels.layout(self.strategy)
+
+    @property
+    def kept(self) -> StoredRows:
+        """The rows that `record_second_modulator` gives: the second rows, or the spectrum."""
+        return kept_rows(self.layout)
+
+    def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
+        """New memory for rows of a span of `max_wavelengths`."""
+        return BufferRegion(self.device.buffer(self.rows_bytes(rows) * self.max_wavelengths, label))
+
+    def rows_bytes(self, rows: StoredRows) -> int:
+        """Device memory of the rows of one field."""
+        return rows.samples * self._number_bytes
+
+    @property
+    def memory_bytes(self) -> int:
+        """Device memory of the fields between kernels and of the work buffer."""
+        return sum(rows.buffer.nbytes for rows in self._scratch) + (self._work.nbytes if self._work else 0)
+
+    @property
+    def traffic_bytes(self) -> int:
+        """Bytes that the kernels read and write for one field, from the source to the intensity."""
+        modulators = len(self.tables.plan.system.modulators)
+        opd = modulators * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
+        layout = self.layout
+        kernels = [("propagate", 0), ("modulate", 1)] if modulators > 1 else []
+        kernels += [("spectrum", 1), ("image", 1)] if layout.keeps_spectrum else [("propagate", 1)]
+        numbers = layout.first.samples + layout.plane.samples  # that `light` writes and `observe` reads
+        numbers += sum(rows.samples for kernel in kernels for rows in rows_of(layout, *kernel))
+        return numbers * self._number_bytes + opd + math.prod(self.grid.shape) * _F32
+
+    @property
+    def works_in_place(self) -> bool:
+        """Whether `record_second_modulator` is faster if its target is the region of the first rows."""
+        return works_in_place(self.layout)
+
+    def use_strategy(self, strategy: Strategy) -> None:
+        """Use another FFT strategy from now on. Stored fields become invalid: their spectra are in another order."""
+        layout, (height, width) = self.fused_kernels.layout(strategy), self.grid.padded
+        work = self._allocate_work(strategy)
+        largest = max((layout.first, layout.gap, layout.plane, kept_rows(layout)), key=lambda rows: rows.samples)
+        others = largest
+        if layout.keeps_spectrum and layout.gap == layout.second:  # then the wide rows are all in the other one
+            others = max(layout.first, layout.spectrum, key=lambda rows: rows.samples)
+        label = f"rows of the field, {width} x {height}"
+        self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
+        self.strategy, self._work = strategy, work
+        self._dispatches.clear()
+
+    def required_variants(self) -> frozenset[KernelVariant]:
+        """The kernel variants that the plan needs."""
+        return self._variants(self.strategy)
+
+    def _variants(self, strategy: Strategy) -> frozenset[KernelVariant]:
+        wavelengths = range(len(self.tables.plan.system.wavelengths_m))
+        has_pupil = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
+        is_dense = [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
+        return required_variants(self.fused_kernels.layout(strategy), self.tables.plan, has_pupil, is_dense)
+
+    # --- kernels ----------------------------------------------------------------------------------------------------
+
+    def record_first_modulator(
+        self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
+    ) -> BufferRegion:
+        """Record the kernel of the first rows: the field behind modulator 1, transformed along x."""
+        target = target or self._scratch[0]
+        tables, frame = self.tables, span.frame
+        is_tilted = tables.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
+        is_dense, dense = tables.dense(frame, 0, span.wavelength)
+        buffers = [tables.table("plane waves"), tables.table("modulators", 0), tables.table("opd", frame, 0), dense]
+        switches = (("is_tilted", is_tilted), ("is_dense", is_dense))
+        self._record_kernel(recorder, "light", self.layout.first_relay, span, None, target, buffers, switches)
+        return target
+
+    def record_second_modulator(
+        self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
+    ) -> BufferRegion:
+        """Record the kernels of the rows that are kept for all planes: the second rows, or the spectrum.
+
+        With one modulator nothing is recorded, and `first` is returned.
+        """
+        if self.tables.plan.system.gap_m is None:
+            return first
+        layout, wide, other = self.layout, self._scratch[1], self._scratch[0]
+        if layout.keeps_spectrum:
+            gap = wide
+            second, target = (wide, target or other) if layout.gap == layout.second else (other, target or wide)
+        elif layout.gap == layout.second:
+            gap = second = target = target or (other if self.works_in_place else wide)
+        else:
+            gap, second = wide, target or other
+            target = second
+        self._record_propagation(recorder, "propagate", span, 0, first, gap)
+        is_dense, dense = self.tables.dense(span.frame, 1, span.wavelength)
+        buffers = [self.tables.table("modulators", 1), self.tables.table("opd", span.frame, 1), dense]
+        self._record_kernel(recorder, "modulate", 1, span, gap, second, buffers, (("is_dense", is_dense),))
+        if layout.keeps_spectrum:
+            self._record_kernel(recorder, "spectrum", 1, span, second, target, [])
+        return target
+
+    def record_intensity(
+        self,
+        recorder: CommandRecorder,
+        span: WavelengthSpan,
+        second: BufferRegion,
+        intensity: BufferRegion,
+        *,
+        weight: float = 1.0,
+        accumulates: bool = False,
+    ) -> None:
+        """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`.
+
+        second: the result of `record_second_modulator`.
+        """
+        at_plane = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
+        last = "image" if self.layout.keeps_spectrum else "propagate"
+        self._record_propagation(recorder, last, span, 1, second, at_plane)
+        switches = (("accumulates", accumulates),)
+        self._record_kernel(recorder, "observe", 1, span, at_plane, intensity, [], switches, weight=weight)
+
+    def _record_propagation(
+        self,
+        recorder: CommandRecorder,
+        kernel: str,
+        span: WavelengthSpan,
+        relay: int,
+        source: BufferRegion,
+        target: BufferRegion,
+    ) -> None:
+        has_pupil, pupil = self.tables.pupil(relay, span.wavelength)
+        buffers = [self.tables.table("propagations", relay), self.tables.table("support", relay), pupil]
+        if kernel == "propagate":
+            buffers.append(self.tables.table("pixel spectra"))
+        self._record_kernel(recorder, kernel, relay, span, source, target, buffers, (("has_pupil", has_pupil),))
+
+    def _record_kernel(
+        self,
+        recorder: CommandRecorder,
+        kernel: str,
+        relay: int,
+        span: WavelengthSpan,
+        source: BufferRegion | None,
+        target: BufferRegion,
+        tables: Sequence[Buffer],
+        switches: Switches = (),
+        *,
+        weight: float = 0.0,
+    ) -> None:
+        """Record a kernel; its dispatches are bound once for equal arguments."""
+        key = (kernel, relay, span, source, target, *tables, switches, weight)
+        if key not in self._dispatches:
+            params = DISPATCH_PARAMS.pack(
+                first_wave=span.source * len(self.tables.plan.system.wavelengths_m) + span.wavelength,
+                first_wavelength=span.wavelength,
+                source_field=source.first if source else 0,
+                target_field=target.first,
+                work_field=source.first if source and kernel == "observe" else target.first,
+                weight=weight,
+            )
+            separate = kernel != "observe" and source is not None and source != target
+            rows = [source.buffer, target.buffer] if source and separate else [(source or target).buffer, None]
+            out = [target.buffer] if kernel == "observe" else []
+            buffers = [self.device.uniform(params, f"parameters of {kernel}"), *rows, *tables, *out]
+            variant = KernelVariant(self.fused_kernels.shape, kernel, relay, switches, separate)
+            lines = lines_of(self.layout, kernel, relay)
+            transform = self.fused_kernels.transform(variant, self.strategy)
+            self._dispatches[key] = transform.bind(buffers, lines, span.count, self._work)
+        for dispatch in self._dispatches[key]:
+            recorder.add(dispatch)
+        self.dispatch_counts[kernel] += 1
+
+    def _allocate_work(self, strategy: Strategy) -> Buffer | None:
+        """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""
+        transforms = (self.fused_kernels.transform(variant, strategy) for variant in self._variants(strategy))
+        nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
+        size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
+        return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
+
+
+def kept_rows(layout: FrameLayout) -> StoredRows:
+    """The rows that are kept for all planes: the second rows, or the spectrum."""
+    return layout.spectrum if layout.keeps_spectrum else layout.second
+
+
+def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> list[WavelengthSpan]:
+    """Group sorted (frame, wavelength) pairs into spans of successive wavelengths, all of source 0.
+
+    A span starts at a multiple of `max_wavelengths` or after a gap, and doesn't cross such a multiple.
+    """
+    spans: list[WavelengthSpan] = []
+    for frame, wavelength in lit:
+        last = spans[-1] if spans else None
+        follows = last is not None and (last.frame, last.wavelength + last.count) == (frame, wavelength)
+        if last is not None and follows and wavelength % max_wavelengths:
+            spans[-1] = replace(last, count=last.count + 1)
+        else:
+            spans.append(WavelengthSpan(frame, 0, wavelength))
+    return spans
+
+
+# --- memory for results -----------------------------------------------------------------------------------------------
+
+
+FieldName = Literal["first", "second"]
+"""The field behind the first modulator, or the field or spectrum that is kept behind the last modulator."""
+FIELD_NAMES: tuple[FieldName, ...] = ("first", "second")
+FrameWavelength = tuple[int, int]
+"""Index of a frame and index of a wavelength."""
+XyzWeight = NDArray[np.float64]
+"""XYZ (3,) of unit intensity."""
+
+
+class FieldMemory:
+    """Fields between kernels by name and span, as many as fit `budget_bytes`.
+
+    A buffer holds the `frame.max_wavelengths` successive wavelengths that a dispatch may compute.
+    """
+
+    def __init__(self, frame: FusedFrame, budget_bytes: int) -> None:
+        self._frame, self._budget_bytes = frame, budget_bytes
+        self._buffers: dict[Hashable, Buffer] = {}
+
+    def region(self, name: FieldName, span: WavelengthSpan) -> BufferRegion | None:
+        """Where the fields of a span are stored, allocated if necessary; None if the budget has no room for them."""
+        chunk, first = divmod(span.wavelength, self._frame.max_wavelengths)
+        key = (name, span.frame, span.source, chunk)
+        if key not in self._buffers:
+            if self.memory_bytes + self._buffer_bytes(name) > self._budget_bytes:
+                return None
+            label = f"{name} rows, frame {span.frame}"
+            self._buffers[key] = self._frame.allocate_rows(label, self._rows(name)).buffer
+        return BufferRegion(self._buffers[key], first)
+
+    def has_room_for(self, fields: int) -> bool:
+        """Whether this many first fields and as many second fields would fit an empty cache."""
+        buffers = ceil_div(fields, self._frame.max_wavelengths)
+        return buffers * sum(self._buffer_bytes(name) for name in FIELD_NAMES) <= self._budget_bytes
+
+    def clear(self) -> None:
+        """Release all memory, because fields of another size are going to be stored."""
+        self._buffers.clear()
+
+    def _rows(self, name: FieldName) -> StoredRows:
+        return self._frame.layout.first if name == "first" else self._frame.kept
+
+    def _buffer_bytes(self, name: FieldName) -> int:
+        return self._frame.rows_bytes(self._rows(name)) * self._frame.max_wavelengths
+
+    @property
+    def memory_bytes(self) -> int:
+        """Device memory of the stored fields."""
+        return sum(buffer.nbytes for buffer in self._buffers.values())
+
+
+def field_keys(name: FieldName, span: WavelengthSpan) -> list[Hashable]:
+    """The keys of the fields of a span: (name, frame, source, wavelength)."""
+    return [(name, span.frame, span.source, span.wavelength + i) for i in range(span.count)]
+
+
+class IntensityMemory:
+    """Intensities by frame and wavelength at unit amplitude, in few large buffers that compositing reads as a whole.
+
+    Resident intensities, as many as fit `budget_bytes` in the given order, have a region of their own. The others are
+    transient: they share one region, and each has to be added to XYZ before the next overwrites it. The
+    `max_wavelengths` successive wavelengths that a dispatch may compute are adjacent.
+    """
+
+    def __init__(
+        self, compositor: Compositor, order: Iterable[FrameWavelength], max_wavelengths: int, budget_bytes: int
+    ) -> None:
+        self._max_wavelengths = max_wavelengths
+        groups = list(dict.fromkeys((frame, wavelength // max_wavelengths) for frame, wavelength in order))
+        group_bytes = compositor.intensity_bytes * max_wavelengths
+        resident = groups[: max(budget_bytes // group_bytes, 0)]
+        groups_per_buffer = max(compositor.largest_bytes // group_bytes, 1)
+        self.buffers: list[Buffer] = []
+        self._regions: dict[FrameWavelength, BufferRegion] = {}
+        for start in range(0, len(resident), groups_per_buffer):
+            some = resident[start : start + groups_per_buffer]
+            buffer = compositor.intensity_buffer(len(some) * max_wavelengths)
+            self.buffers.append(buffer)
+            self._regions |= {group: BufferRegion(buffer, i * max_wavelengths) for i, group in enumerate(some)}
+        has_transient = len(resident) < len(groups)
+        self._shared = BufferRegion(compositor.intensity_buffer(max_wavelengths)) if has_transient else None
+        self.memory_bytes = group_bytes * len(resident)
+
+    def is_resident(self, key: FrameWavelength) -> bool:
+        """Whether an intensity has a region of its own."""
+        return self._group(key) in self._regions
+
+    def region(self, key: FrameWavelength) -> BufferRegion:
+        """Where an intensity is stored."""
+        region = self._regions.get(self._group(key), self._shared)
+        assert region is not None, "a transient intensity needs the shared region"
+        return BufferRegion(region.buffer, region.first + key[1] % self._max_wavelengths)
+
+    def blend_terms(self, weights: Mapping[FrameWavelength, XyzWeight], buffer: Buffer) -> list[WeightedIntensity]:
+        """The weighted intensities that are stored in `buffer`."""
+        regions = ((self.region(key), weight) for key, weight in weights.items())
+        return [(region.first, weight) for region, weight in regions if region.buffer is buffer]
+
+    def _group(self, key: FrameWavelength) -> FrameWavelength:
+        return key[0], key[1] // self._max_wavelengths

@@ -1,0 +1,450 @@
+"""Generates the fused kernels, which are FFTs along one axis with hooks, and lists the variants that a plan needs.
+
+Numbers that depend on the shape of a frame only are constants in the shader. Each optional part makes a variant: a
+kernel, its switches (boolean override constants), and whether it reads one buffer and writes another. `shaders/frame/`
+holds the hooks.
+
+`FrameLayout` states the rows and columns that the kernels store between them, and their order. Along x and along y only
+the frequencies of the relays' bands are stored. The field behind the first modulator follows from one sample for each
+pixel, and its spectrum, which repeats itself, from as many numbers as there are pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from holoview.light.engine.compositor import padded_pixels
+from holoview.light.engine.shader_structs import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import (
+    ROW_PADDING,
+    Axis,
+    Hooks,
+    LineFft,
+    Step,
+    Strategy,
+    TransformShader,
+    can_access_fours,
+    can_transform_repeats,
+    is_read_as_u64,
+    lanes_per_line,
+    precompile,
+    spectrum_order,
+    storage_shader,
+    subgroup_size,
+    supported_strategies,
+)
+from holoview.light.gpu.shader import GeneratedWgsl, WgslStruct
+from holoview.light.gpu.spectrum_order import Range, SpectrumOrder
+from holoview.light.model.plan import Grid, Plan
+from holoview.light.numerics.sampling import round_up
+
+TILE_X, TILE_Y = 4, 16
+"""Samples of a tile of stored rows: see `shaders/frame/rows.wgsl`."""
+_MAX_KEPT = 16  # shapes of frames whose kernels a device keeps, of some hundred kB each
+_PARTS = 8  # bands end at multiples of this share of the grid, so that small edits of a stop need no new kernels
+
+Bands = tuple[tuple[Range, Range], tuple[Range, Range]]
+"""The ranges of k_y and k_x that are computed, for either relay."""
+
+
+@dataclass(frozen=True)
+class FrameShape:
+    """The properties of a plan on which the code of the kernels depends.
+
+    bands: contain what the relays pass. modulators: their number. has_plain_pixels: whether the field behind the first
+    modulator follows from one sample for each of its pixels.
+    """
+
+    grid: Grid
+    bands: Bands
+    modulators: int
+    has_plain_pixels: bool = True
+
+    def contains(self, other: FrameShape) -> bool:
+        """Whether kernels of this shape compute frames of the other shape, whose bands lie inside."""
+        pairs = zip(sum(self.bands, ()), sum(other.bands, ()), strict=True)
+        is_inside = all(mine[0] <= theirs[0] and theirs[1] <= mine[1] for mine, theirs in pairs)
+        rest = (self.grid, self.modulators, self.has_plain_pixels)
+        return is_inside and rest == (other.grid, other.modulators, other.has_plain_pixels)
+
+
+def frame_shape(plan: Plan, *, has_plain_pixels: bool = True) -> FrameShape:
+    """The shape of a plan's frames.
+
+    has_plain_pixels: whether the transmission of the first modulator is constant over each of its pixels.
+    """
+    grid = plan.grid
+    first, second = (
+        tuple(_outwards((low, high), n) for low, high, n in zip(band.lowest, band.highest, grid.padded, strict=True))
+        for band in (plan.band(0), plan.band(1))
+    )
+    is_divisible = all(n % grid.upsample == 0 for n in grid.padded) and grid.upsample > 1
+    bands = ((first[0], first[1]), (second[0], second[1]))
+    return FrameShape(grid, bands, len(plan.system.modulators), has_plain_pixels and is_divisible)
+
+
+def _outwards(band: Range, n: int) -> Range:
+    """A band that ends at multiples of n/8 and contains a given band, which may be empty."""
+    if band[0] > band[1]:
+        return 0, 0
+    lowest = band[0] * _PARTS // n * n // _PARTS
+    highest = -(-(band[1] + 1) * _PARTS // n) * n // _PARTS - 1
+    return max(lowest, -(n // 2)), min(max(highest, band[1]), (n - 1) // 2)
+
+
+@dataclass(frozen=True)
+class StoredRows:
+    """Rows of complex numbers in device memory."""
+
+    rows: int
+    columns: int
+
+    @property
+    def stride(self) -> int:
+        """Complex numbers from one row to the next (without tiles): whole tiles and padding."""
+        return round_up(self.columns, TILE_X) + ROW_PADDING
+
+    @property
+    def samples(self) -> int:
+        """Complex numbers of all rows, with padding."""
+        return round_up(self.rows, TILE_Y) * self.stride
+
+
+@dataclass(frozen=True)
+class FrameLayout:
+    """The rows between the kernels of a frame with a strategy of the FFTs.
+
+    first: behind the first modulator, transformed along x. gap: behind the gap, transformed along x. second: behind the
+    last modulator, transformed along x; with one modulator it is `first`. spectrum: `second`, transformed along y as
+    well. plane: at the focal plane, transformed along x.
+    """
+
+    device: Device
+    shape: FrameShape
+    strategy: Strategy
+
+    @cached_property
+    def pixel_grid(self) -> Grid:
+        """The grid of the samples behind the first modulator that are computed: one for each pixel, or all."""
+        grid = self.shape.grid
+        if not self.has_plain_pixels:
+            return grid
+        u = grid.upsample
+        padded, shape, offset = ((y // u, x // u) for y, x in (grid.padded, grid.shape, grid.offset))
+        return Grid(shape, padded, offset, grid.pitch_m * u, 1)
+
+    @cached_property
+    def has_plain_pixels(self) -> bool:
+        """Whether the field behind the first modulator is computed at one sample for each pixel."""
+        grid, u = self.shape.grid, self.shape.grid.upsample
+        if not self.shape.has_plain_pixels:
+            return False
+        pixels = (grid.padded[0] // u, grid.padded[1] // u)
+        return self.strategy in supported_strategies(self.device, pixels) and can_transform_repeats(
+            self.device, grid.padded[0], u, self.strategy
+        )
+
+    def band(self, relay: int, axis: int) -> Range:
+        """The frequencies of a relay that are computed, along y (0) or x (1)."""
+        return self.shape.bands[relay][axis]
+
+    @property
+    def first_relay(self) -> int:
+        """The relay behind the first modulator."""
+        return 0 if self.shape.modulators > 1 else 1
+
+    def columns(self, relay: int) -> SpectrumOrder:
+        """The frequencies along x that are stored of the light in a relay."""
+        return self._order(self.shape.grid.padded[1], self.band(relay, 1))
+
+    @cached_property
+    def first_columns(self) -> SpectrumOrder:
+        """The frequencies along x that are stored of the field behind the first modulator."""
+        return self._order(self.pixel_grid.padded[1], self.band(self.first_relay, 1))
+
+    def spectrum_rows(self) -> SpectrumOrder:
+        """The frequencies along y that are stored of the light in the last relay."""
+        return self._order(self.shape.grid.padded[0], self.band(1, 0))
+
+    @cached_property
+    def first(self) -> StoredRows:
+        return StoredRows(self.pixel_grid.shape[0], self.first_columns.count)
+
+    @cached_property
+    def gap(self) -> StoredRows:
+        return StoredRows(self.shape.grid.shape[0], self.columns(0).count)
+
+    @cached_property
+    def plane(self) -> StoredRows:
+        return StoredRows(self.shape.grid.shape[0], self.columns(1).count)
+
+    @property
+    def second(self) -> StoredRows:
+        return self.first if self.shape.modulators == 1 else self.plane
+
+    @property
+    def spectrum(self) -> StoredRows:
+        return StoredRows(self.spectrum_rows().count, self.columns(1).count)
+
+    @property
+    def keeps_spectrum(self) -> bool:
+        """Whether `spectrum` is kept for other focal planes instead of `second`, because it is smaller."""
+        return self.shape.modulators > 1 and self.spectrum.samples < self.second.samples
+
+    def _order(self, n: int, band: Range) -> SpectrumOrder:
+        return spectrum_order(self.device, n, self.strategy, band)
+
+
+# --- kernels ----------------------------------------------------------------------------------------------------------
+
+
+Switches = tuple[tuple[str, bool], ...]
+
+KERNELS: dict[str, tuple[Axis, tuple[WgslStruct, ...]]] = {
+    "light": ("x", (PLANE_WAVE, MODULATOR)),
+    "propagate": ("y", (PROPAGATION,)),
+    "modulate": ("x", (MODULATOR,)),
+    "spectrum": ("y", ()),
+    "image": ("y", (PROPAGATION,)),
+    "observe": ("x", ()),
+}
+"""Axis of the transform of each kernel, and the structs that its hooks use."""
+_ACCESS: dict[bool, dict[str, tuple[str, ...]]] = {
+    False: {
+        "light": ("rows_store",),
+        "modulate": ("rows_load", "rows_store"),
+        "observe": ("rows_load", "observe_singles"),
+    },
+    True: {"light": ("rows_store_fours",), "modulate": ("rows_store_fours",), "observe": ("observe_fours",)},
+}
+"""Files with the hooks that load and store lines along x, by whether they access four values at a time."""
+_SHARED_HOOK: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
+"""The hook that takes the transmission of a modulator pixel, which all its samples share."""
+
+
+@dataclass(frozen=True)
+class KernelVariant:
+    """A kernel with its options.
+
+    shape: of the frame. relay: that the light enters behind the kernel, or in it. separate_buffers: whether it reads
+    one buffer and writes another instead of working in place.
+    """
+
+    shape: FrameShape
+    kernel: str
+    relay: int
+    switches: Switches = ()
+    separate_buffers: bool = False
+
+
+class FusedKernels:
+    """The kernels for frames of one shape, each generated once. half: fields are stored as f16."""
+
+    def __init__(self, device: Device, shape: FrameShape, *, half: bool = False) -> None:
+        self.device, self.shape, self.half = device, shape, half
+        self._transforms: dict[tuple[KernelVariant, Strategy], LineFft] = {}
+        self._layouts: dict[Strategy, FrameLayout] = {}
+
+    @classmethod
+    def kept(cls, device: Device, shape: FrameShape, *, half: bool = False) -> FusedKernels:
+        """The kernels that were made last for this shape, with all that they have generated, or new kernels."""
+        key, generated = (cls, shape, half, device.largest_radix), device.generated
+        kernels: FusedKernels = generated.pop(key, None) or cls(device, shape, half=half)
+        generated[key] = kernels
+        if len(generated) > _MAX_KEPT:
+            generated.popitem(last=False)
+        return kernels
+
+    def layout(self, strategy: Strategy) -> FrameLayout:
+        """The layout between the kernels with a strategy. Raises UserError for a size that it can't transform."""
+        if strategy not in self._layouts:
+            self._layouts[strategy] = FrameLayout(self.device, self.shape, strategy)
+        return self._layouts[strategy]
+
+    def transform(self, variant: KernelVariant, strategy: Strategy) -> LineFft:
+        """The transform of a variant by a strategy. Raises UserError for a size that it can't transform."""
+        key = (variant, strategy)
+        if key not in self._transforms:
+            self._transforms[key] = make_transform(self.layout(strategy), variant, half=self.half)
+        return self._transforms[key]
+
+    def shaders(self, strategy: Strategy, variants: Iterable[KernelVariant]) -> list[TransformShader]:
+        """All shaders of some variants."""
+        ordered = sorted(variants, key=lambda variant: (variant.kernel, repr(variant)))
+        return [shader for variant in ordered for shader in self.transform(variant, strategy).shaders]
+
+    def precompile(self, strategy: Strategy, plan: Plan) -> None:
+        """Start compiling the kernels that a plan needs if it has neither pupils nor dense transmissions."""
+        variants = required_variants(self.layout(strategy), plan, [{False}, {False}], [False, False])
+        precompile(self.device, self.shaders(strategy, variants))
+
+
+def works_in_place(layout: FrameLayout) -> bool:
+    """Whether fields are propagated over the gap in place, which is faster, except by passes with more to compile."""
+    is_possible = layout.first == layout.gap == layout.second and not (layout.has_plain_pixels or layout.keeps_spectrum)
+    return is_possible and layout.strategy != "passes"
+
+
+def required_variants(
+    layout: FrameLayout, plan: Plan, has_pupil: Sequence[Iterable[bool]], is_dense: Sequence[bool]
+) -> frozenset[KernelVariant]:
+    """The kernels that a plan needs.
+
+    has_pupil: for each relay, whether it has a pupil, with both values if that depends on the wavelength.
+    is_dense: for each modulator, whether its transmission is given sample by sample.
+    """
+    shape, first_relay = layout.shape, layout.first_relay
+    variants = {
+        KernelVariant(shape, "light", first_relay, (("is_tilted", bool(slope.any())), ("is_dense", is_dense[0])))
+        for slope in plan.slopes.reshape(-1, 2)
+    }
+    pupils = [[(("has_pupil", has),) for has in options] for options in has_pupil]
+    if shape.modulators > 1:
+        in_place = {False, True} if works_in_place(layout) else {True}
+        variants |= {KernelVariant(shape, "propagate", 0, pupil, two) for pupil in pupils[0] for two in in_place}
+        dense = (("is_dense", is_dense[1]),)
+        variants.add(KernelVariant(shape, "modulate", 1, dense, layout.gap != layout.second))
+    if layout.keeps_spectrum:
+        variants.add(KernelVariant(shape, "spectrum", 1, (), True))
+    last = "image" if layout.keeps_spectrum else "propagate"
+    variants |= {KernelVariant(shape, last, 1, pupil, True) for pupil in pupils[1]}
+    sums = range(min(len(plan.slopes), 2))
+    variants |= {KernelVariant(shape, "observe", 1, (("accumulates", source > 0),)) for source in sums}
+    return frozenset(variants)
+
+
+def make_transform(layout: FrameLayout, variant: KernelVariant, *, half: bool = False) -> LineFft:
+    """A fused kernel: the transform along an axis with the hooks of `shaders/frame/<kernel>.wgsl`.
+
+    half: fields are stored as f16. If possible, the intermediate values of a transform with several shaders are stored
+    in the rows that it writes.
+    """
+    kernel, relay = variant.kernel, variant.relay
+    axis, structs = KERNELS[kernel]
+    grid = layout.pixel_grid if kernel == "light" else layout.shape.grid
+    lines = lines_of(layout, kernel, relay)
+    fours = not half and _accesses_fours(layout, kernel, grid)
+    has_work_hooks = layout.strategy == "passes" and _holds_whole_lines(layout, kernel, relay)
+    has_work_hooks = has_work_hooks and not half  # rounding to f16 after each pass would cost 12 dB of PSNR
+    parts = (
+        GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(struct.wgsl for struct in structs)),
+        GeneratedWgsl("constants", _constants_wgsl(layout, kernel, relay, grid)),
+        storage_shader(layout.device, half=half),
+        f"frame/rows_{'fours' if fours else 'singles'}.wgsl",
+        f"frame/rows_{'two_buffers' if variant.separate_buffers else 'in_place'}.wgsl",
+        *(("frame/work.wgsl",) if has_work_hooks else ()),
+        f"frame/{kernel}.wgsl",
+        *(f"frame/{name}.wgsl" for name in _ACCESS[fours].get(kernel, ())),
+    )
+    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample, fours)
+    shape = (lines, grid.padded[1]) if axis == "x" else (grid.padded[0], lines)
+    return LineFft(layout.device, axis, shape, _steps(layout, kernel, relay), hooks, layout.strategy)
+
+
+def lines_of(layout: FrameLayout, kernel: str, relay: int) -> int:
+    """How many lines a kernel transforms."""
+    if KERNELS[kernel][0] == "y":
+        return layout.columns(relay).count
+    return (layout.pixel_grid if kernel == "light" else layout.shape.grid).shape[0]
+
+
+def rows_of(layout: FrameLayout, kernel: str, relay: int) -> tuple[StoredRows, StoredRows]:
+    """The rows that a kernel reads and the rows that it writes; equal if it only reads or only writes rows."""
+    behind = layout.gap if relay == 0 else layout.plane
+    return {
+        "light": (layout.first, layout.first),
+        "propagate": (layout.first if relay == layout.first_relay else layout.second, behind),
+        "modulate": (layout.gap, layout.second),
+        "spectrum": (layout.second, layout.spectrum),
+        "image": (layout.spectrum, layout.plane),
+        "observe": (layout.plane, layout.plane),
+    }[kernel]
+
+
+def _steps(layout: FrameLayout, kernel: str, relay: int) -> tuple[Step, ...]:
+    grid, pixels = layout.shape.grid, layout.pixel_grid
+    rows, columns, band = _window(grid, 0), _window(grid, 1), layout.band(relay, 0)
+    inverse = Step("inverse", rows, band)
+    if kernel == "light":
+        return (Step("forward", _window(pixels, 1), layout.band(relay, 1)),)
+    if kernel == "propagate" and _reads_pixels(layout, relay):
+        return Step("forward", _window(pixels, 0), band, grid.upsample), inverse
+    if kernel == "modulate":
+        return Step("inverse", columns, layout.band(0, 1)), Step("forward", columns, layout.band(1, 1))
+    return {
+        "propagate": (Step("forward", rows, band), inverse),
+        "spectrum": (Step("forward", rows, band),),
+        "image": (inverse,),
+        "observe": (Step("inverse", columns, layout.band(1, 1)),),
+    }[kernel]
+
+
+def _reads_pixels(layout: FrameLayout, relay: int) -> bool:
+    """Whether a relay's `propagate` reads one sample for each pixel of the first modulator."""
+    return layout.has_plain_pixels and relay == layout.first_relay
+
+
+def _adds_lane(layout: FrameLayout, kernel: str, *grids: Grid) -> bool:
+    """Whether each point of a lane, on the grid and among the stored rows, is the lane's number plus a multiple of the
+    number of lanes, so that the addition carries nothing."""
+    axis = 1 if KERNELS[kernel][0] == "x" else 0
+    n = grids[0].padded[axis]
+    lanes = lanes_per_line(n, subgroup_size(layout.device)) if layout.strategy == "subgroup" else None
+    return lanes is not None and all(k % lanes == 0 for k in (n // lanes, *(grid.offset[axis] for grid in grids)))
+
+
+def _accesses_fours(layout: FrameLayout, kernel: str, grid: Grid) -> bool:
+    """Whether a kernel along x loads and stores four neighbouring values at a time, which is faster on a processor."""
+    if KERNELS[kernel][0] != "x" or layout.strategy != "subgroup" or not is_read_as_u64(layout.device):
+        return False
+    lanes = lanes_per_line(grid.padded[1], subgroup_size(layout.device))
+    divides = kernel != "observe" or (grid.shape[1] % 4 == 0 and grid.offset[1] % 4 == 0)
+    return lanes is not None and divides and can_access_fours(grid.padded[1], lanes)
+
+
+def _window(grid: Grid, axis: int) -> Range:
+    """The samples of the field on the padded grid, along y (0) or x (1)."""
+    return grid.offset[axis], grid.offset[axis] + grid.shape[axis] - 1
+
+
+def _holds_whole_lines(layout: FrameLayout, kernel: str, relay: int) -> bool:
+    """Whether the rows that a kernel writes have room for all points of its lines, at the same positions."""
+    source, target = rows_of(layout, kernel, relay)
+    if KERNELS[kernel][0] == "x":
+        n = (layout.pixel_grid if kernel == "light" else layout.shape.grid).padded[1]
+        return source.columns == target.columns == n
+    n = layout.shape.grid.padded[0]
+    is_whole = layout.band(relay, 0)[1] - layout.band(relay, 0)[0] + 1 >= n
+    return kernel == "propagate" and is_whole and target.rows == n
+
+
+def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) -> str:
+    """WGSL constants of the grid and of the memory layout, so that the compiler evaluates expressions of them."""
+    pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
+    source, target = rows_of(layout, kernel, relay)
+    whole, reads_pixels = layout.shape.grid, kernel == "propagate" and _reads_pixels(layout, relay)
+    wave_step = whole.upsample if layout.has_plain_pixels else 1
+    read = layout.pixel_grid if reads_pixels else whole
+    text = (
+        f"const grid = Grid({', '.join(pairs)}, 0u, {grid.upsample}u);\n"
+        f"const source_layout = RowLayout({source.rows}u, {source.stride}u);\n"
+        f"const target_layout = RowLayout({target.rows}u, {target.stride}u);\n"
+        f"const work_layout = {'source' if kernel == 'observe' else 'target'}_layout;\n"
+        f"const is_tiled = {str(layout.strategy == 'subgroup').lower()};\n"
+        f"const is_along_x = {str(KERNELS[kernel][0] == 'x').lower()};\n"
+        f"const adds_lane = {str(_adds_lane(layout, kernel, grid, read)).lower()};\n"
+        f"const is_padded = {str(whole.padded != whole.shape).lower()};\n"
+        f"const inverse_scale = {1 / math.prod(whole.padded):.12g};  // of an inverse transform along both axes\n"
+        f"const intensity_stride = {padded_pixels(whole.shape)}u;  // pixels from one intensity to the next\n"
+        f"const wave_step = {wave_step}u;  // samples of the field from one computed sample of the light to the next\n"
+        f"const source_offset = {read.offset[0]}u;  // first row of the field on the padded grid\n"
+        f"const repeats_pixels = {str(reads_pixels).lower()};\n"
+    )
+    if KERNELS[kernel][0] == "y":
+        text += layout.columns(relay).frequency_wgsl("frequency_x")
+    return text + (layout.first_columns.position_wgsl("first_position") if kernel == "propagate" else "")

@@ -1,0 +1,283 @@
+"""The WebGPU executor: `run` computes a wavelength by fused kernels; each stage also has a kernel of its own.
+
+Both use the same WGSL functions. The single stages exist for tests and benchmarks, which compare them with those of the
+TorchExecutor one by one. They work on two padded fields: in place, except `transmit`, which writes to the other field,
+so that the last spectrum stays valid for the next plane. Stages are only recorded; reading an intensity submits them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.engine.compositor import Compositor
+from holoview.light.engine.frame import relay_behind
+from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
+from holoview.light.engine.shader_structs import (
+    GRID,
+    MODULATOR,
+    PLANE_WAVE,
+    PROPAGATION,
+    WEIGHT,
+    DeviceArray,
+    ShaderInputs,
+    UniformValues,
+    dense_transmission,
+    modulator_uniform,
+    plane_wave_uniform,
+    propagation_uniform,
+    support_table,
+)
+from holoview.light.gpu.device import Buffer, Device
+from holoview.light.gpu.fft import FftPlan
+from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.shader import GeneratedWgsl, WgslStruct, link
+from holoview.light.gpu.tune import remembered_strategy
+from holoview.light.model.plan import Plan
+from holoview.light.numerics.sampling import ceil_div
+
+_WORKGROUP = 64
+
+
+@dataclass(frozen=True)
+class GpuField:
+    """One of the executor's two padded fields, in space or as a spectrum in the order of the FFT.
+
+    relay: of a spectrum, the relay that it enters or leaves; of its frequencies only those of the relay's band count.
+    """
+
+    index: int
+    relay: int | None = None
+
+
+class WgpuExecutor:
+    """Computes a frame on a device. Raises UserError if the grid exceeds the device's limits."""
+
+    def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device) -> None:
+        self.plan, self.inputs, self.device = plan, inputs, device
+        self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
+        self._compositor = Compositor(device, plan.grid.shape)
+        planes = range(len(plan.planes))
+        self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
+        self._xyz = [self._compositor.xyz_buffer(f"XYZ of plane {i}") for i in planes]
+        self._buffers: dict[Hashable, Buffer] = {}
+        self._dispatches: dict[Hashable, Dispatch] = {}
+        self._recorder: CommandRecorder | None = None
+        self.power_behind: NDArray[np.float64] | None = None  # not measured here
+
+    def run(self, wavelength: int) -> None:
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
+        sources = range(len(self.plan.slopes))
+        spans = [WavelengthSpan(frame, source, wavelength) for frame in self.plan.lit(wavelength) for source in sources]
+        for plane in range(len(self._intensity) if not spans else 0):
+            self.clear(plane)
+        for number, span in enumerate(spans):
+            recorder = self._recording()
+            first = self._fused.record_first_modulator(recorder, span)
+            second = self._fused.record_second_modulator(recorder, span, first)
+            weight = float(self.plan.weights[span.frame, wavelength])
+            for plane, intensity in enumerate(self._intensity):
+                self.submit()  # since set_plane affects all recorded work that isn't submitted
+                self._fused.tables.set_plane(plane, [wavelength])
+                target = BufferRegion(intensity)
+                self._fused.record_intensity(
+                    self._recording(), span, second, target, weight=weight, accumulates=number > 0
+                )
+
+    # --- stage by stage ---------------------------------------------------------------------------------------------
+
+    def illuminate(self, wavelength: int, source: int) -> GpuField:
+        """The plane wave that illuminates the first modulator."""
+        key = ("wave", wavelength, source)
+        wave = self._uniform(key, PLANE_WAVE, lambda: plane_wave_uniform(self.plan, wavelength, source))
+        self._record_stage(key, "stage/illuminate.wgsl", PLANE_WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
+        return GpuField(0)
+
+    def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
+        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one; zero outside the modulator."""
+        values = partial(modulator_uniform, self.plan, modulator, wavelength)
+        uniform = self._uniform(("modulator", modulator, wavelength), MODULATOR, values)
+        stroke_m = self.plan.system.modulators[modulator].stroke_m
+        opd = self._stored(("opd", frame, modulator), lambda: self.inputs.stroke_fractions(frame, modulator, stroke_m))
+        is_dense, table = self.inputs.is_sampled(modulator), self._no_table
+        if is_dense:
+            samples = partial(dense_transmission, self.inputs, frame, modulator, wavelength)
+            table = self._stored(("dense", frame, modulator, wavelength), samples)
+        key = ("modulate", frame, modulator, wavelength, field.index)
+        buffers = [opd, table, self._fields[field.index]]
+        constants = {"is_dense": is_dense}
+        self._record_stage(key, "stage/modulate.wgsl", MODULATOR, [uniform], buffers, self.plan.grid.padded, constants)
+        return field
+
+    def spectrum(self, field: GpuField, modulator: int) -> GpuField:
+        """Forward FFT; only the modulator's rows are transformed along x, since the others are zero."""
+        self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
+        return GpuField(field.index, relay_behind(self.plan, modulator))
+
+    def transmit(self, spectrum: GpuField, relay: int, wavelength: int, plane: int = 0) -> GpuField:
+        """spectrum × transfer function × pupil, written to the other field."""
+        step = self.plan.transfer(relay, wavelength, plane)
+        key = ("transmit", relay, wavelength, plane, spectrum.index)
+        propagation = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
+        support = self._stored(("support", *key[1:4]), lambda: support_table(step, self.plan.grid))
+        pupil = self.inputs.pupils[relay][wavelength]
+        pupil_table = self._no_table
+        if pupil is not None:
+            samples = partial(_complex64, pupil)
+            pupil_table = self._stored(("pupil", relay, wavelength), samples)
+        target = 1 - spectrum.index
+        buffers = [*self._frequencies, support, pupil_table, self._fields[spectrum.index], self._fields[target]]
+        constants = {"has_pupil": pupil is not None}
+        padded = self.plan.grid.padded
+        self._record_stage(key, "stage/transmit.wgsl", PROPAGATION, [propagation], buffers, padded, constants)
+        return GpuField(target, relay)
+
+    def field(self, spectrum: GpuField, relay: int) -> GpuField:
+        """Inverse FFT; only the modulator's rows are valid."""
+        self._fft.inverse(self._recording(), self._fields[spectrum.index], rows=self._rows)
+        return GpuField(spectrum.index)
+
+    def clear(self, plane: int) -> None:
+        """Set the intensity of a plane to zero."""
+        self._recording().clear(self._intensity[plane])
+
+    def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
+        """Add weight·|field|² to the intensity of a plane."""
+        params = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
+        key = ("accumulate", field.index, plane, weight)
+        buffers = [self._fields[field.index], self._intensity[plane]]
+        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [params], buffers, self.plan.grid.shape)
+
+    # --- results ----------------------------------------------------------------------------------------------------
+
+    def intensity(self, plane: int) -> NDArray[np.floating]:
+        """The accumulated intensity of a plane, (y, x) float32; submits the recorded work."""
+        self.submit()
+        return self.device.download(self._intensity[plane], np.float32, self.plan.grid.shape)
+
+    def clear_xyz(self) -> None:
+        """Set the XYZ of all planes to zero."""
+        for buffer in self._xyz:
+            self._recording().clear(buffer)
+
+    def composite(self, wavelength: int) -> None:
+        """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
+        self.submit()  # since the weights affect all recorded work that isn't submitted
+        term = (0, self.plan.colour_weights[wavelength])
+        for intensity, xyz in zip(self._intensity, self._xyz, strict=True):
+            self._compositor.composite(self._recording(), intensity, [term], xyz, base=xyz)
+
+    def xyz(self) -> NDArray[np.floating]:
+        """XYZ (plane, y, x, 3) float32; submits the recorded work."""
+        self.submit()
+        return np.stack([self._compositor.download_xyz(xyz) for xyz in self._xyz])
+
+    def submit(self, wait: bool = False) -> None:
+        """Submit the recorded work; with `wait`, return after it has run."""
+        if self._recorder is not None:
+            self._recorder.submit(wait=wait)
+            self._recorder = None
+
+    def upload_field(self, values: NDArray[np.complexfloating], *, relay: int | None = None) -> GpuField:
+        """Upload a field (y, x), or a spectrum of a relay's band, as the input of a single stage."""
+        self.submit()
+        padded = np.zeros(self.plan.grid.padded, np.complex64)
+        if relay is None:
+            padded[self.plan.grid.inside] = values
+        else:
+            padded[self._band_positions(relay)] = values
+        self.device.write(self._fields[0], self._fft.pack(padded))
+        return GpuField(0, relay)
+
+    def download_field(self, field: GpuField) -> NDArray[np.complexfloating]:
+        """A field (y, x), or a spectrum (rows, columns) of a relay's band, on the host.
+
+        Frequencies are in rising order, or in the order of numpy.fft along an axis of which all frequencies pass.
+        """
+        self.submit()
+        padded = self._fft.download(self._fields[field.index])[0]
+        return padded[self.plan.grid.inside if field.relay is None else self._band_positions(field.relay)]
+
+    def _band_positions(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where the padded fields hold the frequencies of a relay's band: rows (A, 1) and columns (1, B)."""
+        band, orders = self.plan.band(relay), (self._fft.frequency_y, self._fft.frequency_x)
+        rows, columns = (
+            np.argsort(order % n)[(np.arange(n) if high - low + 1 >= n else np.arange(low, high + 1)) % n]
+            for order, n, low, high in zip(orders, self.plan.grid.padded, band.lowest, band.highest, strict=True)
+        )
+        return rows[:, None], columns[None, :]
+
+    # --- resources of the single stages -----------------------------------------------------------------------------
+
+    @cached_property
+    def _fft(self) -> FftPlan:
+        return FftPlan(self.device, self.plan.grid.padded)
+
+    @cached_property
+    def _fields(self) -> list[Buffer]:
+        size = " x ".join(map(str, reversed(self.plan.grid.padded)))
+        return [self.device.buffer(self._fft.buffer_bytes, f"padded field {i}, {size}") for i in (0, 1)]
+
+    @cached_property
+    def _frequencies(self) -> list[Buffer]:
+        orders = (self._fft.frequency_y, self._fft.frequency_x)
+        return [self.device.upload(np.ascontiguousarray(f, dtype=np.int32), "frequencies") for f in orders]
+
+    @cached_property
+    def _no_table(self) -> Buffer:
+        return self.device.upload(np.zeros(1, np.complex64), "no table")
+
+    @cached_property
+    def _grid(self) -> Buffer:
+        grid = self.plan.grid
+        pairs = {"padded": grid.padded, "shape": grid.shape, "offset": grid.offset}
+        return self.device.uniform(GRID.pack(**pairs, stride=self._fft.stride, upsample=grid.upsample), "grid")
+
+    @property
+    def _rows(self) -> tuple[int, int]:
+        return self.plan.grid.offset[0], self.plan.grid.shape[0]
+
+    def _recording(self) -> CommandRecorder:
+        if self._recorder is None:
+            self._recorder = CommandRecorder(self.device, "frame")
+        return self._recorder
+
+    def _uniform(self, key: Hashable, struct: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
+        """The uniform buffer of a key; its values are computed at the first call only."""
+        if key not in self._buffers:
+            self._buffers[key] = self.device.uniform(struct.pack(**values()), struct.name)
+        return self._buffers[key]
+
+    def _stored(self, key: Hashable, array: Callable[[], NDArray[np.generic]]) -> Buffer:
+        """The storage buffer of a key; its array is computed at the first call only."""
+        if key not in self._buffers:
+            self._buffers[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
+        return self._buffers[key]
+
+    def _record_stage(
+        self,
+        key: Hashable,
+        shader: str,
+        struct: WgslStruct,
+        uniforms: Sequence[Buffer],
+        buffers: Sequence[Buffer],
+        shape: tuple[int, int],
+        constants: dict[str, bool] | None = None,
+    ) -> None:
+        """Record a stage with one invocation for each of `shape` (y, x) samples; its buffers are bound once per key."""
+        if key not in self._dispatches:
+            source = link(GeneratedWgsl("Grid", GRID.wgsl), GeneratedWgsl(struct.name, struct.wgsl), shader)
+            pipeline = self.device.pipeline(source, constants)
+            workgroups = (ceil_div(shape[1], _WORKGROUP), shape[0], 1)
+            groups = [[self._grid, *uniforms], list(buffers)]
+            self._dispatches[key] = Dispatch.bind(self.device, pipeline, groups, workgroups)
+        self._recording().add(self._dispatches[key])
+
+
+def _complex64(samples: DeviceArray) -> NDArray[np.complex64]:
+    host: NDArray[np.complex64] = samples.cpu().numpy().astype(np.complex64)
+    return host

@@ -1,0 +1,149 @@
+"""The inputs of a frame: optical paths, sampled transmissions and pupils, the same for all executors.
+
+Levels, aberrations and effects are applied here, so that executors know nothing of them. All is computed in torch when
+it is asked for; shaders read the drive of a bench without levels, pupils and effects as it is. Importing torch takes a
+second, for which the first picture of the viewer doesn't wait.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.model.plan import Plan
+from holoview.util.errors import UserError
+
+if TYPE_CHECKING:
+    import torch
+
+    from holoview.light.optics.torch_effects import FieldTransmissions, SampledTransmissions
+
+
+class FrameInputs:
+    """The data from which the frames of a plan are computed.
+
+    drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex.
+    An array, or a tensor, which may require a gradient. Raises UserError when it has another shape than
+    `plan.nominal.drive_shape`, or values outside 0…1, of a field such that aren't finite.
+    """
+
+    def __init__(self, plan: Plan, drive: torch.Tensor | NDArray[np.generic]) -> None:
+        self.plan = plan
+        self._drive: Any = drive if hasattr(drive, "detach") else np.asarray(drive)
+        check_drive(plan, self._drive)
+
+    @cached_property
+    def opd_m(self) -> torch.Tensor:
+        """Optical path (frame, modulator, y, x) of each modulator pixel, m, float64; without effects on modulators.
+
+        For all frames of `plan.system`, with its strokes and the factors `plan.moments`.
+        """
+        from holoview.light.optics.bench import exposure_optical_paths  # slow start: it imports torch
+
+        return exposure_optical_paths(self.plan, self._drive_tensor)
+
+    def path_m(self, frame: int, modulator: int) -> torch.Tensor:
+        """The optical path (y, x) of one modulator's pixels in a frame."""
+        return self.opd_m[frame, modulator]
+
+    @cached_property
+    def pupils(self) -> tuple[tuple[torch.Tensor | None, ...], ...]:
+        """pupils[relay][wavelength], (P_y, P_x) complex128, or None where light is only stopped."""
+        wavelengths = range(len(self.plan.system.wavelengths_m))
+        if not _has_pupils(self.plan):
+            return ((None,) * len(wavelengths),) * 2
+        from holoview.light.optics.bench import pupil_with_effects
+
+        return tuple(tuple(pupil_with_effects(self.plan, relay, i) for i in wavelengths) for relay in (0, 1))
+
+    @cached_property
+    def sampled_transmissions(self) -> SampledTransmissions | FieldTransmissions | None:
+        """Of modulators whose transmission isn't exp(2πi·opd/λ) of their pixels; None if there is none."""
+        if not (self.plan.nominal.effects or self.plan.nominal.is_field):
+            return None
+        from holoview.light.optics.torch_effects import FieldTransmissions, SampledTransmissions
+
+        if self.plan.nominal.is_field:
+            return FieldTransmissions(self.plan, self._drive)
+        transmissions = SampledTransmissions(self.plan, self._drive_tensor)
+        return transmissions if transmissions.is_any_sampled else None
+
+    def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
+        """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke, which keeps a drive exact.
+
+        A single 0 for the plane of a field, which has none and for which nothing reads them.
+        """
+        if self.plan.nominal.is_field:
+            return np.zeros((1, 1), np.float32)
+        is_plain = self.plan.moments == (1.0,) and all(m.levels is None for m in self.plan.system.modulators)
+        if is_plain and isinstance(self._drive, np.ndarray) and not self.plan.nominal.effects:
+            return np.ascontiguousarray(self._drive[frame, modulator], dtype=np.float32)
+        return np.ascontiguousarray((self.opd_m[frame, modulator] / stroke_m).float().cpu().numpy())
+
+    def is_sampled(self, modulator: int) -> bool:
+        """Whether the transmission of a modulator isn't exp(2πi·opd/λ) of its pixels."""
+        return self.sampled_transmissions is not None and self.sampled_transmissions.is_sampled(modulator)
+
+    def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
+        """The transmission (y, x) complex128 of a modulator's samples; None if it is exp(2πi·opd/λ) of its pixels."""
+        if self.sampled_transmissions is None:
+            return None
+        return self.sampled_transmissions.sampled_transmission(frame, modulator, wavelength)
+
+    @cached_property
+    def _drive_tensor(self) -> torch.Tensor:
+        """The drive in float64."""
+        from holoview.light.optics.bench import drive_tensor
+
+        return drive_tensor(self._drive) if isinstance(self._drive, np.ndarray) else self._drive.double()
+
+
+def check_drive(plan: Plan, drive: Any) -> None:
+    """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1.
+
+    The drive of a field has to be complex and finite, with the system's shape.
+    """
+    if plan.nominal.is_field:
+        _check_field(drive, plan.nominal.drive_shape)
+        return
+    if isinstance(drive, np.ndarray):
+        values, size = drive, drive.size
+        if drive.dtype.kind not in "fiub":
+            raise UserError("drive", f"values of type {drive.dtype}", expected="real numbers, 0 to 1 of the stroke")
+    else:
+        values, size = drive.detach(), drive.numel()
+        if drive.is_complex():
+            raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
+    shape, expected = tuple(drive.shape), plan.nominal.drive_shape
+    if shape != expected:
+        raise UserError("drive", f"an array of shape {shape}", expected=f"(frame, modulator, y, x) = {expected}")
+    low, high = (float(values.min()), float(values.max())) if size else (0.0, 0.0)
+    if not (low >= 0.0 and high <= 1.0):
+        raise UserError(
+            "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"
+        )
+
+
+def _check_field(field: Any, expected: tuple[int, ...]) -> None:
+    """Raises UserError unless a field, an array or a tensor, is complex, has the expected shape and is finite."""
+    is_complex = field.dtype.kind == "c" if isinstance(field, np.ndarray) else field.is_complex()
+    if not is_complex:
+        raise UserError("field", f"values of type {field.dtype}", expected="complex numbers")
+    if tuple(field.shape) != expected:
+        found = f"an array of shape {tuple(field.shape)}"
+        raise UserError("field", found, expected=f"(frame, wavelength, y, x) = {expected}")
+    if not math.isfinite(float(abs(field).max())):
+        raise UserError("field", "values that aren't finite (NaN or infinite)", expected="finite numbers")
+
+
+def _has_pupils(plan: Plan) -> bool:
+    """Whether a relay, the eye or an effect may have a pupil that does more than stop light whole."""
+    relays, eye = (plan.nominal.relay1, plan.nominal.relay2), plan.nominal.eye
+    has_pupils = plan.has_weighted_stops or any(
+        relay.aberration_m or relay.apodisation_na is not None for relay in relays
+    )
+    return has_pupils or bool(plan.nominal.effects) or (eye is not None and eye.has_pupil_function)

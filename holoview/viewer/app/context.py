@@ -1,0 +1,399 @@
+"""The application context: the objects that panels, overlays, menus and commands of the viewer share.
+
+It holds the editing session, the GPU device, the renderers, the commands and the drawing services, and imports no
+panel: panels import it, and `App` owns both.
+
+`CommandRegistry` has the commands of the viewer with their keys, for menus and scripts; `HelpOverlay` shows a sheet of
+all keys, and a palette with search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from imgui_bundle import hello_imgui, imgui
+from numpy.typing import NDArray
+
+from holoview.light.gpu.device import Device
+from holoview.util.errors import UserError, suggest_matches
+from holoview.viewer.app import theme
+from holoview.viewer.app.user_input import Chord
+from holoview.viewer.app.window import Window
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import FileLoader, most_samples_for
+from holoview.viewer.document.focus_edits import PupilMotion
+from holoview.viewer.document.measurements import LimitNotes, LiveMeasurement, LiveScore
+from holoview.viewer.document.optimisation_job import RetinalCurves
+from holoview.viewer.document.received_fields import ReceivedFields
+from holoview.viewer.document.recording_edits import RecordingEditor
+from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render.page_images import PageImages
+from holoview.viewer.render.planes import PlanePreviews
+from holoview.viewer.render.point_probe import PointProbe
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer, SideRenderers
+
+if TYPE_CHECKING:
+    from holoview.viewer.rig.rig_session import RigSession
+
+
+Action = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: a unique name, the action, the group (menu) it belongs to, its keys and a sentence of help.
+
+    repeats: whether the action is called again while a key is held down. is_urgent: whether its keys work while text is
+    typed, too.
+    """
+
+    name: str
+    action: Action
+    group: str
+    keys: tuple[Chord, ...] = ()
+    help: str = ""
+    repeats: bool = False
+    is_enabled: Callable[[], bool] = field(default=lambda: True)
+    is_urgent: bool = False
+
+
+class CommandRegistry:
+    """All commands, in the order in which they were added."""
+
+    def __init__(self) -> None:
+        self._by_name: dict[str, Command] = {}
+
+    def __iter__(self) -> Iterator[Command]:
+        return iter(self._by_name.values())
+
+    def get(self, name: str) -> Command | None:
+        """The command of a name; None where this viewer hasn't got it."""
+        return self._by_name.get(name)
+
+    def add(
+        self,
+        group: str,
+        name: str,
+        action: Action,
+        keys: str = "",
+        help: str = "",
+        *,
+        repeats: bool = False,
+        is_enabled: Callable[[], bool] = lambda: True,
+        is_urgent: bool = False,
+    ) -> Command:
+        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. repeats, is_urgent: see `Command`.
+
+        Raises ValueError when the name or one of the keys belongs to another command.
+        """
+        chords = tuple(Chord(text) for text in keys.split())
+        taken = {chord.code: command.name for command in self for chord in command.keys}
+        clash = next((taken[chord.code] for chord in chords if chord.code in taken), None)
+        if name in self._by_name or clash is not None:
+            raise ValueError(f"command {name}: {clash or 'its name'} is taken")
+        command = Command(name, action, group, chords, help, repeats, is_enabled, is_urgent)
+        self._by_name[name] = command
+        return command
+
+    def run(self, name: str) -> None:
+        """Runs a command by its name, if it is enabled. Raises UserError for an unknown name, with near matches."""
+        if name not in self._by_name:
+            raise UserError("command", f'"{name}"', remedy=suggest_matches(name, self._by_name))
+        command = self._by_name[name]
+        if command.is_enabled():
+            command.action()
+
+    def of_group(self, group: str) -> list[Command]:
+        """The commands of a group; none while none of them can be used."""
+        found = [command for command in self if command.group == group]
+        return found if any(command.is_enabled() for command in found) else []
+
+    def is_repeating(self) -> bool:
+        """Whether a key of a repeating command is held down."""
+        return any(chord.is_down() for command in self if command.repeats for chord in command.keys)
+
+    def pressed(self, *, is_typing: bool = False) -> Iterator[Command]:
+        """The enabled commands whose keys were pressed since the last frame. is_typing: only the urgent ones."""
+        for command in self:
+            if is_typing and not command.is_urgent:
+                continue
+            if any(chord.was_pressed(command.repeats) for chord in command.keys) and command.is_enabled():
+                yield command
+
+
+# --- the sheet of keys and the palette ---
+
+
+_PALETTE_ROWS = 12
+
+
+class HelpOverlay:
+    """The sheet of keys and the command palette; at most one of them is open.
+
+    run: runs a command by its name. page: "keys", "palette", or "" while both are closed. query: the words typed into
+    the palette.
+    """
+
+    title = "Keys and commands"
+
+    def __init__(self, commands: CommandRegistry, run: Callable[[str], None]) -> None:
+        self._commands, self._run = commands, run
+        self.page = ""
+        self.query, self._chosen = "", 0
+        self._is_new = False
+
+    def toggle(self, name: str) -> None:
+        """Opens "keys" or "palette", or closes it."""
+        self.page = "" if self.page == name else name
+        self.query, self._chosen, self._is_new = "", 0, True
+
+    def close(self) -> None:
+        """Closes what is open."""
+        self.page = ""
+
+    def draw(self) -> None:
+        """Draws the page that is open."""
+        if not self.page:
+            return
+        place = imgui.get_main_viewport()
+        is_sheet = self.page == "keys"
+        width = min(place.work_size.x - 40, 860.0 if is_sheet else 520.0)
+        middle = imgui.ImVec2(place.work_pos.x + place.work_size.x / 2, place.work_pos.y + 50)
+        imgui.set_next_window_pos(middle, imgui.Cond_.always, imgui.ImVec2(0.5, 0.0))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, place.work_size.y - 100))
+        if self._is_new:
+            imgui.set_next_window_focus()
+        is_shown, is_open = imgui.begin("Keys" if is_sheet else "Commands", True, theme.CARD)
+        if is_shown:
+            self._draw_sheet() if is_sheet else self._draw_palette()
+        imgui.end()
+        self._is_new = False
+        if not is_open or imgui.is_key_pressed(imgui.Key.escape):
+            self.close()
+
+    def matches(self) -> list[Command]:
+        """Commands whose group or name contains every word of the query; names that start with it come first."""
+        words = self.query.lower().split()
+        matches = [c for c in self._commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
+        return sorted(matches, key=lambda c: not c.name.lower().startswith(self.query.lower()))
+
+    def _draw_sheet(self) -> None:
+        shown = (c for c in self._commands if c.keys and self._commands.of_group(c.group))
+        commands = sorted(shown, key=lambda c: c.group)
+        groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
+        columns = 3 if imgui.get_content_region_avail().x > 700 else 2
+        if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):
+            return
+        imgui.table_next_row()
+        heights = [0.0] * columns
+        piles: list[list[tuple[str, list[Command]]]] = [[] for _ in range(columns)]
+        for name, some in sorted(groups, key=lambda group: -len(group[1])):
+            shortest = heights.index(min(heights))
+            heights[shortest] += len(some) + 2
+            piles[shortest].append((name, some))
+        for pile in piles:
+            imgui.table_next_column()
+            for name, some in pile:
+                _draw_group(name, some)
+        imgui.end_table()
+        imgui.text_disabled(
+            "On the image: wheel zooms about the pointer, Ctrl+wheel changes the focal plane, "
+            "drag pans, Shift+drag draws a region, Ctrl+click places the cursor, double click fits."
+        )
+
+    def _draw_palette(self) -> None:
+        if self._is_new:
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        changed, self.query = imgui.input_text_with_hint("##query", "type a command", self.query)
+        self._chosen = 0 if changed else self._chosen
+        found = self.matches()
+        step = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
+        self._chosen = min(max(self._chosen + step, 0), max(len(found) - 1, 0))
+        first = max(self._chosen - _PALETTE_ROWS + 1, 0)
+        for number, command in enumerate(found[first : first + _PALETTE_ROWS], start=first):
+            keys = command.keys[0].text if command.keys else ""
+            label = f"{command.group}: {command.name}"
+            clicked, _ = imgui.selectable(label, number == self._chosen, imgui.SelectableFlags_.allow_overlap)
+            if keys:
+                imgui.same_line(imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x)
+                imgui.text_disabled(keys)
+            if clicked or (number == self._chosen and imgui.is_key_pressed(imgui.Key.enter)):
+                self.close()
+                self._run(command.name)
+        if not found:
+            imgui.text_disabled("no command has these words")
+
+
+def _keys_text(command: Command) -> str:
+    texts = [chord.text for chord in command.keys]
+    return "  ".join(texts) if len(texts) < 4 else f"{texts[0]} … {texts[-1]}"
+
+
+def _draw_group(name: str, commands: list[Command]) -> None:
+    imgui.separator_text(name)
+    left = imgui.get_cursor_pos_x()
+    for command in commands:
+        keys = _keys_text(command)
+        right = left + imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
+        imgui.text(command.name)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(right)
+        imgui.text_disabled(keys)
+
+
+# --- what panels share ------------------------------------------------------------------------------------------------
+
+
+Rect = tuple[float, float, float, float]
+"""Left, top, right, bottom in logical pixels of the window."""
+
+
+class Overlay(Protocol):
+    """Something that is drawn above all panels while it is open: a dialog, or help."""
+
+    title: str
+
+    def draw(self) -> None:
+        """Draws it, if it is open."""
+
+
+class AppContext:
+    """The objects that panels, overlays, menus and commands share.
+
+    Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
+    and saved sessions; None where nothing is stored.
+
+    renderer: that of the displayed document, if it has been started already. is_read_only: whether the user can't open,
+    save or export files nor end the viewer; commands and buttons for these aren't there. drag_tool: the mark that a
+    drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each frame in which it
+    shows measurements of the image. item_rects: where items were drawn in the last frame, by name. displayed_pixels:
+    returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
+    """
+
+    def __init__(
+        self,
+        session: EditingSession,
+        device: Device,
+        window: Window,
+        store: SessionStore | None,
+        renderer: ProgressiveRenderer | None = None,
+        *,
+        is_read_only: bool = False,
+    ) -> None:
+        self.session, self.device, self.window, self.store = session, device, window, store
+        self.is_read_only = is_read_only
+        self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
+        self.drag_tool, self.wants_measurement = "", False
+        self.side_renderers = SideRenderers(device, session, renderer)
+        self.plane_previews = PlanePreviews(device)
+        self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
+        self.recording_editor = RecordingEditor(session)
+        self.point_probe = PointProbe(device, session.call_on_owner, session.messages.post_error)
+        self.live_measurement = LiveMeasurement(session, window.wake)
+        self.live_psnr = LiveScore("psnr", session, window.wake)
+        self.live_score = LiveScore("score", session, window.wake)
+        self.limit_notes = LimitNotes(session)
+        self.pupil_motion = PupilMotion(session)
+        self._rig: RigSession | None = None
+        self.retinal_curves = RetinalCurves(session)
+        remember = store.preferences.add_recent_file if store is not None else lambda path: None
+        binding_bytes = device.limits["max-storage-buffer-binding-size"]
+        self.loader = FileLoader(session, remember=remember, most_samples=most_samples_for(binding_bytes))
+        self.received_fields = ReceivedFields(session, lambda: not self.side_renderers.is_busy)
+        stored_theme = store.preferences.get("theme", "") if store is not None else ""
+        self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]
+        self.help_overlay = HelpOverlay(self.commands, self._run_command)
+        self.overlays: list[Overlay] = [self.help_overlay]
+        self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image, a target or measurements are still being computed."""
+        return (
+            self.side_renderers.is_busy
+            or self.plane_previews.is_busy
+            or self.page_images.is_busy
+            or self.point_probe.is_busy
+            or self.recording_editor.is_busy
+            or self.session.target_builder.is_building
+            or self.live_measurement.is_busy
+            or self.live_psnr.is_busy
+            or self.live_score.is_busy
+        )
+
+    @property
+    def rig(self) -> RigSession:
+        """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
+        if self._rig is None:
+            from holoview.viewer.rig.rig_session import RigSession  # slow start: most sessions open no rig
+
+            self._rig = RigSession(self.session)
+        return self._rig
+
+    @property
+    def opened_rig(self) -> RigSession | None:
+        """The rig that was opened; None while there is none."""
+        return None if self._rig is None or self._rig.rig is None else self._rig
+
+    def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
+        """Calls `edit`; an error becomes a message to the user, and the document stays as it was."""
+        with self.session.report_errors():
+            edit(*arguments, **keywords)
+
+    def change(self, label: str, key: str, value: Any, *, is_held: bool = False) -> None:
+        """Changes a key of the system, as `System.edit` does. Edits while `is_held` merge into one step of undo."""
+        self.attempt(self.session.change, label, {key: value}, merge_key=key)
+        if not is_held:
+            self.session.end_gesture()
+
+    def edit_view(self, label: str, **fields: Any) -> None:
+        """Changes fields of the view settings; successive edits of the same fields are one step of undo."""
+        self.attempt(self.session.edit_view, label, merge_key=tuple(sorted(fields)), **fields)
+
+    def show_panel(self, title: str) -> None:
+        """Opens a panel's window and brings it to the front."""
+        window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
+        if window is not None:
+            window.is_visible = window.focus_window_at_next_frame = True
+        self.window.wake()
+
+    def record_item_rect(self, name: str) -> None:
+        """Stores the rectangle of the item that ImGui drew last, for scripts and tests."""
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        self.item_rects[name] = (low.x, low.y, high.x, high.y)
+
+    def set_theme(self, name: str) -> None:
+        """Applies a theme of `theme.THEMES` and stores the choice."""
+        self.theme = name
+        theme.apply(name)
+        if self.store is not None:
+            self.attempt(self.store.preferences.set, "theme", name)
+
+    @property
+    def has_rig(self) -> bool:
+        """Whether there may be devices to close."""
+        return self._rig is not None
+
+    def close_rig(self) -> str:
+        """Switches the lasers off and closes the devices; returns why lasers may be on, or ""."""
+        return "" if self._rig is None else self._rig.close()
+
+    def close(self) -> None:
+        """Ends the threads of the renderers, the loader, the listener and the measurement."""
+        self.received_fields.close()
+        self.loader.close()
+        self.live_measurement.close()
+        self.live_psnr.close()
+        self.live_score.close()
+        self.side_renderers.close()
+        self.page_images.close()
+        self.point_probe.close()
+        self.recording_editor.close()
+
+    def _run_command(self, name: str) -> None:
+        self.attempt(self.commands.run, name)

@@ -1,0 +1,255 @@
+"""Dialogs for files: one to choose a file, and one that offers the sessions that a crash left."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from imgui_bundle import imgui
+
+from holoview.util.errors import UserError
+from holoview.util.files import expand_home
+from holoview.util.text import printable
+from holoview.viewer.app import theme
+from holoview.viewer.app.widgets import tooltip
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.session_store import SavedSession, SessionStore
+
+_ROWS = 12
+
+
+@dataclass(frozen=True)
+class FileRequest:
+    """A request to the dialog: a file to open, which must exist, or a file to save with one of the suffixes.
+
+    on_chosen: called with the path. name: the first content of the name field. takes_folders: offers a button that
+    chooses the listed folder itself.
+    """
+
+    title: str
+    suffixes: Sequence[str]
+    on_chosen: Callable[[Path], object]
+    name: str = ""
+    is_save: bool = False
+    takes_folders: bool = False
+
+
+class FileDialog:
+    """Lists a folder, with a field for a name; a typed path may be in any folder.
+
+    title: of the dialog among the overlays. folder: the folder that is listed. name: the content of the field.
+    problem: a sentence for the user, or "".
+    """
+
+    def __init__(self, session: EditingSession, title: str = "File dialog") -> None:
+        self._session, self.title = session, title
+        self._request: FileRequest | None = None
+        self._is_new = False
+        self.folder = Path.cwd()
+        self.name = ""
+        self._entries: list[Path] = []
+        self.problem = ""
+        self._overwritten: Path | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the dialog is shown."""
+        return self._request is not None
+
+    def ask(self, request: FileRequest) -> None:
+        """Opens the dialog; `request.on_chosen` is called with the path, unless the user cancels."""
+        self._request, self._is_new = request, True
+        self.name, self.problem, self._overwritten = request.name, "", None
+        self.list_folder(self.folder)
+
+    def list_folder(self, folder: Path) -> None:
+        """Lists another folder; where it can't be read, `problem` says why."""
+        try:
+            entries = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
+        except OSError as error:
+            self.problem = f"{folder}: {error.strerror}"
+            return
+        self.folder, self.problem = folder, ""
+        self._entries = [path for path in entries if not path.name.startswith(".") and self._is_listed(path)]
+
+    def draw(self) -> None:
+        """Draws the dialog while it is open."""
+        if self._request is None:
+            return
+        if self._is_new:
+            imgui.open_popup(self._request.title)
+            self._is_new = False
+        centre_next_window(min(620.0, imgui.get_main_viewport().work_size.x - 20))
+        is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, theme.DIALOG)
+        if is_shown:
+            self._draw_inside(self._request)
+            imgui.end_popup()
+        if not is_open:
+            self._request = None
+
+    def _draw_inside(self, request: FileRequest) -> None:
+        self._draw_entries()
+        imgui.set_next_item_width(-1)
+        entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
+        if imgui.is_window_appearing() or entered:
+            imgui.set_keyboard_focus_here(-1)
+        if self.problem:
+            imgui.text_colored(theme.ERROR, self.problem)
+        accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
+        imgui.same_line()
+        if request.takes_folders:
+            if imgui.button("This folder", imgui.ImVec2(120, 0)):
+                self._finish(request, self.folder)
+                return
+            tooltip("A focal stack, a picture a plane, or the patterns of a bench.")
+            imgui.same_line()
+        if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+            self._close()
+        elif accepted:
+            self.accept()
+
+    def _draw_entries(self) -> None:
+        if imgui.button("Up"):
+            self.list_folder(self.folder.parent)
+        imgui.same_line()
+        imgui.text_unformatted(str(self.folder))
+        imgui.begin_child("entries", imgui.ImVec2(0, _ROWS * imgui.get_text_line_height_with_spacing()), True)
+        for path in list(self._entries):
+            label = f"{path.name}/" if path.is_dir() else path.name
+            clicked, _ = imgui.selectable(label, path.name == self.name, imgui.SelectableFlags_.no_auto_close_popups)
+            if clicked:
+                self._on_click(path)
+        imgui.end_child()
+
+    def accept(self) -> None:
+        """Takes the name in the field: a folder is listed, a file is chosen. Overwriting asks for a second time."""
+        request = self._request
+        if request is None or not self.name.strip():
+            return
+        path = self.folder / expand_home(self.name.strip())
+        if path.is_dir() and not (path / self.name).exists():
+            self.name = ""
+            self.list_folder(path)
+            return
+        if request.is_save and path.suffix.lower() not in request.suffixes:
+            path = path.with_name(path.name + request.suffixes[0])
+        if not request.is_save and not path.exists():
+            self.problem = f"{path.name} isn't there"
+            return
+        if request.is_save and path.exists() and path != self._overwritten:
+            self._overwritten, self.problem = path, f"{path.name} is there already: once more replaces it"
+            return
+        self._finish(request, path)
+
+    def _on_click(self, path: Path) -> None:
+        if path.is_dir():
+            self.list_folder(path)
+        else:
+            self.name = path.name
+
+    def _is_listed(self, path: Path) -> bool:
+        suffixes = self._request.suffixes if self._request is not None else ()
+        return path.is_dir() or not suffixes or path.suffix.lower() in suffixes
+
+    def _finish(self, request: FileRequest, path: Path) -> None:
+        self._close()
+        with self._session.report_errors():
+            request.on_chosen(path)
+
+    def _close(self) -> None:
+        self._request = None
+        imgui.close_current_popup()
+
+
+def centre_next_window(width: float) -> None:
+    """Keeps the next window in the middle of the main one and inside it, `width` logical pixels wide.
+
+    In every frame: a browser's page gets its size after the first ones, and changes it later.
+    """
+    viewport = imgui.get_main_viewport()
+    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, imgui.ImVec2(0.5, 0.5))
+    imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, viewport.work_size.y))
+    imgui.set_next_window_bg_alpha(1.0)
+
+
+# --- The dialog that offers the sessions that a crash left ---
+
+
+_RECOVER = "Recover your work"
+
+
+class RecoveryDialog:
+    """Offers sessions that a crash left: each can be recovered into the open session, or deleted.
+
+    saved: the sessions that are still offered.
+    """
+
+    title = "Recovery"
+
+    def __init__(self, session: EditingSession, store: SessionStore | None) -> None:
+        self._session, self._store = session, store
+        self.saved = [] if store is None else store.crashed_sessions()
+        self._is_new = bool(self.saved)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is still offered."""
+        return bool(self.saved)
+
+    def draw(self) -> None:
+        """Draws the dialog while a session is offered."""
+        if not self.saved:
+            return
+        if self._is_new:
+            imgui.open_popup(_RECOVER)
+            self._is_new = False
+        centre_next_window(min(560.0, imgui.get_main_viewport().work_size.x - 20))
+        is_shown, is_open = imgui.begin_popup_modal(_RECOVER, True, theme.DIALOG)
+        if is_shown:
+            imgui.text_wrapped("The viewer ended without closing. Your work up to then was saved:")
+            for saved in list(self.saved):
+                self._draw_one(saved)
+            imgui.separator()
+            if imgui.button("Later", imgui.ImVec2(120, 0)):
+                self.saved = []
+            imgui.same_line()
+            imgui.text_disabled("they are offered again at the next start")
+            if not self.saved:
+                imgui.close_current_popup()
+            imgui.end_popup()
+        if not is_open:
+            self.saved = []
+
+    def recover(self, saved: SavedSession) -> None:
+        """Restores a saved session into the open one and closes the dialog."""
+        session = self._session
+        assert self._store is not None
+        try:
+            saved.restore_into(session)
+            session.messages.post(f"recovered, with {len(session.history) - 1} edits to undo")
+            self._store.discard(saved)
+        except UserError as error:
+            session.messages.post_error(error, "recovery")
+            session.messages.post(self._store.set_aside(saved.folder), "warning")
+        self.saved = []
+
+    def discard(self, saved: SavedSession) -> None:
+        """Deletes a saved session."""
+        assert self._store is not None
+        self._store.discard(saved)
+        self.saved = [other for other in self.saved if other != saved]
+
+    def _draw_one(self, saved: SavedSession) -> None:
+        imgui.push_id(str(saved.folder))
+        imgui.separator()
+        imgui.text_wrapped(printable(saved.title))
+        when = time.strftime("%d %B, %H:%M", time.localtime(saved.when))
+        imgui.text_disabled(f"{when}, {saved.steps - 1} edits")
+        if imgui.button("Recover", imgui.ImVec2(120, 0)):
+            self.recover(saved)
+        imgui.same_line()
+        if imgui.button("Discard", imgui.ImVec2(120, 0)):
+            self.discard(saved)
+        imgui.pop_id()

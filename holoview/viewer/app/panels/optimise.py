@@ -1,0 +1,266 @@
+"""The panel for optimising patterns in the background: target, settings, progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from imgui_bundle import imgui
+
+from holoview.holograms.optimise.eyes import (
+    CHROMATIC,
+    MOST_ALONG_AXIS,
+    MOST_DRAWN,
+    PupilChoice,
+    PupilDraw,
+    PupilGrid,
+    parse_pupils,
+)
+from holoview.holograms.optimise.settings import FIELD_LOSS, LOSS_SPACES
+from holoview.holograms.targets.target import Placement
+from holoview.light.model.fields import Number
+from holoview.util.errors import UserError
+from holoview.util.text import printable
+from holoview.viewer.app import plots, theme
+from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.parameter_widgets import number_field
+from holoview.viewer.app.widgets import combo, command_button, share_of_width, tooltip
+from holoview.viewer.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
+from holoview.viewer.document.focus_edits import focus_range_m
+from holoview.viewer.document.optimisation_job import (
+    LiveOptimisationJob,
+    OptimisationJob,
+    chosen_optimisation,
+    last_optimisation,
+    running_optimisation,
+    start_optimisation,
+    start_quick_optimisation,
+)
+from holoview.viewer.document.target_builder import TargetSpec
+
+_KEEP, _PAUSE, _CANCEL = "Keep the best so far", "Pause or go on", "Cancel the optimisation"
+_AS_IT_IS, _BY_OBSERVER = "the bench as it is", "by the observer"
+_TIPS = {
+    "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
+    "loss": "In which space the image is compared with the target; field: the complex field of each laser with that of "
+    "the target.",
+    "begin": "Patterns to begin with. Random: speckle, a filled eyebox. Smooth: less speckle, an almost empty eyebox. "
+    "Now: go on from what is shown.",
+    "iterations": "More make a better image; what was found so far can be kept at any time.",
+    "eyebox": "Weight of an evenly filled eyebox in the loss; 0 leaves it free.",
+    "at": "From the last modulator to the plane of the target's field.",
+    "brightness": "A factor on the target's linear light.",
+}
+
+
+class OptimisePanel(Panel):
+    """Starts an optimisation with the chosen settings, and pauses, keeps or cancels a running one."""
+
+    title = "Optimise"
+    dock = "Low right"
+
+    def set_up(self, context: AppContext) -> None:
+        """Adds the commands."""
+        add = partial(context.commands.add, "Optimise")
+
+        def is_running() -> bool:
+            return running_optimisation(context.session) is not None
+
+        find = "Find patterns for the target; undo brings the old ones back."
+        add("Optimise", lambda: self.start(context), "Ctrl+Enter", find, is_enabled=lambda: not is_running())
+        for name, action, help in (
+            (_KEEP, OptimisationJob.stop_and_keep, "Ends it with the best so far; undo brings the old patterns back."),
+            (_PAUSE, _pause_or_go_on, ""),
+            (_CANCEL, OptimisationJob.cancel, "Ends it; the old patterns stay."),
+        ):
+            add(name, partial(_with_running, context, action), help=help, is_enabled=is_running)
+        add("Quick look", lambda: _quick_optimisation(context), help="A few iterations with large pixels: seconds.")
+
+    def draw(self, context: AppContext) -> None:
+        """Draws the target, then the settings or the progress of a running optimisation."""
+        if context.session.system.is_field:
+            imgui.text_wrapped("A field has no patterns to optimise. Open a preset to find patterns for a picture.")
+            return
+        _draw_target(context)
+        job = running_optimisation(context.session)
+        if job is None:
+            self._draw_choices(context)
+        else:
+            _draw_progress(context, job)
+        shown = job or last_optimisation(context.session)
+        if shown is not None and len(shown.progress) > 1:
+            _draw_plot(shown)
+
+    def start(self, context: AppContext) -> None:
+        """Starts an optimisation with the chosen settings."""
+        session = context.session
+        context.attempt(
+            lambda: start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
+        )
+
+    def _draw_choices(self, context: AppContext) -> None:
+        _draw_settings(context.session)
+        draw_eye_fields(context)
+        imgui.begin_disabled(context.session.target_spec is None)
+        if imgui.button("Optimise##start", imgui.ImVec2(-1, 1.4 * imgui.get_frame_height())):
+            self.start(context)
+        imgui.end_disabled()
+        if context.session.target_spec is None:
+            imgui.text_wrapped("Open a picture to optimise for, drop one on the window, or paste one.")
+
+
+def _draw_settings(session: EditingSession) -> None:
+    """Draws scheme, loss, start, iterations and the weight of the eyebox, and keeps what is chosen."""
+    choices = session.optimisation_choices
+    scheme = combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES), _TIPS["scheme"])
+    loss = combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES, FIELD_LOSS), _TIPS["loss"])
+    start_patterns = combo("begin", choices.start_patterns, START_PATTERNS, _TIPS["begin"])
+    _, iterations = imgui.input_int("iterations", choices.iterations, 10, 100)
+    tooltip(_TIPS["iterations"])
+    is_weighed, weight = imgui.input_float("eyebox", choices.eyebox, 0.005, 0.05, "%.3g")
+    tooltip(_TIPS["eyebox"])
+    session.choose_optimisation(
+        replace(
+            choices,
+            scheme="" if scheme == _AS_IT_IS else scheme,
+            loss="" if loss == _BY_OBSERVER else loss,
+            start_patterns=start_patterns,
+            iterations=min(max(iterations, 1), MOST_ITERATIONS),
+            eyebox=max(float(f"{weight:.6g}"), 0.0) if is_weighed else choices.eyebox,
+        )
+    )
+
+
+def _draw_target(context: AppContext) -> None:
+    target_spec = context.session.target_spec
+    if target_spec is None:
+        return
+    imgui.text_wrapped(f"target: {printable(target_spec.title)}")
+    if target_spec.is_field:
+        _draw_place_of_field(context, target_spec)
+    changed, brightness = imgui.slider_float("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
+    tooltip(_TIPS["brightness"])
+    if changed and brightness > 0:
+        context.attempt(
+            context.session.edit,
+            "Target brightness",
+            target_spec=replace(target_spec, brightness=float(f"{brightness:.3g}")),
+            merge_key="brightness",
+        )
+
+
+def _draw_place_of_field(context: AppContext, target_spec: TargetSpec) -> None:
+    """Draws the distance of the target's field behind the last modulator."""
+    at_m, kind = target_spec.placement.at_m or 0.0, Number("mm", -2.0, 2.0)
+    low_m, high_m = focus_range_m(context.session.system)
+    edited = number_field("at", kind, at_m, 0.0, _TIPS["at"], (min(low_m, 0.0), high_m))
+    if edited is not None:
+        moved = replace(target_spec, placement=Placement(at_m=edited.value))
+        context.attempt(context.session.edit, "Place of the target", target_spec=moved, merge_key="place of the target")
+
+
+def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
+    left, text = job.seconds_left, f"{job.fraction:.0%}"
+    if left is not None:
+        text += f", {left:.0f} s left" if left < 90 else f", {left / 60:.0f} min left"
+    if isinstance(job, LiveOptimisationJob):
+        text = "until it is kept or cancelled"
+    imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else text)
+    latest = job.latest
+    if latest is None:
+        imgui.text_disabled(job.note)
+    else:
+        of_all = "" if isinstance(job, LiveOptimisationJob) else f" of {latest.iterations}"
+        imgui.text(f"{job.unit} {latest.iteration}{of_all}")
+        imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
+    width = share_of_width(3)
+    command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
+    imgui.same_line()
+    command_button(context, _KEEP, "Keep", width=width, is_enabled=latest is not None)
+    imgui.same_line()
+    command_button(context, _CANCEL, "Cancel", width=width)
+
+
+def _draw_plot(job: OptimisationJob) -> None:
+    iterations = np.array([progress.iteration for progress in job.progress])
+    decibels = np.array([progress.best_psnr_db for progress in job.progress])
+    low, high = float(decibels.min()), float(decibels.max())
+    first, last = map(float, job.progress_range)
+    with plots.plot("psnr", job.unit, "best PSNR (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
+        if is_open:
+            plots.line("##best", iterations, decibels, theme.ACCENT)
+
+
+def _pause_or_go_on(job: OptimisationJob) -> None:
+    if job.status == "paused":
+        job.resume()
+    else:
+        job.pause()
+
+
+def _with_running(context: AppContext, action: Callable[[OptimisationJob], None]) -> None:
+    job = running_optimisation(context.session)
+    if job is not None:
+        action(job)
+
+
+def _quick_optimisation(context: AppContext) -> None:
+    if context.session.target_spec is None:
+        raise UserError("quick look", "there is no target", remedy="open a picture first")
+    start_quick_optimisation(context.session)
+
+
+# --- The fields of the panel *Optimise* for the eye: places of its pupil, and what is done about its colour error ---
+
+
+_KINDS = {"where it is": None, "on a grid": PupilGrid(3, 3, 0.6e-3), "drawn anew": PupilDraw(4, 0.8e-3)}
+_LEAST_MM, _MOST_MM = 0.1, 2.0
+_EYE_TIPS = {
+    "pupil": "Places of the pupil from each of which the target counts, about where it is. Drawn anew: other ones in "
+    "each iteration, within a radius.",
+    "colour error": "Ignore: patterns as for an eye without chromatic aberration; the picture is always what the eye "
+    "sees.",
+    "no eye": "An eye (Y) has these choices.",
+}
+
+
+def draw_eye_fields(context: AppContext) -> None:
+    """Draws the choices; without an eye they are there, but can't be made."""
+    session = context.session
+    has_eye = session.system.eye is not None
+    imgui.separator_text("the eye")
+    if not has_eye:
+        imgui.text_disabled(_EYE_TIPS["no eye"])
+    imgui.begin_disabled(not has_eye)
+    choices = session.optimisation_choices
+    pupils = _edit_pupils(parse_pupils(choices.pupils) if choices.pupils else None)
+    chromatic = combo("colour error", choices.chromatic, CHROMATIC, _EYE_TIPS["colour error"])
+    imgui.end_disabled()
+    text = "" if pupils is None else str(pupils)
+    session.choose_optimisation(replace(choices, pupils=text, chromatic=chromatic))
+
+
+def _edit_pupils(pupils: PupilChoice | None) -> PupilChoice | None:
+    """Draws where the pupil is; returns that as it is after the edit."""
+    kind = next(name for name, usual in _KINDS.items() if type(usual) is type(pupils))
+    chosen = combo("pupil", kind, tuple(_KINDS), _EYE_TIPS["pupil"])
+    if chosen != kind:
+        return _KINDS[chosen]
+    if isinstance(pupils, PupilGrid):
+        _, (rows, columns) = imgui.input_int2("rows, columns", [pupils.rows, pupils.columns])
+        rows, columns = (min(max(count, 1), MOST_ALONG_AXIS) for count in (rows, columns))
+        return PupilGrid(rows, columns, _edit_length("spacing", pupils.spacing_m))
+    if isinstance(pupils, PupilDraw):
+        _, count = imgui.input_int("places", pupils.count)
+        return PupilDraw(min(max(count, 1), MOST_DRAWN), _edit_length("radius", pupils.radius_m))
+    return None
+
+
+def _edit_length(name: str, length_m: float) -> float:
+    """Draws a slider of millimetres; returns the length in metres, rounded to hundredths if it was moved."""
+    flags = imgui.SliderFlags_.always_clamp
+    moved, shown = imgui.slider_float(name, length_m * 1e3, _LEAST_MM, _MOST_MM, "%.2f mm", flags)
+    return round(shown, 2) * 1e-3 if moved else length_m

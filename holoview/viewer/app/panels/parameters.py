@@ -1,0 +1,306 @@
+"""The panels of the bench: the system's parameters, and a switch with sliders for each effect.
+
+Widgets are made from metadata, so that new parameters and effects appear by themselves.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from imgui_bundle import imgui
+
+from holoview.light.model import fields as describe
+from holoview.light.model.effects.effect import Effect, Parameter
+from holoview.light.model.effects.registry import get_effect, listed_effects, unmet_requirement
+from holoview.light.model.fields import Integer, Number, Shape
+from holoview.light.model.system import System
+from holoview.util import units
+from holoview.util.text import printable, printable_lines
+from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field
+from holoview.viewer.app.widgets import button, combo, tooltip
+
+_ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source", "eye")
+_LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
+_TITLES = {
+    "relay1": "Relay 1 (between the modulators)",
+    "relay2": "Relay 2 (to the focal plane)",
+    "sampling": "Simulation",
+    "modulators": "Modulators",
+    "source": "Source",
+}
+_MAX_SOURCES = 7  # along each axis
+
+
+class BenchPanel(Panel):
+    """Edits all parameters of the system but its lasers."""
+
+    title = "Bench"
+    dock = "Left"
+
+    def __init__(self) -> None:
+        self._reset: System | None = None
+        self._name: str | None = None
+        self._grid = (3, 3)
+        self._spacing_rad = 2e-3
+
+    def draw(self, context: AppContext) -> None:
+        system = context.session.system
+        if self._name != system.name or self._reset is None:
+            self._reset, self._name = system, system.name
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
+        imgui.text_wrapped(printable_lines(system.description or system.name or "a bench of your own"))
+        draw_fields(context, system, self._reset, "", without=_ELSEWHERE)
+        _draw_frames(context, system, self._reset)
+        self._draw_modulators(context, system)
+        self._draw_source(context, system)
+        for key, field in describe.fields_by_key(type(system)).items():
+            if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Nested):
+                continue
+            if key == "relay1" and system.gap_m is None:
+                continue
+            if _header(context, _TITLES.get(key, key.capitalize())):
+                tooltip(field.metadata["doc"])
+                draw_fields(context, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
+        imgui.pop_item_width()
+
+    # --- modulators and source --------------------------------------------------------------------------------------
+
+    def _draw_modulators(self, context: AppContext, system: System) -> None:
+        if not _header(context, "Field" if system.is_field else "Modulators"):
+            return
+        modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
+        for key, field in describe.fields_by_key(type(modulator)).items():
+            kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(modulator, field.name)
+            edited: WidgetEdit | None = None
+            if key == "content" or (system.is_field and key not in ("pitch", "shape")):
+                continue
+            if isinstance(kind, Number):
+                edited = number_field(key, kind, value, getattr(reset, field.name), doc)
+            elif isinstance(kind, Shape):
+                imgui.text_disabled(f"{value[1]} × {value[0]} {'samples' if system.is_field else 'pixels'}")
+                tooltip(doc)
+            else:
+                edited = _levels(key, value, doc)
+            context.record_item_rect(f"modulators.{key}")
+            if edited is not None:
+                context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
+        if system.is_field:
+            return
+        has_two = len(system.modulators) == 2
+        if imgui.button("Leave out modulator 2" if has_two else "Add a second modulator"):
+            changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None}
+            if not has_two:
+                changes = {"modulators": system.modulators * 2, "gap": "2 mm"}
+            context.attempt(context.session.change, "Modulators", changes)
+
+    def _draw_source(self, context: AppContext, system: System) -> None:
+        if not _header(context, "Source"):
+            return
+        count = len(system.source.directions_rad)
+        imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
+        changed, grid = imgui.input_int2("grid", list(self._grid))
+        tooltip("Rows and columns of sources. Several sources average out speckle and widen the eyebox.")
+        self._grid = (min(max(grid[0], 1), _MAX_SOURCES), min(max(grid[1], 1), _MAX_SOURCES))
+        kind = Number("mrad", low=0.0, high=0.2)
+        spacing = number_field("spacing", kind, self._spacing_rad, 2e-3, "Angle between neighbouring sources.")
+        if spacing is not None:
+            self._spacing_rad = spacing.value
+        if (changed or (spacing is not None and count > 1)) and max(self._grid) > 1:
+            self._apply_grid(context)
+        if imgui.button("Use this grid"):
+            self._apply_grid(context)
+        imgui.same_line()
+        if imgui.button("One source"):
+            context.attempt(context.session.change, "One source", {"source": {}})
+        _tilt(context, system)
+        _draw_light(context, system)
+
+    def _apply_grid(self, context: AppContext) -> None:
+        source = {"grid": list(self._grid), "spacing": units.format_exact(self._spacing_rad, "mrad")}
+        context.attempt(context.session.change, "Source grid", {"source": source}, merge_key="source grid")
+
+
+def _draw_frames(context: AppContext, system: System, reset: System) -> None:
+    """Draws the number of frames, editable unless frames have different lasers, which the Lasers panel edits."""
+    is_even = bool((system.amplitudes == system.amplitudes[0]).all())
+    doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
+    imgui.begin_disabled(not is_even or system.is_field)
+    edited = count_field("frames", Integer(1, 64), system.frames, reset.frames, doc)
+    context.record_item_rect("frames")
+    imgui.end_disabled()
+    if not is_even:
+        tooltip("These frames are lit by different lasers: their powers are in the table of lasers.")
+    if edited is not None:
+        context.change("Frames", "frames", edited.value, is_held=edited.is_held)
+
+
+def _header(context: AppContext, title: str) -> bool:
+    is_open = imgui.collapsing_header(title)
+    context.record_item_rect(title)
+    return is_open
+
+
+def _tilt(context: AppContext, system: System) -> None:
+    """Draws the mean direction of the sources; changing it tilts all of them."""
+    kind = Number("mrad", low=-1.0, high=1.0)
+    directions = system.source.directions_rad
+    middle = directions.mean(axis=0)
+    for axis, name in enumerate(("tilt y", "tilt x")):
+        edited = number_field(name, kind, float(middle[axis]), 0.0, "Angle of incidence on the first modulator.")
+        if edited is not None:
+            moved = directions.copy()
+            moved[:, axis] += edited.value - middle[axis]
+            context.change(name.capitalize(), "source.directions", moved, is_held=edited.is_held)
+
+
+def _draw_light(context: AppContext, system: System) -> None:
+    """Draws the complex field that lights the first modulator, where there is one."""
+    effect, values = get_effect("source_field"), system.effect_values.get("source_field")
+    if values is None:
+        return
+    imgui.text_disabled(f"× the field of {printable(Path(values['file']).name)}")
+    tooltip(f"{effect.cause}\n{printable_lines(values['file'])}")
+    for parameter in effect.parameters[1:]:
+        edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
+        if edited is not None:
+            context.change("Light", f"effects.source_field.{parameter.name}", edited.value, is_held=edited.is_held)
+    if button(context, "Plane waves alone", name="plane waves alone"):
+        without = {name: table for name, table in system.effect_values.items() if name != effect.id}
+        context.change("Plane waves alone", "effects", without)
+
+
+def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
+    count = "continuous" if value is None else str(len(value))
+    options = list(_LEVELS) + ([] if count in _LEVELS else [count])
+    chosen = combo(name, count, options, doc)
+    return WidgetEdit(_LEVELS[chosen], False) if chosen != count and chosen in _LEVELS else None
+
+
+# --- effects ----------------------------------------------------------------------------------------------------------
+
+
+_PLACES = {
+    "source": "Source",
+    "modulator 1": "Modulators",
+    "modulator 2": "Modulators",
+    "relay 1": "Relay 1",
+    "relay 2": "Relay 2",
+    "camera": "Camera (in captures only)",
+}
+Table = dict[str, dict[str, float]]
+
+
+class EffectsPanel(Panel):
+    """Lists all effects by the part of the bench that they act on; switching off an effect keeps its values."""
+
+    title = "Effects"
+    dock = "Left"
+
+    def __init__(self) -> None:
+        self._query = ""
+        self._switched_off: Table = {}
+
+    def set_up(self, context: AppContext) -> None:
+        """Adds the command that switches off all effects."""
+        help = "The plain model of the bench."
+        context.commands.add("Edit", "Switch off all effects", lambda: self._switch_off(context), help=help)
+
+    def draw(self, context: AppContext) -> None:
+        """Draws a switch for each effect, and the sliders of those that are on."""
+        system, effects = context.session.system, listed_effects()
+        imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
+        _, self._query = imgui.input_text_with_hint("##words", "find an effect", self._query)
+        imgui.same_line()
+        tip = f"{len(system.effects)} of {len(effects)} are switched on."
+        if button(context, "All off", tip, width=-1, is_enabled=bool(system.effects)):
+            self._switch_off(context)
+        imgui.begin_child("effects")
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
+        for location, group in _by_place(self._found(effects.values())).items():
+            imgui.separator_text(location)
+            for effect in group:
+                imgui.push_id(effect.id)
+                self._draw_effect(context, effect)
+                imgui.pop_id()
+        imgui.pop_item_width()
+        imgui.end_child()
+
+    def _found(self, effects: Iterable[Effect]) -> list[Effect]:
+        words = self._query.lower().split()
+        return [
+            effect
+            for effect in effects
+            if all(word in f"{_name(effect)} {effect.id} {effect.cause}".lower() for word in words)
+        ]
+
+    def _draw_effect(self, context: AppContext, effect: Effect) -> None:
+        values = context.session.system.effect_values.get(effect.id)
+        missing = unmet_requirement(effect, context.session.system)
+        imgui.begin_disabled(bool(missing) and values is None)
+        switched, is_on = imgui.checkbox(_name(effect), values is not None)
+        context.record_item_rect(f"effect {effect.id}")
+        imgui.end_disabled()
+        tooltip(
+            f"{effect.cause}\n{_equation(effect)}" + (f"\n\nIt can't be switched on: {missing}." if missing else "")
+        )
+        if switched:
+            self._switch(context, effect, is_on)
+        elif values is not None:
+            imgui.indent()
+            self._draw_sliders(context, effect, [p for p in effect.parameters if not p.secondary], values)
+            self._draw_fine(context, effect, [p for p in effect.parameters if p.secondary], values)
+            imgui.unindent()
+
+    def _draw_fine(self, context: AppContext, effect: Effect, fine: list[Parameter], values: dict[str, float]) -> None:
+        if fine and imgui.tree_node(f"{len(fine)} finer ones"):
+            self._draw_sliders(context, effect, fine, values)
+            imgui.tree_pop()
+
+    def _draw_sliders(
+        self, context: AppContext, effect: Effect, group: list[Parameter], values: dict[str, float]
+    ) -> None:
+        for parameter in group:
+            edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
+            key = f"effects.{effect.id}.{parameter.name}"
+            context.record_item_rect(key)
+            if edited is not None:
+                context.change(f"Effect {_name(effect)}", key, edited.value, is_held=edited.is_held)
+
+    def _switch(self, context: AppContext, effect: Effect, is_on: bool) -> None:
+        table = context.session.system.effect_values
+        if is_on:
+            table[effect.id] = self._switched_off.get(effect.id) or _typical_values(effect)
+        else:
+            self._switched_off[effect.id] = table.pop(effect.id)
+        context.change(f"Effect {_name(effect)} {'on' if is_on else 'off'}", "effects", table)
+
+    def _switch_off(self, context: AppContext) -> None:
+        self._switched_off |= context.session.system.effect_values
+        context.change("All effects off", "effects", {})
+
+
+def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
+    places: dict[str, list[Effect]] = {location: [] for location in _PLACES.values()}
+    for effect in effects:
+        places[_PLACES[effect.acts_on[0]]].append(effect)
+    return {location: group for location, group in places.items() if group}
+
+
+def _typical_values(effect: Effect) -> dict[str, float]:
+    """Initial values: the first parameter is its prior away from its identity, so that the effect is visible."""
+    first = effect.parameters[0]
+    return {first.name: first.nudged(1.0)}
+
+
+def _name(effect: Effect) -> str:
+    return effect.id.replace("_", " ")
+
+
+def _equation(effect: Effect) -> str:
+    """The first paragraph of an effect's docstring, which says what it does to the light."""
+    return (inspect.getdoc(type(effect)) or "").partition("\n\n")[0]

@@ -1,0 +1,195 @@
+"""The panel of speckle measurements: contrast of a region, histogram, contrast by wavelengths, line profile."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from imgui_bundle import imgui, implot
+
+from holoview.holograms.metrics.speckle import SpeckleHistogram
+from holoview.viewer.app import plots, theme
+from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.plots import draw_retinal_curve, draw_retinal_state
+from holoview.viewer.app.widgets import command_button, share_of_width, tooltip, wrapped_text
+from holoview.viewer.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
+from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
+
+_TIPS = {
+    "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
+    "together have 1/√N. With a target, the picture's own structure is divided out.",
+    "Cones": "Contrast of means over discs of 0.5 arcmin, the size of foveal cones: finer speckle isn't seen.",
+    "Grains": "Width of a speckle grain, about the wavelength over the pupil, in minutes of arc.",
+    "Mean": "Mean luminance of the region; 1 is the display's white.",
+    "PSNR": "Peak signal-to-noise ratio to the target in this region, linear sRGB clipped to 0…1.",
+    "ΔE2000": "Mean CIEDE2000 colour difference to the target in this region; 1 is about the least that can be seen.",
+    "Patterns": "Independent speckle patterns that lasers, frames and sources could bring, by their brightness: "
+    "(Σm)²/Σm².",
+}
+_NAMES = {"Contrast": "speckle contrast", "Cones": "as cones see it", "Grains": "grains", "Mean": "mean luminance"}
+
+
+class SpecklePanel(Panel):
+    """Shows live measurements of the image, and compares two colour schemes."""
+
+    title = "Speckle"
+    dock = "Right"
+
+    def __init__(self) -> None:
+        self._comparison_job: SchemeComparisonJob | None = None
+        self._iterations = 0
+
+    def set_up(self, context: AppContext) -> None:
+        """Adds the commands."""
+        add, region, line = partial(context.commands.add, "Speckle"), "region", "line"
+        add("Draw a region", lambda: _toggle_tool(context, region), "Shift+R", "Drag on the image; figures follow it.")
+        profile = "Drag on the image; its profile is plotted."
+        add("Draw a line", lambda: _toggle_tool(context, line), "Shift+L", profile)
+        back = "Back to the central half of the image."
+        add("Forget region, line and cursor", lambda: _clear_selection(context), help=back)
+        both = "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast."
+        add("Simultaneous beside HoloChrome", lambda: self._compare(context), "F5", both)
+
+    def draw(self, context: AppContext) -> None:
+        """Draws tools, numbers, plots, and the comparison of schemes."""
+        context.wants_measurement = True
+        _draw_tools(context)
+        draw_retinal_state(context)
+        measurements = context.live_measurement.measurements
+        if measurements is None:
+            imgui.text_disabled("The image is on its way.")
+        else:
+            _draw_numbers(context, measurements)
+            draw_retinal_curve(context)
+            _draw_plots(measurements)
+        self._draw_comparison(context)
+
+    @property
+    def comparison(self) -> SchemeComparison | None:
+        """The result of the last comparison of schemes; None before it is done."""
+        return None if self._comparison_job is None else self._comparison_job.result
+
+    def _draw_comparison(self, context: AppContext) -> None:
+        imgui.separator_text("Simultaneous beside HoloChrome")
+        if context.session.target_spec is not None:
+            imgui.set_next_item_width(6 * imgui.get_font_size())
+            _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
+            self._iterations = min(max(self._iterations, 0), 1000)
+            tooltip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
+        job = self._comparison_job
+        if job is not None and job.is_active:
+            imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
+            if imgui.button("Cancel##showcase"):
+                job.cancel()
+            return
+        command_button(context, "Simultaneous beside HoloChrome", "Compare##showcase", width=-1)
+        if self.comparison is not None:
+            for compared in (self.comparison.left, self.comparison.right):
+                imgui.text_wrapped(f"{compared.name}: contrast {compared.contrast:.3f}")
+            imgui.text_disabled(self.comparison.method)
+
+    def _compare(self, context: AppContext) -> None:
+        with context.session.report_errors():
+            self._comparison_job = start_scheme_comparison(context.session, self._iterations)
+
+
+def _toggle_tool(context: AppContext, tool: str) -> None:
+    context.drag_tool = "" if context.drag_tool == tool else tool
+
+
+def _clear_selection(context: AppContext) -> None:
+    context.drag_tool = ""
+    context.session.edit_view("Forget region, line and cursor", region=None, profile=None, cursor=None)
+
+
+def _draw_tools(context: AppContext) -> None:
+    width = share_of_width(3)
+    for tool in ("region", "line"):
+        command_button(context, f"Draw a {tool}", tool.capitalize(), width=width, is_on=context.drag_tool == tool)
+        imgui.same_line()
+    command_button(context, "Forget region, line and cursor", "Forget", width=width)
+    state = context.session.document
+    changed, numbers = imgui.input_int4(
+        "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
+    )
+    tooltip("The region in samples of the image: left, top, width, height. Enter applies.")
+    if changed:
+        with context.session.report_errors("region"):
+            x, y, w, h = numbers
+            context.session.edit_view("Region", region=(x, y, w, h))
+
+
+def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
+    if measurements.problem:
+        wrapped_text(measurements.problem, theme.WARNING)
+    region = measurements.region
+    if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
+        return
+    _row("Contrast", f"{region.contrast:.3f}")
+    if region.psnr_db is not None:
+        _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
+    if measurements.retinal is not None:
+        _row("Cones", f"{measurements.retinal.cone_contrast:.3f}")
+        _row("Grains", f"{measurements.retinal.grain_arcmin:.2f} arcmin")
+    _row("Mean", f"{region.mean:.4g}")
+    if measurements.histogram is not None:
+        _row("Patterns", f"{measurements.histogram.pattern_count:.2f}", "independent patterns, at most")
+    if region.psnr_db is not None and region.delta_e is not None:
+        _row("PSNR", f"{region.psnr_db:.2f} dB")
+        _row("ΔE2000", f"{region.delta_e:.2f}")
+    imgui.end_table()
+    context.record_item_rect("figures")
+
+
+def _row(key: str, value: str, label: str = "") -> None:
+    imgui.table_next_row()
+    imgui.table_next_column()
+    imgui.text(label or _NAMES.get(key, key))
+    tooltip(_TIPS[key])
+    imgui.table_next_column()
+    imgui.text(value)
+
+
+def _draw_plots(measurements: ImageMeasurements) -> None:
+    if measurements.histogram is not None and _header("Histogram"):
+        _draw_histogram(measurements.histogram)
+    if measurements.curve is not None and _header("Contrast by the number of wavelengths"):
+        _draw_curve(measurements.curve)
+    if measurements.profile is not None and _header("Profile along the line"):
+        _draw_profile(measurements.profile)
+
+
+def _draw_histogram(histogram: SpeckleHistogram) -> None:
+    top = 1.1 * max(float(histogram.density.max()), 1.0)
+    with plots.plot("histogram", "luminance / mean", "density", (0, histogram.edges[-1]), (0, top)) as is_open:
+        if is_open:
+            width = float(histogram.edges[1] - histogram.edges[0])
+            plots.bars("image", histogram.centres, histogram.density, width)
+            plots.line("one laser", histogram.centres, histogram.fully_developed_density, theme.WARNING)
+            if histogram.pattern_count > 1:
+                name = f"{histogram.pattern_count:.3g} patterns"
+                plots.line(name, histogram.centres, histogram.expected_density, plots.GREY)
+
+
+def _draw_curve(curve: ContrastCurve) -> None:
+    count = np.arange(1, len(curve.measured) + 1)
+    top = 1.1 * max(float(curve.measured.max()), 1.0)
+    low_left = implot.Location_.south_west  # contrast falls, and not to zero
+    with plots.plot(
+        "curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top), low_left
+    ) as is_open:
+        if is_open:
+            plots.line("image", count, curve.measured, theme.ACCENT, marked=True)
+            plots.line("independent", count, curve.independent, plots.GREY, marked=True)
+
+
+def _draw_profile(profile: LineProfile) -> None:
+    x, y = profile.distance_m * 1e3, profile.values[:, 0]
+    with plots.plot("profile", "mm", "luminance", (0, float(x[-1])), (0, 1.05 * max(float(y.max()), 1e-9))) as is_open:
+        if is_open:
+            plots.line("luminance", x, y, theme.ACCENT)
+
+
+def _header(name: str) -> bool:
+    return bool(imgui.collapsing_header(name, imgui.TreeNodeFlags_.default_open))

@@ -1,0 +1,186 @@
+"""Texts of the image panel: values of the sample under the pointer, scores of the image, names of compared sides."""
+
+from __future__ import annotations
+
+import cmath
+from functools import partial
+
+import numpy as np
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+
+from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
+from holoview.util.text import printable
+from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.widgets import pale, tooltip, wrapped_text
+from holoview.viewer.document.measurements import ImageScore, image_psnr_db, sample_pixel
+from holoview.viewer.render.page_images import SeenField
+from holoview.viewer.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
+
+
+def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
+    """Draws the line. position: of the pointer, as fractions (x, y) of the image; None outside it."""
+    view, shape = context.session.view_settings, context.session.document.image_shape
+    if position is not None and view.page == "field" and context.page_images.seen_field is not None:
+        imgui.text_wrapped(describe_field(context.page_images.seen_field, *position))
+        context.record_item_rect("readout")
+        tooltip(f"Amplitude and phase, real and imaginary part of this sample. {context.page_images.seen_field.scale}")
+        return
+    if position is None or view.page in DERIVED_PAGES:
+        wrapped_text(describe_image(context), pale())
+        _offer_next_score(context, view)
+        return
+    imgui.text_wrapped(describe_pixel(context, int(position[0] * shape[1]), int(position[1] * shape[0])))
+    context.record_item_rect("readout")
+    tooltip(
+        "Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order."
+    )
+
+
+def readout_height(context: AppContext, width: float) -> float:
+    """The height that the values need in a panel of this width; reserved always, so that the image doesn't move."""
+    rows, columns = context.session.document.image_shape
+    three, lasers = "0.000  0.000  0.000", " ".join(["0.00"] * len(context.session.system.wavelengths_m))
+    text = f"x {columns}  y {rows}   RGB {three}   XYZ {three}   I {lasers}"
+    return imgui.calc_text_size(text, wrap_width=width).y + imgui.get_style().item_spacing.y
+
+
+def describe_pixel(context: AppContext, x: int, y: int) -> str:
+    """The values of a sample in a line of text."""
+    side = displayed_side(context.session.view_settings)
+    xyz = context.side_renderers.xyz(side)
+    values = (
+        None
+        if xyz is None
+        else sample_pixel(x, y, xyz, context.side_renderers.now.intensities() if side == NOW else None)
+    )
+    if values is None:
+        return f"x {x}  y {y}   values follow with the full image"
+    parts = [f"x {x}  y {y}", f"RGB {_format_triple(values.linear_rgb)}", f"XYZ {_format_triple(values.xyz)}"]
+    if values.intensity is not None:
+        parts.append("I " + " ".join(f"{value:.2f}" for value in values.intensity))
+    return "   ".join(parts)
+
+
+def describe_field(field: SeenField, u: float, v: float) -> str:
+    """The value of a field at a place, given as fractions (x, y) of its picture, in a line of text."""
+    rows, columns = field.values.shape
+    x, y = int(u * columns), int(v * rows)
+    value = complex(field.values[y, x])
+    polar = f"amplitude {abs(value):.6g}  phase {cmath.phase(value):+.5f} rad"
+    return f"x {x}  y {y}   {polar}   {value.real:+.6g} {value.imag:+.6g}i"
+
+
+def _format_triple(values: NDArray[np.float64]) -> str:
+    return "  ".join(f"{value:.3f}" for value in values)
+
+
+def describe_image(context: AppContext) -> str:
+    """The page in a line of text: size, origin and scores of an image."""
+    rows, columns = context.session.document.image_shape
+    if context.session.view_settings.page == "spectrum":
+        if context.session.system.eye is not None:
+            return "the eyebox at the eye's pupil, up to the edge of the longest wavelength; drag the pupil"
+        return "the eyebox: light by direction, up to ±λ/(2·pitch)"
+    if context.session.view_settings.page == "target":
+        return "what the hologram should show here" + (
+            f": {context.session.target_spec.title}" if context.session.target_spec else ""
+        )
+    if context.session.view_settings.page == "field":
+        field = context.page_images.seen_field
+        return "" if field is None else field.scale
+    if context.session.view_settings.page == "phase":
+        return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
+    origin = printable(context.session.previewed_document.origin)
+    return f"{columns} × {rows} samples   {origin}{_scores_text(context)}"
+
+
+def _offer_next_score(context: AppContext, view: ViewSettings) -> None:
+    """The idle line of an image: a click shows another score."""
+    if view.page == "image":
+        context.record_item_rect("scores")
+        tooltip("Click for another score beside the PSNR; the menu Image has all of them.")
+        if imgui.is_item_clicked():
+            choose_next_score(context)
+
+
+def _scores_text(context: AppContext) -> str:
+    """PSNR of the displayed plane and the chosen score beside it; empty without a target, and until it is measured."""
+    if displayed_side(context.session.view_settings) != NOW:
+        return ""
+    xyz = context.side_renderers.xyz(NOW)
+    target = None if xyz is None else context.session.target_at()
+    if xyz is None or target is None:
+        return "   PSNR follows" if context.session.target_builder.is_building else ""
+    psnr_db = context.live_psnr.get(xyz, target, image_psnr_db)
+    text = "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
+    document, name = context.session.document, context.session.view_settings.score
+    if name:
+        density = samples_per_degree(document.sample_pitch_m, document.system.eye)
+        value = context.live_score.get(xyz, target, ImageScore(name, density))
+        text += "" if value is None else f"   {PERCEPTUAL_SCORES[name].format(value)}"
+    return text
+
+
+# --- Texts in the image panel: names of the compared sides, and what is shown while there is no image ---
+
+
+def side_labels(view: ViewSettings, shows_b: bool, has_target: bool) -> list[tuple[str, float]]:
+    """Texts above the image and their positions as fractions of its width."""
+    if view.page != "image" or view.compare == "off":
+        return []
+    a, b = (
+        "no target yet: open a picture" if side == TARGET and not has_target else side.label
+        for side in (view.a, view.b)
+    )
+    if view.compare == "hold":
+        return [(b if shows_b else f"{a}   (hold B: {b})", 0.0)]
+    if view.compare == "difference":
+        return [(f"{a} − {b}", 0.0)]
+    return [(a, 0.0), (b, 0.5 if view.compare == "side-by-side" else view.wipe)]
+
+
+def draw_label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -> None:
+    """Draws a white text on a dark rectangle; position: its upper left corner on the screen."""
+    size = imgui.calc_text_size(text)
+    low = imgui.ImVec2(position.x - 4, position.y - 2)
+    high = imgui.ImVec2(position.x + size.x + 4, position.y + size.y + 2)
+    draw_list.add_rect_filled(low, high, imgui.IM_COL32(0, 0, 0, 170), 3)
+    draw_list.add_text(position, imgui.IM_COL32(255, 255, 255, 255), text)
+
+
+def waiting_text(context: AppContext, view: ViewSettings) -> str:
+    """The sentence that is shown in place of a missing image."""
+    if view.page == "target" and context.session.target_spec is None:
+        return "no target yet: open a picture"
+    return "computing the first image" if context.is_busy else "nothing to show"
+
+
+def draw_centred_text(text: str, size: tuple[int, int]) -> None:
+    """Draws a text in the middle of the area of the image."""
+    imgui.dummy(imgui.ImVec2(*size))
+    corner = imgui.get_item_rect_min()
+    position = imgui.ImVec2(corner.x + size[0] / 2 - imgui.calc_text_size(text).x / 2, corner.y + size[1] / 2)
+    imgui.get_window_draw_list().add_text(position, imgui.get_color_u32(imgui.Col_.text_disabled), text)
+
+
+# --- Which score stands beside the PSNR below the image: a command for each, and the next one by a click ---
+
+
+def add_score_commands(context: AppContext) -> None:
+    """Adds a command for each score, and one for none, to the menu of the image."""
+    add, choose = partial(context.commands.add, "Image"), partial(_choose, context)
+    add("Score: PSNR alone", partial(choose, ""), help="No other score beside it.")
+    for name, score in PERCEPTUAL_SCORES.items():
+        add(f"Score: {score.title}", partial(choose, name), help=f"Beside the PSNR: {score.summary}.")
+
+
+def choose_next_score(context: AppContext) -> None:
+    """The next of the scores that are installed, and after the last one none."""
+    options = ("", *installed_scores())
+    present = context.session.view_settings.score
+    _choose(context, options[(options.index(present) + 1) % len(options)] if present in options else "")
+
+
+def _choose(context: AppContext, name: str) -> None:
+    context.edit_view("Score", score=name)

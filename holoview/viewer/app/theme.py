@@ -1,0 +1,73 @@
+"""Fonts and colours of the viewer, and display colours of laser wavelengths."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from imgui_bundle import hello_imgui, imgui
+
+from holoview.light.colour import gamut_map, observer_weights, srgb_encode, xyz_to_linear_srgb
+
+THEMES = ("Dark", "Light")
+FONT_PIXELS = 15.0
+_BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
+ACCENT = imgui.ImVec4(0.30, 0.62, 0.95, 1.0)
+WARNING = imgui.ImVec4(0.95, 0.70, 0.25, 1.0)
+ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
+DIALOG = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
+CARD = DIALOG | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_move
+"""Flags of a dialog, which takes the size of its content, and of a card, which also stays in its place."""
+
+
+def load_fonts() -> None:
+    """Loads Roboto, and Inconsolata for arrows and subscripts that Roboto lacks."""
+    hello_imgui.load_font("fonts/Roboto/Roboto-Regular.ttf", FONT_PIXELS)
+    rest = hello_imgui.FontLoadingParams()
+    rest.merge_to_last_font = True
+    hello_imgui.load_font("fonts/Inconsolata-Medium.ttf", FONT_PIXELS, rest)
+
+
+def apply(name: str) -> None:
+    """Applies a theme of THEMES."""
+    hello_imgui.apply_theme(_BASES[name])
+    style = imgui.get_style()
+    style.frame_rounding = style.grab_rounding = style.tab_rounding = 3.0
+    style.window_rounding = style.popup_rounding = 4.0
+    style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
+    style.item_spacing = imgui.ImVec2(6, 5)
+    ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
+    style.set_color_(imgui.Col_.popup_bg, ground)
+    style.set_color_(imgui.Col_.window_bg, ground)
+    bar = imgui.ImVec4(0.07, 0.09, 0.13, 1.0) if name == "Dark" else imgui.ImVec4(0.86, 0.88, 0.92, 1.0)
+    for colour in (imgui.Col_.title_bg, imgui.Col_.title_bg_active):
+        style.set_color_(colour, bar)
+    style.frame_border_size = 1.0
+    if name == "Dark":
+        style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
+        style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
+    grab = ((0.24, 0.34, 0.50), (0.26, 0.42, 0.66)) if name == "Dark" else ((0.66, 0.78, 0.93), (0.52, 0.70, 0.93))
+    for colour, value in zip((imgui.Col_.slider_grab, imgui.Col_.slider_grab_active), grab, strict=True):
+        style.set_color_(colour, imgui.ImVec4(*value, 1.0))  # the value is written across it
+    ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))
+    style.set_color_(imgui.Col_.text, imgui.ImVec4(*ink, 1.0))
+    style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(*pale, 1.0))
+
+
+# --- Display colours of laser wavelengths, for drawing ---
+
+
+_MIN_COMPONENT = 0.25  # keeps deep red and violet visible
+EYE_RANGE_M = (390e-9, 830e-9)
+"""The wavelengths of the cone fundamentals."""
+
+
+@cache
+def laser_colour(wavelength_m: float, opacity: float = 1.0) -> imgui.ImVec4:
+    """A colour of about the hue of a wavelength, mapped into the sRGB gamut; grey outside the visible range."""
+    if not EYE_RANGE_M[0] <= wavelength_m <= EYE_RANGE_M[1]:
+        return imgui.ImVec4(0.6, 0.6, 0.6, opacity)
+    linear = xyz_to_linear_srgb(observer_weights("eye", [wavelength_m])[0])
+    bright = gamut_map(linear / max(float(np.max(linear)), 1e-9))
+    red, green, blue = (max(float(srgb_encode(x)), _MIN_COMPONENT) for x in bright)
+    return imgui.ImVec4(red, green, blue, opacity)

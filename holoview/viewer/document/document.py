@@ -1,0 +1,280 @@
+"""The document that a session edits: system, modulator patterns, target and view settings. Immutable."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.holograms.load_field import Recorded
+from holoview.light.model.system import System
+from holoview.util.errors import UserError
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.scene import Drive, Scene, image_shape
+from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """The data that are edited and undone as a whole.
+
+    drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
+    (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
+    they were read from or written to. recorded: the recording that the field is cut out of; any other drive takes it
+    away. View settings that refer to lasers, frames, modulators or samples that don't
+    exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
+    the system needs.
+    """
+
+    system: System
+    drive: Drive
+    view_settings: ViewSettings
+    target_spec: TargetSpec | None = None
+    origin: str = ""
+    path: Path | None = None
+    recorded: Recorded | None = None
+
+    def __post_init__(self) -> None:
+        if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
+            raise UserError(
+                "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
+            )
+        object.__setattr__(self, "drive", as_readonly_drive(self.drive))
+        view = self.view_settings.clamped_to(
+            len(self.system.wavelengths_m), self.image_shape, self.system.frames, len(self.system.modulators)
+        )
+        if view.plane_m < self.system.plane_type.item.low:
+            view = view.with_(plane_m=middle_plane(self.system))
+        object.__setattr__(self, "view_settings", view)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene from which the image is rendered."""
+        return Scene(self.system, self.drive, self.view_settings.plane_m)
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Rows and columns of the simulated image."""
+        return image_shape(self.system)
+
+    @property
+    def measured_region(self) -> Region:
+        """Where speckle is measured: the region of the view settings, else the central half in each direction."""
+        rows, columns = self.image_shape
+        return self.view_settings.region or (columns // 4, rows // 4, columns // 2, rows // 2)
+
+    @property
+    def sample_pitch_m(self) -> float:
+        """Distance in metres between samples of the simulated image."""
+        return self.system.modulators[0].pitch_m / self.system.sampling.upsample
+
+    @property
+    def lit_system(self) -> System:
+        """The system with the amplitudes of lasers that are muted, or aren't the solo one, set to 0.
+
+        Where one frame is shown alone, so are those of the others, and its light is as many times brighter as there are
+        frames. Raises UserError when no laser is left on.
+        """
+        view, (frames, count) = self.view_settings, self.system.amplitudes.shape
+        is_one_frame = view.is_one_frame and frames > 1
+        if view.solo is None and not view.muted and not is_one_frame:
+            return self.system
+        amplitudes = self.system.amplitudes * np.array([view.shows_laser(i) for i in range(count)])
+        if is_one_frame:
+            amplitudes = amplitudes * (np.arange(frames)[:, None] == view.frame) * frames
+        if not np.any(amplitudes > 0):
+            raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
+        return self.system.edit({"amplitudes": amplitudes})
+
+    @property
+    def view_settings_for_picture(self) -> ViewSettings:
+        """The view settings, without the low exposure that new random patterns get."""
+        view = self.view_settings
+        is_low = "random patterns" in self.origin and view.exposure_stops == SPECKLE_EXPOSURE_STOPS
+        return view.with_(exposure_stops=0.0) if is_low else view
+
+    def with_changes(self, changes: dict[str, Any]) -> Document:
+        """A copy with some fields changed; patterns are adapted to a changed system by `fit_drive`.
+
+        Raises UserError when the result is impossible.
+        """
+        system = changes.get("system", self.system)
+        if "drive" not in changes and system.drive_shape != self.drive.shape:
+            drive, note = fit_drive(self.drive, system.drive_shape)
+            changes = {**changes, "drive": drive}
+            changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
+        if "drive" in changes:
+            changes = {"recorded": None, **changes}
+        document = replace(self, **changes)
+        _ = document.lit_system
+        return document
+
+
+def middle_plane(system: System) -> float:
+    """The median focal plane in metres, which a new session displays."""
+    return float(np.sort(system.planes_m)[len(system.planes_m) // 2])
+
+
+def is_same_document(one: Document, other: Document) -> bool:
+    """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged arrays."""
+    if one.drive is not other.drive or one.target_spec is not other.target_spec:
+        return False
+    return all(
+        getattr(one, field.name) == getattr(other, field.name)
+        for field in dataclasses.fields(one)
+        if field.name not in ("drive", "target_spec")
+    )
+
+
+def as_readonly_drive(drive: NDArray[np.inexact]) -> Drive:
+    """A read-only copy of a drive in single precision; the array itself if it is both already."""
+    dtype = np.complex64 if np.iscomplexobj(drive) else np.float32
+    if drive.dtype == dtype and not drive.flags.writeable:
+        return drive
+    copy: Drive = np.array(drive, dtype=dtype)
+    copy.setflags(write=False)
+    return copy
+
+
+def fit_drive(drive: Drive, shape: tuple[int, int, int, int]) -> tuple[Drive, str]:
+    """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of the change.
+
+    Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
+    patterns become random, because phase patterns can't be resampled like pictures. Raises UserError for a field, whose
+    samples and wavelengths are given.
+    """
+    frames, modulators = shape[:2]
+    if np.iscomplexobj(drive):
+        raise UserError(
+            "field",
+            f"{len(drive)} frames, {drive.shape[1]} wavelengths, {drive.shape[3]} x {drive.shape[2]} samples",
+            expected="a bench with as many",
+            remedy="open a preset to begin with modulators",
+        )
+    if drive.shape[2:] != shape[2:]:
+        return _random(shape), "random patterns of the new size"
+    notes = []
+    if drive.shape[0] != frames:
+        fewer = f"{frames} of {drive.shape[0]} frames"
+        notes.append(fewer if frames < drive.shape[0] else f"repeated to {frames} frames")
+        drive = drive[np.arange(frames) % drive.shape[0]]
+    if drive.shape[1] < modulators:
+        notes.append("a random second modulator")
+        drive = np.concatenate([drive, _random((frames, 1, *shape[2:]))], axis=1)
+    elif drive.shape[1] > modulators:
+        notes.append("the first modulator's patterns")
+        drive = drive[:, :modulators]
+    return np.ascontiguousarray(drive), ", ".join(notes)
+
+
+def _random(shape: tuple[int, int, int, int]) -> Drive:
+    return np.random.default_rng(0).random(shape, dtype=np.float32)
+
+
+# --- Undo and redo as a list of documents, each with the label of the edit that led to it ---
+
+
+MAX_STEPS = 300
+MAX_BYTES = 1 << 30
+MERGE_WITHIN_S = 1.0
+"""Edits with the same merge key become one step if they follow each other within this time, or in one hold."""
+
+
+class Gesture:
+    """A merge key whose edits become one step however slowly they follow, as frames of a film that plays may."""
+
+
+@dataclass(frozen=True, eq=False)
+class HistoryStep:
+    """A document, the label of the edit that led to it, and when it was made, as `time.time`."""
+
+    label: str
+    document: Document
+    when: float
+    merge_key: Hashable = None
+
+
+class History:
+    """The steps up to the present one and those that were undone.
+
+    The oldest steps are dropped beyond MAX_STEPS steps or MAX_BYTES of patterns.
+    """
+
+    def __init__(self, first: HistoryStep, clock: Callable[[], float] = time.time) -> None:
+        self.steps: list[HistoryStep] = [first]
+        self.position = 0
+        self._clock = clock
+        self._held_since = math.inf
+
+    @classmethod
+    def from_steps(cls, steps: list[HistoryStep], position: int) -> History:
+        """A history of saved steps; `position` is the index of the present one."""
+        history = cls(steps[0])
+        history.steps, history.position = list(steps), position
+        history.end_gesture()
+        return history
+
+    @property
+    def present(self) -> Document:
+        """The document at the present step."""
+        return self.steps[self.position].document
+
+    def add(self, label: str, document: Document, merge_key: Hashable = None) -> None:
+        """Adds a step, or merges it into the present one; undone steps are dropped."""
+        now, last = self._clock(), self.steps[self.position]
+        is_in_time = (
+            now - last.when <= MERGE_WITHIN_S or last.when >= self._held_since or isinstance(merge_key, Gesture)
+        )
+        merges = merge_key is not None and merge_key == last.merge_key and is_in_time
+        del self.steps[self.position + 1 :]
+        if merges and self.position > 0:
+            self.steps[self.position] = HistoryStep(label, document, now, merge_key)
+        else:
+            self.steps.append(HistoryStep(label, document, now, merge_key))
+        self.position = len(self.steps) - 1
+        self._drop_oldest()
+
+    def amend(self, document: Document) -> None:
+        """Replaces the document of the present step, for changes that aren't undone separately."""
+        self.steps[self.position] = replace(self.steps[self.position], document=document)
+
+    def amend_all(self, change: Callable[[Document], Document]) -> None:
+        """Applies a change to the documents of all steps, undone steps included."""
+        self.steps = [replace(step, document=change(step.document)) for step in self.steps]
+
+    def hold(self, is_held: bool) -> None:
+        """States whether a button or a key is held: the edits of one hold merge, however slowly they follow."""
+        if not is_held:
+            self._held_since = math.inf
+        elif self._held_since == math.inf:
+            self._held_since = self._clock()
+
+    def end_gesture(self) -> None:
+        """Ends a drag: the next edit is a separate step."""
+        self.steps[self.position] = replace(self.steps[self.position], merge_key=None)
+
+    def go_to(self, position: int) -> None:
+        """Makes the step of that index the present one. Raises IndexError when there is none."""
+        if not 0 <= position < len(self.steps):
+            raise IndexError(f"step {position} of {len(self.steps)}")
+        self.end_gesture()
+        self.position = position
+
+    def _drop_oldest(self) -> None:
+        while len(self.steps) > 1 and (len(self.steps) > MAX_STEPS or self._bytes() > MAX_BYTES):
+            if self.position == 0:
+                self.steps.pop()
+            else:
+                self.steps.pop(0)
+                self.position -= 1
+
+    def _bytes(self) -> int:
+        drives = {id(step.document.drive): step.document.drive.nbytes for step in self.steps}
+        return sum(drives.values())

@@ -1,0 +1,414 @@
+"""Measurements of an image, and those of the displayed image kept up to date on a worker thread.
+
+In order: a region's speckle contrast, PSNR and colour error; contrast by the number of wavelengths; lines and pixels;
+`LiveMeasurement` and `LiveScore` on their threads; `LimitNotes`, where the model isn't true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.holograms.fields.field_bench import edge_power
+from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
+from holoview.holograms.metrics.speckle import (
+    RetinalContrast,
+    SpeckleHistogram,
+    independent_pattern_count,
+    laser_luminances,
+    pattern_likeness,
+    retinal_contrast,
+    speckle_contrast,
+    speckle_histogram,
+)
+from holoview.light.colour import SRGB_TO_XYZ, gamut_map, xyz_to_linear_srgb
+from holoview.light.engine.light_share import luminance_share
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.model.validity import Light, exceeded_limits
+from holoview.util.errors import UserError
+from holoview.util.processes import LatestTask, are_same
+from holoview.viewer.document.document import Document
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.render.scene import Scene
+from holoview.viewer.render.view_settings import Line, Region
+
+Floats = NDArray[np.float64]
+SeenPicture = tuple[Scene, NDArray[np.floating]]
+"""A scene and its picture XYZ (y, x, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegionMetrics:
+    """Measurements of a region.
+
+    contrast: speckle contrast σ/μ of the luminance, divided by the target's luminance if there is a target.
+    raw_contrast: the same without this division. mean: mean luminance, 1 is white. n_pixels: number of samples.
+    psnr_db: PSNR of linear sRGB clipped to 0…1; delta_e: mean CIEDE2000; both None without a target.
+    """
+
+    contrast: float
+    raw_contrast: float
+    mean: float
+    n_pixels: int
+    psnr_db: float | None = None
+    delta_e: float | None = None
+
+
+def measure_region(
+    xyz: NDArray[np.floating], region: Region, target: NDArray[np.floating] | None = None
+) -> RegionMetrics:
+    """Measures a region (x, y, width, height) of XYZ (y, x, 3), compared with a target (y, x, 3) in linear sRGB.
+
+    Raises UserError for a region outside the image, one without light, and a target of another shape.
+    """
+    luminance = np.asarray(xyz)[..., 1]
+    plain = speckle_contrast(luminance, region)
+    if target is None:
+        return RegionMetrics(plain.contrast, plain.contrast, plain.mean, plain.n_pixels)
+    if target.shape != xyz.shape:
+        raise UserError("target", f"shape {target.shape}", expected=f"the image's shape, {xyz.shape}")
+    image_rgb, reference = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
+    return RegionMetrics(
+        contrast=_structure_free(luminance, region, target, plain.contrast),
+        raw_contrast=plain.contrast,
+        mean=plain.mean,
+        n_pixels=plain.n_pixels,
+        psnr_db=psnr(image_rgb, reference),
+        delta_e=delta_e_linear_srgb(image_rgb, reference),
+    )
+
+
+def _structure_free(
+    luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating], otherwise: float
+) -> float:
+    """Contrast of the luminance divided by the target's; `otherwise` if the target is black in the region."""
+    reference = luminance_of(target, region)
+    return otherwise if reference is None else speckle_contrast(luminance, region, reference).contrast
+
+
+def luminance_of(target: NDArray[np.floating], region: Region) -> Floats | None:
+    """Luminance (y, x) of a target (y, x, 3) in linear sRGB; None if it is black in the region."""
+    reference: Floats = np.asarray(target, dtype=np.float64) @ SRGB_TO_XYZ[1]
+    return reference if np.any(crop(reference, region) > 0) else None
+
+
+def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
+    """The region (x, y, width, height) of an image (y, x, …)."""
+    x, y, width, height = region
+    return image[y : y + height, x : x + width]
+
+
+# --- contrast by the number of wavelengths --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastCurve:
+    """Luminance contrast of the brightest 1, 2, … N lasers together; each array is (N,).
+
+    wavelengths_m: of the lasers, brightest first. measured: contrast in the image. independent: the contrast
+    √(Σm²)/Σm of independent, fully developed patterns of mean luminance m, with the effects on powers and lines.
+    """
+
+    wavelengths_m: Floats
+    measured: Floats
+    independent: Floats
+
+
+def contrast_by_wavelength(
+    luminance: Callable[[int], NDArray[np.floating]], system: System, region: Region, plane_m: float | None = None
+) -> ContrastCurve:
+    """Speckle contrast of a region as lasers are added one by one, brightest first.
+
+    luminance: returns the luminance (y, x) of a laser's index, with its amplitude applied. plane_m: that is seen.
+    Raises UserError when no visible laser is on.
+    """
+    means, likeness = laser_luminances(system), pattern_likeness(system, plane_m)
+    order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
+    total: Floats = np.zeros(())
+    measured, independent, sources = [], [], len(system.source.directions_rad)
+    for count, laser in enumerate(order, start=1):
+        total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
+        measured.append(speckle_contrast(total).contrast)
+        added = means[:, order[:count]]
+        squares = np.square(added) * likeness[order[:count]]
+        independent.append(float(np.sqrt(squares.sum() / sources) / added.sum()))
+    if not order:
+        raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
+    return ContrastCurve(system.wavelengths_m[order], np.array(measured), np.array(independent))
+
+
+# --- lines and pixels -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LineProfile:
+    """Values (n, channel) along a line, at distances (n,) in metres from its start."""
+
+    distance_m: Floats
+    values: Floats
+
+
+def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> LineProfile:
+    """Values of an image (y, x) or (y, x, channel) along a line, about one sample apart, by linear interpolation.
+
+    pitch_m: distance between samples in metres. Raises UserError for a line that leaves the image.
+    """
+    from scipy import ndimage  # slow start: most sessions draw no line
+
+    x0, y0, x1, y1 = line
+    rows, columns = image.shape[:2]
+    ends_x, ends_y = sorted((x0, x1)), sorted((y0, y1))
+    if ends_x[0] < 0 or ends_y[0] < 0 or ends_x[1] > columns - 1 or ends_y[1] > rows - 1:
+        raise UserError("line", f"{line}", expected=f"inside the image of {columns} × {rows} samples")
+    length = float(np.hypot(x1 - x0, y1 - y0))
+    along = np.linspace(0.0, 1.0, max(round(length), 1) + 1)
+    where = np.stack([y0 + (y1 - y0) * along, x0 + (x1 - x0) * along])
+    channels = np.asarray(image, dtype=np.float64).reshape(rows, columns, -1)
+    values = [ndimage.map_coordinates(channels[..., i], where, order=1) for i in range(channels.shape[2])]
+    return LineProfile(along * length * pitch_m, np.stack(values, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class PixelValues:
+    """XYZ (3,) and linear sRGB (3,) of a sample, and the intensity of each laser (laser,) if it was given."""
+
+    x: int
+    y: int
+    xyz: Floats
+    linear_rgb: Floats
+    intensity: Floats | None = None
+
+
+def sample_pixel(
+    x: int, y: int, xyz: NDArray[np.floating], intensity: NDArray[np.floating] | None = None
+) -> PixelValues | None:
+    """The values at a sample of XYZ (y, x, 3) and intensity (laser, y, x); None outside the image."""
+    if not (0 <= y < xyz.shape[0] and 0 <= x < xyz.shape[1]):
+        return None
+    values = np.asarray(xyz[y, x], dtype=np.float64)
+    lasers = None if intensity is None else np.asarray(intensity[:, y, x], dtype=np.float64)
+    return PixelValues(x, y, values, xyz_to_linear_srgb(values), lasers)
+
+
+# --- Measurements of the displayed image, kept up to date on a worker thread while the image changes ---
+
+
+Image = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageMeasurements:
+    """Measurements of an image; each is None where it wasn't requested or isn't possible.
+
+    document: of the image. region, histogram: of the measured region. profile: luminance along the line of the view
+    settings. curve: contrast by the number of wavelengths, if their luminances were given. problem: why measurements
+    of the region are missing, e.g. because the region is dark. retinal: the region as cones see it, with an eye.
+    """
+
+    document: Document
+    region: RegionMetrics | None
+    histogram: SpeckleHistogram | None
+    profile: LineProfile | None
+    curve: ContrastCurve | None
+    problem: str = ""
+    retinal: RetinalContrast | None = None
+
+
+class LiveMeasurement:
+    """Measures the newest image in the background.
+
+    measurements: the last results. on_change: called on the owner's thread when there are new measurements.
+    """
+
+    def __init__(self, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
+        self.measurements: ImageMeasurements | None = None
+        self._on_change = on_change
+        self._task: LatestTask[ImageMeasurements] = LatestTask(
+            "figures", session.call_on_owner, session.messages.post_error
+        )
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether newer measurements are being computed."""
+        return self._task.is_busy
+
+    def request(
+        self, document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
+    ) -> None:
+        """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
+        self._task.submit(lambda: measure_image(document, xyz, target, luminance), self._on_result)
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _on_result(self, measurements: ImageMeasurements) -> None:
+        self.measurements = measurements
+        self._on_change()
+
+
+def measure_image(
+    document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
+) -> ImageMeasurements:
+    """Measures the image XYZ (y, x, 3) of a document.
+
+    target (y, x, 3), linear sRGB: enables PSNR and colour error. luminance (laser, y, x): enables the curve. An
+    error that the user can correct, such as a dark region, is stored as `problem`.
+    """
+    region, histogram, curve, problem, retinal = None, None, None, "", None
+    try:
+        region = measure_region(xyz, document.measured_region, target)
+        plane_m = document.view_settings.plane_m
+        patterns = independent_pattern_count(document.system, plane_m)
+        histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
+        if document.system.eye is not None:
+            known = None if target is None else luminance_of(target, document.measured_region)
+            retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
+        if luminance is not None:
+            curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region, plane_m)
+    except UserError as error:
+        problem = str(error)
+    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)
+
+
+def _profile(document: Document, xyz: Image) -> LineProfile | None:
+    """Luminance along the line of the view settings; None where there is none or it leaves the image."""
+    if document.view_settings.profile is None:
+        return None
+    try:
+        return line_profile(xyz[..., 1], document.view_settings.profile, document.sample_pitch_m)
+    except UserError:
+        return None
+
+
+# --- A score of the displayed image beside its target, kept up to date on a worker thread while the image changes ---
+
+
+Measure = Callable[[Image, Image], float]
+"""An image in XYZ (y, x, 3) and its target in linear sRGB to a score."""
+
+
+_Request = tuple[Image, Image, Measure]
+
+
+class LiveScore:
+    """Measures the newest image in the background.
+
+    name: of the thread. on_change: called on the owner's thread when there is a new result, or none can be had.
+    """
+
+    def __init__(self, name: str, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
+        self._on_change, self._post_error = on_change, session.messages.post_error
+        self._requested: _Request | None = None
+        self._result: float | None = None
+        self._failed: Measure | None = None
+        self._task: LatestTask[float] = LatestTask(name, session.call_on_owner, self._on_error)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the newest image has no result yet."""
+        return self._requested is not None and self._result is None and self._failed is None
+
+    def get(self, xyz: Image, target: Image, measure: Measure) -> float | None:
+        """The score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB; None until it is measured.
+
+        The arrays must not be changed afterwards. An error is posted once: the same measure isn't called again before
+        another measure was. Images of another shape than the target have no score.
+        """
+        if xyz.shape != target.shape or measure == self._failed:
+            return None
+        if self._requested is None or not are_same(self._requested, (xyz, target, measure)):
+            self._requested, self._result, self._failed = (xyz, target, measure), None, None
+            self._task.submit(partial(measure, xyz, target), partial(self._on_result, self._requested))
+        return self._result
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._task.close()
+
+    def _on_result(self, request: _Request, score: float) -> None:
+        if request is self._requested:
+            self._result, self._failed = score, None
+            self._on_change()
+
+    def _on_error(self, error: BaseException) -> None:
+        self._failed = None if self._requested is None else self._requested[2]
+        self._post_error(error)
+        self._on_change()
+
+
+def image_psnr_db(xyz: Image, target: Image) -> float:
+    """PSNR (dB) of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB, both clipped to the range of a screen.
+
+    Raises UserError when the shapes differ.
+    """
+    return psnr_linear_srgb(xyz_to_linear_srgb(xyz), target).mean_db
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """A perceptual score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB.
+
+    name: of the score. samples_per_degree: of visual angle. Called, it raises UserError when the score isn't installed.
+    """
+
+    name: str
+    samples_per_degree: float
+
+    def __call__(self, xyz: Image, target: Image) -> float:
+        from holoview.holograms.metrics.perceptual import measure_score  # loads torch
+
+        return measure_score(self.name, xyz_to_linear_srgb(xyz), target, self.samples_per_degree).mean
+
+
+# --- Where the model isn't true of the displayed bench, found once for each bench and focal plane ---
+
+
+class LimitNotes:
+    """The limits of the model that the displayed bench exceeds at its planes and at the plane that is shown."""
+
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
+        self._known: tuple[Any, ...] | None = None
+        self._notes: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The notes that were found last, which may be of the bench before it was dragged."""
+        return self._notes
+
+    def notes(self, picture: SeenPicture | None = None) -> tuple[str, ...]:
+        """Each limit as a sentence; for a bench that can't be computed or displayed, only the reason.
+
+        picture: of a field, by which it is known how much of its light is in the picture.
+        """
+        try:
+            document = self._session.displayed_document
+        except UserError as error:  # such as of lasers all of which are muted
+            return (str(error),)
+        system, plane_m = document.system, document.view_settings.plane_m
+        seen = picture if system.is_field and picture is not None and picture[0].drive is document.drive else None
+        seen = seen if seen is not None and seen[0].plane_m == plane_m else None
+        key = (system, plane_m, None if seen is None else seen[1])
+        if self._known is None or self._known[:2] != key[:2] or self._known[2] is not key[2]:
+            self._known, self._notes = key, _notes(system, plane_m, seen)
+        return self._notes
+
+
+def _notes(system: System, plane_m: float, picture: SeenPicture | None) -> tuple[str, ...]:
+    try:
+        plan = make_plan(system, [*system.planes_m, plane_m])
+    except UserError as error:
+        return (str(error),)
+    if picture is None:
+        return exceeded_limits(plan)
+    scene, xyz = picture
+    share = luminance_share(make_plan(scene.system, [scene.plane_m]), scene.drive, xyz)
+    at_edge = edge_power(scene.drive) if scene.plane_m else None  # at 0 nothing propagates
+    return exceeded_limits(plan, Light(share, scene.plane_m, at_edge))

@@ -1,0 +1,212 @@
+// A hologram of the page: its recording, its state, and what of a frame is stale after a change of the state.
+
+// The bytes of a struct from values by name, as holoview/light/gpu/shader.py packs them.
+function packStruct(layout, values) {
+    const view = new DataView(new ArrayBuffer(layout.size))
+    for (const [name, [offset, type, count]] of Object.entries(layout.fields)) {
+        const numbers = count === 1 && !Array.isArray(values[name]) ? [values[name]] : values[name]
+        numbers.forEach((number, i) => {
+            if (type === "float32") view.setFloat32(offset + 4 * i, number, true)
+            else view.setUint32(offset + 4 * i, number, true)
+        })
+    }
+    return new Uint8Array(view.buffer)
+}
+
+class LiveHologram {
+    // bench: the numbers of the recordings' plan. heads: the recordings, one for each strategy. open: a recording's
+    // replay, with its buffers filled; it is called when the first image is computed.
+    constructor(document, bench, heads, open) {
+        Object.assign(this, { document, bench, heads, open, structs: document.structs, stops: new Map() })
+    }
+
+    // Compiles the first recording, unless it is.
+    async opened() {
+        if (!this.replay) this.use(await (this.opening ??= this.open(this.heads[0])))
+        return this
+    }
+
+    // Computes by a recording from now on; all results are stale.
+    use(replay) {
+        const { head } = replay
+        this.replay = replay
+        this.shape = head.shape
+        this.written = new Map() // table and wavelength → what its contents were computed from
+        this.done = new Map() // step → what its result was computed from
+        this.xyz = null
+        this.bench.wavelengths_m.forEach((λ, w) => { // as Python wrote them
+            this.written.set(`propagations 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
+            this.written.set(`support 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
+            if (head.plane_m === null) return
+            this.written.set(`propagations 1|${w}`, `${λ}|${head.plane_m}|null`)
+            this.written.set(`support 1|${w}`, `${λ}|${head.plane_m}|null`)
+        })
+        this.composites = head.steps.filter(step => step.name === "composite")
+        this.show = head.steps.find(step => step.name === "show")
+        this.ofPair = name => (frame, wavelength) => head.steps.filter(
+            step => step.name === name && step.frame === frame && step.wavelength === wavelength,
+        )
+        this.weightsOf = step => this.boundTo(step, 0, 1)
+    }
+
+    // Compiles the recordings by other strategies of the FFTs, measures them, and goes on with the fastest.
+    async chooseFastest() {
+        const { device } = this.replay
+        const seconds = async replay => {
+            const steps = replay.head.steps.filter(step => step.wavelength === replay.head.lit[0][1])
+            let best = Infinity
+            for (let i = 0; i < 4; i++) {
+                const began = performance.now()
+                replay.run(steps)
+                await device.queue.onSubmittedWorkDone()
+                best = Math.min(best, performance.now() - began)
+            }
+            return best
+        }
+        for (const head of this.heads.slice(1).filter(each => suits(device, each))) {
+            const other = await this.open(head)
+            if ((await seconds(other)) < (await seconds(this.replay))) this.use(other)
+        }
+    }
+
+    boundTo(step, group, binding) {
+        const number = step.dispatches[0][1].find(([each]) => each === group)[1]
+        const entry = this.replay.head.bind_groups[number].entries.find(([each]) => each === binding)
+        return this.replay.buffers[entry[1]]
+    }
+
+    stopsAt(relay, λ) {
+        const key = `${relay}|${λ}`
+        if (!this.stops.has(key)) this.stops.set(key, stopRows(this.bench, this.bench.relays[relay], λ))
+        return this.stops.get(key)
+    }
+
+    // Whether the kernels, which were generated for a band of frequencies, compute all that passes at a wavelength.
+    canHold(λ) {
+        return this.bench.relays.every((_, relay) => {
+            const rows = this.stopsAt(relay, λ)
+            const [[lowY, highY], [lowX, highX]] = this.bench.bands[relay]
+            return rows.low.every((low, i) => {
+                const k = signed(i, rows.low.length)
+                return low > rows.high[i] || (k >= lowY && k <= highY && low >= lowX && rows.high[i] <= highX)
+            })
+        })
+    }
+
+    // Writes an item of a table unless it was computed from the same numbers before.
+    fill(table, index, key, bytes) {
+        const name = `${table}|${index}`
+        if (this.written.get(name) === key) return
+        const data = bytes()
+        this.replay.write(table, data, index * data.byteLength)
+        this.written.set(name, key)
+    }
+
+    // The wavelength of a spectral line in a state: lasers are moved only where each is one line at its nominal wavelength.
+    wavelength(state, w) {
+        return this.bench.fixed.wavelengths ? this.bench.wavelengths_m[w] : state.wavelengths_m[w]
+    }
+
+    fillWavelength(state, w) {
+        const λ = this.wavelength(state, w)
+        const count = this.bench.wavelengths_m.length
+        const same = λ === this.bench.wavelengths_m[w] // then tables that don't move are as Python wrote them
+        if (!same || this.written.has(`light|${w}`)) {
+            this.written.set(`light|${w}`, true)
+            this.bench.sines.forEach((of, source) => {
+                const { uniform, slopes } = planeWave(this.bench, of[w], λ)
+                this.fill("plane waves", source * count + w, λ, () => packStruct(this.structs.PlaneWave, uniform))
+                this.fill("pixel spectra", source * count + w, λ, () => pixelSpectra(this.bench, slopes))
+            })
+            this.bench.strokes_m.forEach((stroke, m) => this.fill(
+                `modulators ${m}`, w, λ, () => packStruct(this.structs.Modulator, { stroke_waves: stroke / λ }),
+            ))
+        }
+        if (this.bench.nominal_gap_m !== null) this.fillRelay(0, w, λ, state.gap_m, null, "")
+        this.fillRelay(1, w, λ, state.plane_m, state.eye, JSON.stringify(state.eye))
+    }
+
+    // distance: the nominal one, of the gap (0) or the plane (1).
+    fillRelay(relay, w, λ, distance, eye, eyeKey) {
+        const key = `${λ}|${distance}|${eyeKey}`
+        let values = null
+        const known = relay ? this.bench.true_planes : this.bench.true_gaps
+        const compute = () => (values ??= transfer(this.bench, this.stopsAt(relay, λ), λ, trueDistance(known, distance), eye))
+        this.fill(`propagations ${relay}`, w, key, () => packStruct(this.structs.Propagation, compute().uniform))
+        this.fill(`support ${relay}`, w, key, () => new Uint8Array(compute().support.buffer))
+    }
+
+    // The frames and wavelengths with light in a state whose results are stale, each with the keys of field and intensity.
+    stale(state) {
+        return this.replay.head.lit.filter(([frame, w]) => this.power(state, frame, w)).map(([frame, w]) => {
+            const field = `${this.wavelength(state, w)}|${state.gap_m}`
+            return { frame, w, field, key: `${field}|${state.plane_m}|${JSON.stringify(state.eye)}` }
+        }).filter(({ frame, w, key }) => this.done.get(`${frame}|${w}`) !== key)
+    }
+
+    // Computes what the state asks for and isn't computed yet. `isOutdated` ends it early; true when it is complete.
+    async update(state, isOutdated = null) {
+        const { device, head } = (await this.opened()).replay
+        let submitted = 0
+        for (const { frame, w, field, key } of this.stale(state)) {
+            if (isOutdated && submitted++ % 2 === 1) await device.queue.onSubmittedWorkDone()
+            if (isOutdated?.()) return false
+            this.fillWavelength(state, w)
+            const name = `${frame}|${w}`
+            const fields = this.ofPair("field")(frame, w)
+            const intensities = this.ofPair("intensity")(frame, w)
+            const isKept = head.is_kept && this.done.get(`field|${name}`) === field
+            const order = head.is_kept ? [...(isKept ? [] : fields), ...intensities]
+                : fields.flatMap((each, i) => [each, intensities[i]])
+            this.replay.run(order)
+            this.done.set(`field|${name}`, field)
+            this.done.set(name, key)
+        }
+        this.composite(state)
+        this.xyz = null
+        return !isOutdated?.()
+    }
+
+    power(state, frame, w) {
+        const laser = this.bench.laser_of[w]
+        return state.lasers[laser] ? this.bench.weights[frame][w] * state.powers[laser] : 0
+    }
+
+    composite(state) {
+        this.composites.forEach((step, number) => {
+            const terms = this.replay.head.lit.filter(([, , buffer]) => buffer === number).map(([frame, w, , index]) => {
+                const power = this.power(state, frame, w)
+                const xyz = observerWeights(this.bench.observer, this.wavelength(state, w)).map(value => value * power)
+                return packStruct(this.structs.BlendTerm, { xyz, intensity_index: index })
+            })
+            const size = this.structs.BlendTerm.size
+            const bytes = new Uint8Array(size * terms.length)
+            terms.forEach((term, i) => bytes.set(term, i * size))
+            this.replay.device.queue.writeBuffer(this.weightsOf(step), 0, bytes)
+        })
+        this.replay.run(this.composites)
+    }
+
+    // 8-bit RGBA of the image, (y, x, 4), with a matrix from XYZ to linear RGB.
+    async rgba(matrix, exposure) {
+        const [height, width] = this.shape
+        const pitch = this.replay.head.pitch
+        const scaled = column => [...matrix.map(row => row[column] * 2 ** exposure), 0]
+        const encoding = packStruct(this.structs.SrgbEncoding, {
+            x_to_rgb: scaled(0), y_to_rgb: scaled(1), z_to_rgb: scaled(2), width, pitch,
+        })
+        this.replay.device.queue.writeBuffer(this.boundTo(this.show, 0, 0), 0, encoding)
+        this.replay.run([this.show])
+        const padded = await this.replay.read(this.replay.head.results.srgb)
+        if (pitch === width) return new Uint8ClampedArray(padded.buffer)
+        const rows = new Uint8ClampedArray(4 * width * height)
+        for (let y = 0; y < height; y++) rows.set(padded.subarray(4 * y * pitch, 4 * (y * pitch + width)), 4 * y * width)
+        return rows
+    }
+
+    // XYZ of the image, Float32Array (y, x, 4).
+    async readXyz() {
+        this.xyz ??= new Float32Array((await this.replay.read(this.replay.head.results.xyz)).buffer)
+        return this.xyz
+    }
+}

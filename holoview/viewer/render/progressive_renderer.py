@@ -1,0 +1,520 @@
+"""Keeps the image of a scene up to date on the device, in short slices between frames of the window.
+
+    edit ─▶ quick frame (of the simplified system) ─▶ pause in editing ─▶ full frame
+
+A new edit drops the full frame of the scene before. A quick frame that was begun is shown first, then that of the
+newest scene: else edits that come faster than quick frames, as in a drag, would show nothing. Where a full frame is
+fast enough, quick frame and pause are skipped. The first picture can be computed on a thread while the window is built.
+
+The simplified system has one sample for each modulator pixel and no padding, which takes a sixteenth of the work or
+less: light of higher diffraction orders is aliased, and light that leaves the grid on one side re-enters on the other.
+If that isn't fast enough it has three lasers only, with amplitudes that preserve the mean colour.
+
+While one laser's amplitude is edited on a CPU, its light is added to the stored sum of the others' light, which differs
+by rounding; after a pause in editing the sum is computed in its usual order, so that the picture at rest is always the
+same.
+
+`SideRenderers` has a renderer for each side of a comparison: now, target, snapshots, presets.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, wait
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.colour import SRGB_TO_XYZ, observer_weights
+from holoview.light.engine.incremental import IncrementalRenderer, UpdateProgress
+from holoview.light.gpu.device import Device
+from holoview.light.model.system import System
+from holoview.util.errors import UserError
+from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
+from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
+
+QUICK_FRAME_ABOVE_S = 0.1
+"""A full frame that takes longer than this is preceded by a quick one."""
+QUICK_FRAME_BUDGET_S = 0.04
+"""The time that a quick frame may take; it leaves out lasers to stay below."""
+IDLE_BEFORE_FULL_S = 0.12
+"""The time without an edit after which the full frame begins."""
+SLICE_S = 0.012
+"""The approximate duration of a slice, during which the device can't draw the window."""
+_MIN_LASERS = 3
+_FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
+
+
+def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: Device) -> IncrementalRenderer:
+    """The renderer, edited so that it will render a scene; a new one for None. Raises UserError if it is impossible."""
+    if renderer is None:
+        return IncrementalRenderer(scene.system, scene.drive, device, plane_m=scene.plane_m)
+    drive = None if scene.drive is renderer.drive else scene.drive
+    renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
+    return renderer
+
+
+def slices(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
+    """Renders what is stale, slice by slice. may_reorder: see `IncrementalRenderer.steps`."""
+    return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S, may_reorder=may_reorder)
+
+
+class ProgressiveRenderer:
+    """One image that follows a scene: call `request` after each change, and `compute_slice` while `is_busy`.
+
+    picture: the newest image on the device, quick or full; None before the first. full_scene: the scene of the last
+    full frame. quick_gain: the factor by which quick frames are darker.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._full: IncrementalRenderer | None = None
+        self._quick: IncrementalRenderer | None = None
+        self._requested: Scene | None = None
+        self._stage, self._follows_quick_frame = "done", False
+        self._steps: Iterator[UpdateProgress] | None = None
+        self._requested_at, self._version = 0.0, 0
+        self._first: Future[None] | None = None  # while a thread computes the first picture
+        self._next: Scene | None = None  # the scene that was requested meanwhile, or during a quick frame
+        self.picture: DeviceImage | None = None
+        self.full_scene: Scene | None = None
+        self.quick_gain = 1.0
+        self._quick_scene: Scene | None = None
+        self._gain_key: object = None
+        self._downloads: dict[str, NDArray[np.float32]] = {}  # of the present picture
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the full frame of the requested scene isn't there yet."""
+        return self._stage != "done"
+
+    @property
+    def progress(self) -> float:
+        """Share of the full frame that is computed: its renderer's progress."""
+        if self._stage != "full":
+            return float(self._stage in ("settle", "done"))
+        return 0.0 if self._steps is None or self._full is None else self._full.progress
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the picture is the full frame of the requested scene."""
+        return self._stage == "done" and self.picture is not None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the picture shows the last request, be it by its quick frame."""
+        is_quick_shown = self._stage == "full" and self._follows_quick_frame
+        return self._next is None and (self.is_fresh or is_quick_shown or self._stage == "settle")
+
+    @property
+    def _is_in_quick_frame(self) -> bool:
+        return self._stage == "quick" and self._steps is not None
+
+    @property
+    def full_renderer(self) -> IncrementalRenderer | None:
+        """The renderer of full frames; None before the first one."""
+        return self._full
+
+    @property
+    def update_s(self) -> float:
+        """The duration of the last full frame, from its first slice to its last."""
+        return 0.0 if self._full is None else self._full.update_s
+
+    @property
+    def quick_s(self) -> float:
+        """The duration of the last quick frame."""
+        return 0.0 if self._quick is None else self._quick.update_s
+
+    @property
+    def wait_s(self) -> float:
+        """The time until `compute_slice` can do something: after a quick frame, it waits for a pause in editing."""
+        if self._first is not None:
+            return 0.0 if self._first.done() else _FIRST_POLL_S
+        return self._pause_s
+
+    @property
+    def _pause_s(self) -> float:
+        """The rest of the pause after a quick frame or a sum in another order."""
+        follows_another = self._follows_quick_frame if self._stage == "full" else self._stage == "settle"
+        if self._steps is not None or not follows_another:
+            return 0.0
+        return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
+
+    def request(self, scene: Scene) -> None:
+        """Requests the image of a scene; unfinished work on another scene is dropped, except for a quick frame."""
+        if scene.is_same(self._requested if self._next is None else self._next):
+            return
+        if self._first is not None or self._is_in_quick_frame:
+            self._next = scene
+            return
+        is_in_drag = self.is_busy and (self._stage == "quick" or self._follows_quick_frame)
+        self._requested, self._requested_at = scene, time.perf_counter()
+        self._steps = None
+        self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
+
+    def start(self, scene: Scene | None, executor: Executor) -> None:
+        """Has the first picture of a scene computed by an executor; `compute_slice` goes on from there."""
+        if scene is None:
+            return
+        self.request(scene)
+        self._first = executor.submit(self._compute_first)
+
+    def compute_slice(self) -> bool:
+        """Computes a slice and returns whether the picture has changed. Raises UserError for an impossible scene."""
+        if self._first is not None:
+            return self._take_first()
+        try:
+            return self._compute_slice()
+        finally:
+            if not self._is_in_quick_frame:
+                self._take_next()
+
+    def _compute_first(self) -> None:
+        while self.picture is None and self._stage != "done":
+            self._compute_slice()
+
+    def _take_first(self) -> bool:
+        """Goes on from the thread's results, once they are there; raises its exception."""
+        assert self._first is not None
+        if not self._first.done():
+            return False
+        first, self._first = self._first, None
+        self._take_next()
+        first.result()
+        return True
+
+    def _take_next(self) -> None:
+        """Goes on with the scene that was requested meanwhile."""
+        scene, self._next = self._next, None
+        if scene is not None:
+            self.request(scene)
+
+    def _compute_slice(self) -> bool:
+        if self._stage == "done" or self._pause_s > 0:
+            return False
+        assert self._requested is not None
+        try:
+            if self._steps is None:
+                self._steps = self._begin(self._requested)
+            step = next(self._steps, None)
+        except Exception:  # reported once and not tried again before the next edit
+            self._stage, self._steps = "done", None
+            raise
+        if step is not None and step.done < step.total:
+            return False
+        self._finish()
+        return True
+
+    def xyz(self) -> NDArray[np.float32] | None:
+        """The full image XYZ (y, x, 3) on the host; None until it is computed."""
+        if not self.is_fresh or self._full is None or self.full_scene is None:
+            return None
+        if "xyz" not in self._downloads:
+            self._downloads["xyz"] = self._full.xyz()
+        return self._downloads["xyz"]
+
+    def shown_xyz(self) -> NDArray[np.float32] | None:
+        """The picture's XYZ (y, x, 3) on the host, be it quick; None until it shows the last request."""
+        if self._stage == "settle" and self._full is not None:
+            return self._full.xyz()
+        if not self.follows or self.is_fresh or self._quick is None:
+            return self.xyz()
+        return self._quick.xyz() * np.float32(self.quick_gain)
+
+    def poll_strategy(self) -> None:
+        """Switches to a faster strategy of the transforms, if the search in the background has found one."""
+        if self._full is not None:
+            self._full.poll_strategy()
+
+    def close(self) -> None:
+        """Ends the renderers and their search for a faster strategy."""
+        if self._first is not None:
+            wait([self._first])
+        for renderer in (self._full, self._quick):
+            if renderer is not None:
+                renderer.close()
+
+    def intensities(self) -> NDArray[np.float32] | None:
+        """Intensities (laser, y, x) of the full image on the host; None until it is computed."""
+        return self._of_lasers("intensities", IncrementalRenderer.intensity)
+
+    def luminances(self) -> NDArray[np.float32] | None:
+        """Luminances (laser, y, x) of the full image on the host; None until it is computed."""
+        return self._of_lasers("luminances", IncrementalRenderer.luminance)
+
+    def _of_lasers(
+        self, name: str, read: Callable[[IncrementalRenderer, int], NDArray[np.float32]]
+    ) -> NDArray[np.float32] | None:
+        if not self.is_fresh or self._full is None:
+            return None
+        if name not in self._downloads:
+            lasers = range(len(self._full.system.wavelengths_m))
+            self._downloads[name] = np.stack([read(self._full, laser) for laser in lasers])
+        return self._downloads[name]
+
+    # --- stages -----------------------------------------------------------------------------------------------------
+
+    def _is_slow(self, scene: Scene) -> bool:
+        """Whether the full frame takes longer than QUICK_FRAME_ABOVE_S; before any measurement, on a CPU only.
+
+        Asking prepares the full frame, which during a drag would take longer than a quick frame.
+        """
+        if self._full is None or self._full.step_s is None:
+            return self._device.info.is_cpu and make_quick_system(scene.system) != scene.system
+        try:
+            edit_to_scene(self._full, scene, self._device)
+        except UserError:
+            return False
+        return (self._full.expected_s() or 0.0) > QUICK_FRAME_ABOVE_S
+
+    def _begin(self, scene: Scene) -> Iterator[UpdateProgress]:
+        if self._stage == "quick":
+            try:
+                quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
+                self._quick = edit_to_scene(self._quick, replace(scene, system=quick_system), self._device)
+                return slices(self._quick)
+            except UserError:  # the system can't be simplified
+                self._stage = "full"
+        self._full = edit_to_scene(self._full, scene, self._device)
+        return slices(self._full, may_reorder=self._device.info.is_cpu and self._stage == "full")
+
+    def _quick_laser_count(self, scene: Scene) -> int | None:
+        """How many lasers fit into the time for a quick frame; None before any was measured."""
+        if self._quick is None or self._quick.step_s is None:
+            return None
+        sources = len(scene.system.source.directions_rad)
+        return max(int(QUICK_FRAME_BUDGET_S / (self._quick.step_s * sources)), _MIN_LASERS)
+
+    def _finish(self) -> None:
+        is_quick = self._stage == "quick"
+        renderer = self._quick if is_quick else self._full
+        assert renderer is not None and self._requested is not None
+        self._version += 1
+        self._downloads.clear()
+        gain = self.quick_gain if is_quick else 1.0
+        self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
+        self._steps = None
+        if is_quick:
+            self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
+            return
+        self._stage = "settle" if renderer.pending_count(with_srgb=False) else "done"
+        self._follows_quick_frame, self.full_scene = False, self._requested
+        self._compare_brightness()
+
+    def _compare_brightness(self) -> None:
+        """Measures the ratio of the brightnesses of full and quick frame, once for each kind of system.
+
+        Quick frames are brighter, since their light can't leave the image into higher diffraction orders.
+        """
+        assert self._requested is not None
+        system = self._requested.system
+        key = (system.modulators, system.sampling, system.gap_m is None)
+        if key == self._gain_key or self._quick_scene is not self._requested or self._quick is None:
+            return
+        full, quick = self.xyz(), self._quick.xyz()
+        if full is not None and quick[..., 1].any():
+            self._gain_key = key
+            self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())
+
+
+# --- the simplified system ---
+
+
+def make_quick_system(system: System, most_lasers: int | None = None) -> System:
+    """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three.
+
+    A field keeps its padding: its planes are often so far away that light would re-enter many times.
+    """
+    amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
+    sampling = {} if system.is_field else {"upsample": 1, "propagation": "periodic"}
+    return system.edit({**sampling, "amplitudes": amplitudes})
+
+
+def reduced_amplitudes(system: System, most: int) -> NDArray[np.float64]:
+    """Amplitudes (frame, wavelength) with three positive entries, if there are more than `most`.
+
+    The three that span the largest gamut are chosen one by one, and their amplitudes by non-negative least squares so
+    that the XYZ of a uniform image is preserved: exactly if its colour lies in their gamut.
+    """
+    lit = np.argwhere(system.amplitudes > 0)
+    if len(lit) <= most:
+        return system.amplitudes
+    weights = observer_weights(system.observer, system.wavelengths_m)
+    chosen = lit[_primaries(weights[lit[:, 1]])]
+    total_xyz = (system.amplitudes @ weights).sum(axis=0)
+    power = _nonnegative_powers(weights[chosen[:, 1]], total_xyz)
+    amplitudes = np.zeros_like(system.amplitudes)
+    amplitudes[chosen[:, 0], chosen[:, 1]] = power
+    return amplitudes if np.any(power > 0) else system.amplitudes
+
+
+def _primaries(weights: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices of three rows of `weights` (XYZ at unit power), each the farthest from the span of those before it.
+
+    They are the first pivots of a QR decomposition with column pivoting.
+    """
+    chosen: list[int] = []
+    left = weights.astype(np.float64)
+    for _ in range(weights.shape[1]):
+        lengths = np.linalg.norm(left, axis=1)
+        lengths[chosen] = -1.0
+        chosen.append(int(np.argmax(lengths)))
+        direction = left[chosen[-1]] / max(lengths[chosen[-1]], np.finfo(np.float64).tiny)
+        left = left - np.outer(left @ direction, direction)
+    return np.array(chosen, dtype=np.intp)
+
+
+def _nonnegative_powers(xyz: NDArray[np.float64], total_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The powers p ≥ 0 (laser,) of few lasers for which p·xyz (laser, 3) is the nearest to `total_xyz` (3,).
+
+    Some subset of the lasers is lit, by plain least squares: all subsets are tried.
+    """
+    best, distance = np.zeros(len(xyz)), float(np.linalg.norm(total_xyz))
+    for count in range(1, len(xyz) + 1):
+        for subset in combinations(range(len(xyz)), count):
+            power = np.zeros(len(xyz))
+            power[list(subset)] = np.linalg.lstsq(xyz[list(subset)].T, total_xyz, rcond=None)[0]
+            missed = float(np.linalg.norm(total_xyz - power @ xyz))
+            if power.min() >= 0 and missed < distance:
+                best, distance = power, missed
+    return best
+
+
+# --- the sides of a comparison ----------------------------------------------------------------------------------------
+
+
+_MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the device
+
+
+@dataclass(frozen=True, eq=False)
+class _ShownTarget:
+    """A target on the device: the image (y, x, 3) that it shows, and of which specification."""
+
+    spec: object
+    image: NDArray[np.float32]
+    shown: DeviceImage
+
+
+class ComparedScenes(Protocol):
+    """The scenes of the sides of a comparison at present, which the editing session tells."""
+
+    @property
+    def view_settings(self) -> ViewSettings:
+        """Which sides are shown, and how."""
+
+    @property
+    def system(self) -> System:
+        """The system of the side "now"."""
+
+    @property
+    def target_spec(self) -> object:
+        """The specification of the target; None without a target."""
+
+    def scene_for(self, side: ComparisonSide) -> Scene | None:
+        """The scene of a side; None for a side that isn't rendered."""
+
+    def target_at(self) -> NDArray[np.float32] | None:
+        """The target (y, x, 3) in linear sRGB at the displayed plane; None until it is built."""
+
+
+class SideRenderers:
+    """One renderer for each side: call `request` after each change of the scenes, `compute_slice` while `is_busy`.
+
+    now: the renderer of "now", if it has been started already.
+    """
+
+    def __init__(self, device: Device, scenes: ComparedScenes, now: ProgressiveRenderer | None = None) -> None:
+        self._device, self._scenes = device, scenes
+        self.now = ProgressiveRenderer(device) if now is None else now
+        self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
+        self._target: _ShownTarget | None = None
+
+    def visible_sides(self) -> tuple[ComparisonSide, ...]:
+        """The sides that the view settings show, and "now", which is always kept up to date."""
+        view = self._scenes.view_settings
+        return (NOW,) if view.compare == "off" else tuple(dict.fromkeys((NOW, view.a, view.b)))
+
+    def request(self) -> None:
+        """Requests the images of the visible sides. Raises UserError for an impossible scene."""
+        for side in self.visible_sides():
+            if side == TARGET:
+                continue
+            scene = self._scenes.scene_for(side)
+            if scene is not None:
+                self._renderer_for(side).request(scene)
+
+    def compute_slice(self) -> bool:
+        """Computes a slice of the first side that isn't up to date; returns whether a picture has changed."""
+        for side in self.visible_sides():
+            renderer = self.renderer(side)
+            if renderer is not None and renderer.is_busy and renderer.wait_s == 0:
+                return renderer.compute_slice()
+        return False
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image isn't up to date, even if its full frame still waits for a pause in editing."""
+        return any(renderer.is_busy for side in self.visible_sides() if (renderer := self.renderer(side)) is not None)
+
+    @property
+    def wait_s(self) -> float:
+        """The time until `compute_slice` can do something, while `is_busy`."""
+        waits = [
+            renderer.wait_s
+            for side in self.visible_sides()
+            if (renderer := self.renderer(side)) is not None and renderer.is_busy
+        ]
+        return min(waits, default=0.0)
+
+    def renderer(self, side: ComparisonSide) -> ProgressiveRenderer | None:
+        """The renderer of a side; None if it isn't rendered."""
+        return self.now if side == NOW else self._others.get(side)
+
+    def picture(self, side: ComparisonSide) -> DeviceImage | None:
+        """The newest image of a side on the device; None before the first."""
+        if side == TARGET:
+            return self._target_picture()
+        renderer = self.renderer(side)
+        return None if renderer is None else renderer.picture
+
+    def xyz(self, side: ComparisonSide) -> NDArray[np.floating] | None:
+        """The full image XYZ (y, x, 3) of a side on the host; None until it is computed."""
+        if side == TARGET:
+            target = self._scenes.target_at()
+            return None if target is None else target @ SRGB_TO_XYZ.T
+        renderer = self.renderer(side)
+        return None if renderer is None else renderer.xyz()
+
+    def close(self) -> None:
+        """Ends all renderers."""
+        for renderer in (self.now, *self._others.values()):
+            renderer.close()
+
+    def _renderer_for(self, side: ComparisonSide) -> ProgressiveRenderer:
+        if side == NOW:
+            return self.now
+        if side not in self._others:
+            while len(self._others) >= _MAX_OTHERS:
+                self._others.pop(next(iter(self._others)))
+            self._others[side] = ProgressiveRenderer(self._device)
+        self._others[side] = self._others.pop(side)
+        return self._others[side]
+
+    def _target_picture(self) -> DeviceImage | None:
+        """The newest target that is built; an eye, which the target follows, has to rest before a new one is built."""
+        scenes, old = self._scenes, self._target
+        if old is not None and (old.spec, old.shown.shape) != (scenes.target_spec, image_shape(scenes.system)):
+            old = self._target = None
+        is_moving = scenes.system.eye is not None and not self.now.is_fresh
+        image = None if is_moving and old is not None else scenes.target_at()
+        is_new = image is not None and (old is None or old.image is not image)
+        if is_new and image is not None and scenes.target_spec is not None:
+            xyz = np.zeros((*image.shape[:2], 4), np.float32)
+            xyz[..., :3] = image @ SRGB_TO_XYZ.T
+            shown = DeviceImage(self._device.upload(xyz, "target"), (image.shape[0], image.shape[1]))
+            self._target = _ShownTarget(scenes.target_spec, image, shown)
+        return None if self._target is None else self._target.shown
