@@ -6,9 +6,9 @@
 The loop's own captures to begin with, and a pool of its proposals, are taken once on a virtual bench of 64 × 48 pixels
 (`benchmarks.rig_adaptive`); derivatives of these pictures by all listed effects that have some are kept. Each bench
 hides one effect, every fourth two, and has noise of its own. Hypotheses are all effects, and pairs with the most
-probable of them. Fits, evidence and criteria are those of `holoview.bench.experiment`, exact here, and cost no fields, so
-that many benches can be tried, and an oracle: it knows the truth from the first capture on, and takes the proposal that
-raises its odds most. Choices are made among 20 proposals of the pool; all end once the leader has 0.99.
+probable of them. Fits, evidence and criteria are those of `holoview.bench.experiment`, exact here, and cost no fields,
+so that many benches can be tried, and an oracle: it knows the truth from the first capture on, and takes the proposal
+that raises its odds most. Choices are made among 20 proposals of the pool; all end once the leader has 0.99.
 """
 
 from __future__ import annotations

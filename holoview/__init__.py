@@ -9,40 +9,22 @@
 
 All numbers are in SI units (metres, radians); text such as "10 mm" is accepted wherever a length or an angle of a
 display is. Drives have the axes (frame, modulator, y, x), intensities (plane, wavelength, y, x). A user's mistake
-raises `UserError`. The packages, from the lowest layer to the highest:
+raises `UserError`. The packages, each of which imports what stands above it here:
 
-util        errors, units, atomic files, safetensors
-numerics    FFT lengths, Zernike polynomials, resampling, least squares
-colour      cone fundamentals, CIE XYZ, sRGB, white balance
-gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
-model       the display as data: `System`, presets, colour schemes, `Plan`; the framework of effects
-optics      source, modulator, propagation and pupil as torch functions; effects applied to light
-targets     pictures with depth as focal stacks with natural defocus
-wavefield   complex fields without a modulator: files of other programs, recordings of cameras
-effects     imperfections of real displays: physical causes
-engine      the graph of stages of a frame, evaluated by torch and by shaders; incremental rendering
-io          files of holograms, pictures and modulator patterns
-view        `simulate`: what an observer sees of a hologram
-metrics     PSNR, colour difference, speckle contrast, eyebox uniformity
-optimise    patterns, laser amplitudes and wavelengths for a focal stack
-captures    measured data, virtual measurements, and the expected camera images
-page        a hologram as a web page
-diagnose    which imperfections explain captures, with intervals
-calibrate   maps and tables learned from captures
-benchmark   timings
-figures     contact sheets
-rig         hardware: devices, their registration, measuring
-render      images of a document, kept up to date
-document    the document that a viewer edits: undo, background jobs, files
-study       the figures of the HoloChrome paper as jobs
-experiment  the next capture, camera in the loop, a rig beside a document
-app         the viewer; `show` in a notebook
-commands    the subcommands of the command line, which `cli` parses
+util        errors, units, files, tables, memory: knows nothing of optics
+light       the bench as data, its physics, and the two executors: what light does on a bench
+holograms   finding, reading, seeing and judging holograms
+bench       real benches: captures, rigs, diagnosis, calibration, experiments
+viewer      the document that one edits, its images, the window and the page
+evidence    the paper's figures made again, timings, cases with known answers
+commands    the command line
 """
 
 from __future__ import annotations
 
 from importlib import import_module
+
+from holoview.util.former_names import install_former_names
 
 TYPE_CHECKING = False  # type checkers know the name; importing `typing` would take as long as all else here
 if TYPE_CHECKING:
@@ -63,6 +45,8 @@ if TYPE_CHECKING:
     from holoview.util.packages import __version__
     from holoview.viewer.app.notebook import show
     from holoview.viewer.page.page import export_html
+
+install_former_names()
 
 _MODULES = {
     "Eye": "holoview.light.model.eye",

@@ -1,10 +1,11 @@
 """`holoview export HOLOGRAM`: as a page that any browser shows live, as patterns for real modulators, or as a field.
 
-`--html` writes one file for one hologram, or for several to compare (`holoview.viewer.page`). `--field` writes the complex
-field behind the last modulator, or the field of another program's file, as a field file. `--png` writes a PNG for each
-frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to
-the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state
-index; with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.holograms.files.pictures`).
+`--html` writes one file for one hologram, or for several to compare (`holoview.viewer.page`). `--field` writes the
+complex field behind the last modulator, or the field of another program's file, as a field file. `--png` writes a PNG
+for each frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path
+from 0 to the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the
+state index; with `--cells p67` the memory cells of a device, black for 0 and white for 1
+(`holoview.holograms.files.pictures`).
 """
 
 from __future__ import annotations

@@ -14,11 +14,11 @@ from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json
 from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input
-from holoview.holograms.fields.field_bench import edge_power
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
 from holoview.light.model import preset
 from holoview.light.model.derived_numbers import info_rows
+from holoview.light.model.field_band import edge_power
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.validity import Light
 

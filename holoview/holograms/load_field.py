@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.fields.field_bench import edge_power
 from holoview.holograms.fields.field_file import FIELD_FORMAT
 from holoview.holograms.fields.interpret.properties import Question
 from holoview.holograms.fields.interpret.remembered import notes_path
@@ -22,6 +21,7 @@ from holoview.holograms.files.image_reader import file_format
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.files.request import Order, Propagation, WindowRequest
 from holoview.holograms.hologram import FORMAT, Hologram, load_hologram
+from holoview.light.model.field_band import edge_power
 from holoview.light.model.validity import LEAST_IN_PICTURE, band_note
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -151,8 +151,8 @@ def load_field(
     wavelengths: of each laser, metres or text such as "532 nm", in vacuum.
     distance: from the plane of the field to where its image is expected; negative where it lies before the plane.
     known: further known properties of a file: other fields of `ReadRequest`, such as quantity="phase". An array takes
-    propagation and window, a `holoview.holograms.files.request.WindowRequest`, which bring it to its image, from where planes
-    then count; without them it stays in its plane.
+    propagation and window, a `holoview.holograms.files.request.WindowRequest`, which bring it to its image, from where
+    planes then count; without them it stays in its plane.
 
     Returns a `Hologram` whose system has the plane of the field in place of modulators. Raises UserError for an array
     of another shape or of real numbers, for impossible lengths and lengths that nothing tells, and for a file that

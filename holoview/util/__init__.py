@@ -15,4 +15,6 @@ processes         signals that ask the program to end, its end beside working th
                   processors there are; a thread for the latest request
 packages          version of the installed package; imports of libraries that a plain installation leaves out
 progress          types of functions that report progress
+figures           figures of matplotlib as files, contact sheets
+former_names      names of packages up to 1.0, for files that import them
 """

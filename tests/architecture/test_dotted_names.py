@@ -8,11 +8,14 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from holoview.util.former_names import present_name
+
 ROOT = Path(__file__).resolve().parents[2]
-HEADS = {path.stem for path in (ROOT / "holoview").iterdir() if not path.stem.startswith("_")}
-HEADS |= {"holoview", "hv", "benchmarks", "tests", "docs"}
+WINGS = sorted(path.stem for path in (ROOT / "holoview").iterdir() if not path.stem.startswith("_"))
+PACKAGES = {path.parent.name for path in (ROOT / "holoview").glob("*/*/__init__.py")}
+HEADS = {*WINGS, *PACKAGES, "holoview", "hv", "benchmarks", "tests", "docs"}
 DOTTED = re.compile(r"`+([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)(?:\([^`]*\))?`+")
-FILES = re.compile(r".*\.(csv|toml|py|json|html|png|h5|txt|md)")
+FILES = re.compile(r".*\.(csv|toml|py|js|json|html|png|h5|txt|md)")
 ELSEWHERE = {"holoview.readers"}  # the group of entry points of readers
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))]
 SOURCES = [*sorted((ROOT / "holoview").rglob("*.py")), *sorted((ROOT / "benchmarks").glob("*"))]
@@ -25,15 +28,18 @@ def _names(path: Path) -> Iterator[str]:
 
 
 def _exists(name: str, path: Path) -> bool:
-    """Whether a name is one of the package, or of the folder that the file with it is in."""
+    """Whether a name is one of the package, of one of its wings, or of the folder that the file with it is in."""
     first, _, rest = name.partition(".")
-    package = ".".join(path.relative_to(ROOT).parent.parts)
-    absolute = name if first in ("holoview", "benchmarks", "tests", "docs") else f"holoview.{name}"
-    return _resolves(f"holoview.{rest}" if first == "hv" else absolute) or _resolves(f"{package}.{name}")
+    if first in ("holoview", "hv", "benchmarks", "tests", "docs"):
+        return _resolves(f"holoview.{rest}" if first == "hv" else name)
+    folder = ".".join(path.relative_to(ROOT).parent.parts)
+    return any(_resolves(f"{place}.{name}") for place in (folder, "holoview", *(f"holoview.{wing}" for wing in WINGS)))
 
 
 def _resolves(name: str) -> bool:
     parts = name.split(".")
+    if present_name(name) is not None:
+        return False
     for count in range(len(parts), 0, -1):
         try:
             found: object = import_module(".".join(parts[:count]))

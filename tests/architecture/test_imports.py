@@ -20,9 +20,9 @@ PACKAGE = Path(holoview.__file__).resolve().parent
 CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
 DESCRIPTION = (
     *(f"util.{name}" for name in ("errors", "files", "tables", "units")),
-    "numerics.sampling",
-    *(f"model.{name}" for name in ("bench_parts", "fields", "plan", "preset", "scheme", "shorthand", "system")),
-    *(f"model.effects.{name}" for name in ("effect", "registry")),
+    "light.numerics.sampling",
+    *(f"light.model.{name}" for name in ("bench_parts", "fields", "plan", "preset", "scheme", "shorthand", "system")),
+    *(f"light.model.effects.{name}" for name in ("effect", "registry")),
 )
 """What describes a bench: importing it loads neither torch nor WebGPU."""
 GUIS = {"imgui_bundle", "rendercanvas", "glfw"}
@@ -197,7 +197,7 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
 
 
 def test_the_viewer_starts_without_the_libraries_that_take_long_to_import() -> None:
-    roots = [f"holoview.{name}" for name in ("commands.view", "app.startup", "app.launch", "app.run")]
+    roots = ["holoview.commands.view", *(f"holoview.viewer.app.{name}" for name in ("startup", "launch", "run"))]
     reached = {name.partition(".")[0] for root in roots for name in _reached(root)}
     assert {"numpy", "wgpu", "imgui_bundle"} <= reached
     assert not reached & SLOW_LIBRARIES

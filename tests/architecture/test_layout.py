@@ -1,4 +1,4 @@
-"""What a stranger meets first: few modules at the root, and a sentence that says what each module is for."""
+"""What a stranger meets first: few names at the root, and a sentence that says what each module is for."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def trees() -> dict[str, ast.Module]:
     }
 
 
-def test_at_most_eight_modules_stand_loose_at_the_root() -> None:
-    loose = [path.name for path in PACKAGE.glob("*.py")]
-    assert len(loose) <= 8, loose
+def test_at_most_nine_names_stand_at_the_root() -> None:
+    names = [path.name for path in PACKAGE.iterdir() if path.name not in ("__pycache__", "data")]  # data: of a wheel
+    assert len(names) <= 9, names
 
 
 def test_every_module_says_in_its_first_sentence_what_it_is_for(trees: dict[str, ast.Module]) -> None:

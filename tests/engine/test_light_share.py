@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.holograms.fields.field_bench import edge_power
 from holoview.light.engine.backend import open_executor
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_behind import power_behind
 from holoview.light.engine.light_share import light_shares, luminance_share
 from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192

@@ -154,7 +154,8 @@ def test_a_bench_without_levels_pupils_and_effects_needs_no_torch() -> None:
 @pytest.mark.gpu
 def test_a_first_picture_doesn_t_wait_for_torch() -> None:
     program = _WITHOUT_TORCH + (
-        "from holoview.light.engine.incremental import IncrementalRenderer; from holoview.light.gpu.device import open_device\n"
+        "from holoview.light.engine.incremental import IncrementalRenderer\n"
+        "from holoview.light.gpu.device import open_device\n"
         "renderer = IncrementalRenderer(system, random_drive(system, 0), open_device())\n"
         "renderer.update(); renderer.srgb8()\n"
         "assert 'torch' not in sys.modules and 'colour' not in sys.modules"

@@ -216,7 +216,8 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
         "import sys; from pathlib import Path; from holoview.evidence.study.runner import run_jobs\n"
-        "from holoview.evidence.study.runner import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
+        "from holoview.evidence.study.runner import ResultStore\n"
+        "from tests.study.test_runner import _to_be_killed, STUDY\n"
         "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
     with child_process([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:

@@ -134,7 +134,8 @@ def without_imagecodecs(tmp_path: Path) -> Callable[[Path], Any]:
     def read(path: Path) -> Any:
         program = (
             "import sys; sys.modules['imagecodecs'] = None\n"
-            "import numpy as np; from pathlib import Path; from holoview.holograms.files.image_reader import read_raster\n"
+            "import numpy as np; from pathlib import Path\n"
+            "from holoview.holograms.files.image_reader import read_raster\n"
             "from holoview.util.errors import UserError\n"
             f"try: np.save({str(tmp_path / 'read.npy')!r}, read_raster(Path({str(path)!r})).values)\n"
             "except UserError as error: print(error)"

@@ -20,8 +20,8 @@ train                   the training
     maps = state.best_maps        # of the epoch with the lowest validation χ²; the loop may be left at any time
 
 A calibration that is resumed from its checkpoint on the same machine gives the same numbers, bit for bit, as one that
-was never stopped. The checkpoint holds, for each tensor NAME of `holoview.light.model.effects.learned_maps.MAP_SCHEMAS` that
-isn't empty:
+was never stopped. The checkpoint holds, for each tensor NAME of `holoview.light.model.effects.learned_maps.MAP_SCHEMAS`
+that isn't empty:
 
 NAME                      its present value
 NAME.best                 its value in the epoch with the lowest χ² on the validation captures

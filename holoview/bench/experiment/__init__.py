@@ -11,7 +11,4 @@ camera_loop     camera in the loop: measured pictures take the place of predicte
                 formed (Peng et al., ACM Trans. Graph. 39, 6 (2020), sec. 4); checkpoints, the whole job on a rig
 camera_problem  loss and gradients at measured intensities; how the camera sees the model's samples
 bench_camera    shows patterns and takes pictures: exposures, dark level, saturated pixels
-
-rig_session     a rig beside the document of a viewer: patterns and settings, devices, captures, plans, diagnosis
-live_view       the newest picture and its prediction; a diagnosis that follows the captures
 """

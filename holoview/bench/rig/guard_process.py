@@ -1,4 +1,4 @@
-"""The process that switches lasers off for a program that is gone: `python -m holoview.bench.rig.guard_process RIG.toml`.
+"""The process that switches lasers off for a program that is gone: `python -m holoview.bench.rig.guard_process RIG`.
 
 It reads stdin to its end. Unless it has read that the lasers are off, it opens them itself and switches them off.
 """

@@ -2,18 +2,15 @@
 
 wavefield           the field with its sampling, wavelengths and distance, and where each property is known from
 reading             a hologram from anyone's file: a field, or a camera's recording
-request             what a user knows of a file and wants from it
-readers             one module for each file format; other packages can add their own
 interpret           what the arrays of a file mean: axes, quantities, scales, pitch, wavelengths
 imaging             far images brought near, for a bench to show
 field_bench         the bench that shows a field
 field_file          holoview's own file of a field
 exchange            fields from other running programs: a listener on this machine and `push`
+source_field        the effect that lights modulator 1 with a field
 field_target        a field as the target of a hologram: its light at any plane
 propagation         a field at any distance, by a method that is chosen by a stated criterion
 focus               the distance of best focus by two published measures, with its curve
 demodulation        the field of a camera's recording: off-axis, in-line, phase-shifting sets
 synthetic_aperture  a hologram through a part of itself: viewpoints of JPEG Pleno, and its 8-bit pictures
-conformance         cases of propagation with answers from closed forms and float64 integrals, for any program
-conformance_score   the error of a result on such a case; also a program of its own
 """

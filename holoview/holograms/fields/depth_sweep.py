@@ -46,8 +46,8 @@ class Level:
 
     samples: of the band along the longer side. distances_m: (n,), rising. own: the distances (first, last) that count;
     the others are those of the next levels. kurtosis, sparsity: (n, rows, columns) ⟨|∇u|⁴⟩/⟨|∇u|²⟩² and ⟨|∇u|²⟩/⟨|∇u|⟩²
-    of each tile. edge_sparsity, variance: (n,) the measures of `holoview.holograms.fields.focus`. tile: samples along a side
-    of a tile, of the band; rim: those left out at the picture's edges (y, x).
+    of each tile. edge_sparsity, variance: (n,) the measures of `holoview.holograms.fields.focus`. tile: samples along a
+    side of a tile, of the band; rim: those left out at the picture's edges (y, x).
     """
 
     samples: int

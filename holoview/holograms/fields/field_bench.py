@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,6 @@ from holoview.holograms.fields.wavefield import Wavefield
 from holoview.light.colour import observer_weights, white_amplitudes
 from holoview.light.model.bench_parts import Modulator, Sampling
 from holoview.light.model.system import EYE_RANGE_M, System
-from holoview.light.model.validity import EDGE_BAND
 from holoview.light.numerics.sampling import positions
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -20,8 +17,6 @@ MEAN_LUMINANCE = 0.25
 """Of the picture of a field at any plane, in that of white: fields have amplitudes in units of their own."""
 _MOST_POWER = 1e12
 _FARTHEST_M = 2.0
-EQUAL_AMPLITUDES = 1e-5  # amplitudes of exp(iφ) in float32 differ by less
-_LINES = 64
 
 
 def bench_of_field(field: Wavefield) -> System:
@@ -63,46 +58,6 @@ def mean_intensities(field: Wavefield) -> NDArray[np.float64]:
     squares = np.square(real).mean(axis=(0, 2, 3), dtype=np.float64)
     total: NDArray[np.float64] = squares + np.square(imaginary).mean(axis=(0, 2, 3), dtype=np.float64)
     return total
-
-
-def edge_power(values: Any) -> float | None:
-    """The share of a field's power in the outer tenth of its samples' band, along the axis that has more; 0…1.
-
-    values: (frame, wavelength, y, x) complex, an array or a tensor. None for a field without light, and for one of
-    phases alone: a pattern of a modulator, whose pixels fill the band, wasn't sampled from finer light.
-    """
-    host = values.detach().cpu().numpy() if hasattr(values, "detach") else np.asarray(values)
-    amplitude = np.abs(host[..., :: max(1, host.shape[-2] // _LINES), :])
-    if not amplitude.max() > 0 or amplitude.max() - amplitude.min() <= EQUAL_AMPLITUDES * amplitude.max():
-        return None
-    shares, fields = [], host.reshape(-1, *host.shape[-2:])
-    squares = (np.square(fields.real) + np.square(fields.imag)).sum(axis=0)
-    for axis in (0, 1):
-        frequencies, power = line_spectrum(fields, axis, squares)
-        shares.append(float(power[np.abs(frequencies) > EDGE_BAND].sum()))
-    return max(shares)
-
-
-def line_spectrum(
-    values: NDArray[np.complexfloating], axis: int, squares: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies (cycles a sample, rising) along y (0) or x (1), and the share of the power of fields (k, y, x) there.
-
-    squares: the power (y, x) of the fields together. Of more than `_LINES` lines along the axis, as many are taken as
-    an even sample of the power: a line at each 64th of it, so that each of them counts alike.
-    """
-    lines = values if axis == 1 else values.swapaxes(1, 2)
-    count, n = lines.shape[1:]
-    of_line = squares.sum(axis=axis, dtype=np.float64)
-    summed = of_line.cumsum()
-    chosen, times = np.arange(count), np.ones(count)
-    if count > _LINES and summed[-1] > 0:
-        places = np.searchsorted(summed, (np.arange(_LINES) + 0.5) / _LINES * summed[-1])
-        chosen, repeats = np.unique(places, return_counts=True)
-        times = repeats / of_line[chosen]
-    spectra = np.fft.fft(lines[:, chosen], axis=-1)
-    power = np.einsum("kyx,y->x", np.square(spectra.real) + np.square(spectra.imag), times)
-    return np.fft.fftshift(np.fft.fftfreq(n)), np.fft.fftshift(power / max(float(power.sum()), np.finfo(float).tiny))
 
 
 def lit_field(field: Wavefield) -> NDArray[np.complex64]:

@@ -1,15 +1,15 @@
 """The objects of an in-line recording, each at the distance at which its edges are sharp.
 
-The picture is divided into tiles. Each tile has two curves over the distance (`holoview.holograms.fields.depth_sweep`), and
-votes for every maximum that rises above both its flanks by more than noise does. A baseline, towards an end of the
+The picture is divided into tiles. Each tile has two curves over the distance (`holoview.holograms.fields.depth_sweep`),
+and votes for every maximum that rises above both its flanks by more than noise does. A baseline, towards an end of the
 range or around an object beside the tile, has no such maximum. An object is where votes of both measures meet within a
 depth of focus; light that an edge or a lens-like object gathers elsewhere has few. Then finer bands move the distance,
 in the tiles that voted for it.
 
 Without a place that gathers a good part of the votes no focus is clear. The objects that are found are then taken out
-of the recording (`holoview.holograms.fields.remaining_light`): those that go with another's light were its rings, and where
-votes are left something else stands, without a clear focus. The share of the structure that is left says how much is in
-focus elsewhere, or nowhere.
+of the recording (`holoview.holograms.fields.remaining_light`): those that go with another's light were its rings, and
+where votes are left something else stands, without a clear focus. The share of the structure that is left says how much
+is in focus elsewhere, or nowhere.
 """
 
 from __future__ import annotations

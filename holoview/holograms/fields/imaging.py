@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.fields.field_bench import EQUAL_AMPLITUDES, line_spectrum, lit_field
+from holoview.holograms.fields.field_bench import lit_field
 from holoview.holograms.fields.propagation import MethodChoice, choose_method, own_window, propagate_field
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.holograms.files.request import Propagation, WindowRequest
+from holoview.light.model.field_band import EQUAL_AMPLITUDES, line_spectrum
 from holoview.light.model.validity import LEAST_IN_PICTURE
 from holoview.light.optics.free_space import Pair, Window
 from holoview.util import units

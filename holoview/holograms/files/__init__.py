@@ -1,7 +1,9 @@
-"""Files of holograms, pictures, modulator patterns and pupil paths.
+"""Files of pictures, fields and patterns: bytes to numbers, with what a file says of them.
 
-hologram          the hologram file: patterns and the system that shows them, or a field
-load_field        complex fields as holograms: of arrays, and of files of holoview and of other programs
+readers           readers of holograms' files, one module for each format; other packages can add their own
+request           what a user knows of a file and wants from it
+image_reader      decodes PNG, JPEG, TIFF and OpenEXR pictures, recognised by their first bytes
+colour_profile    what an embedded profile says of a picture's colours
 pictures          PNG of views and patterns, animations (APNG, GIF, MP4), memory cells of a phase light modulator
 pupil_path_file   the path of a pupil through the eyebox as a table
 """

@@ -50,8 +50,8 @@ def measure_perceptual_scores(view: View, stack: Image, names: Sequence[str]) ->
 
 # Speckle, blur and lost detail lower it; an error of brightness that is even over a neighbourhood hardly does. So read
 # it beside the PSNR or the colour difference. It is computed of encoded sRGB clipped to 0…1, since its constants are
-# made for a display signal, channel by channel, as `holoview.light.numerics.structural_similarity` states with its source.
-# Nothing is fitted: brightness counts as it is.
+# made for a display signal, channel by channel, as `holoview.light.numerics.structural_similarity` states with its
+# source. Nothing is fitted: brightness counts as it is.
 
 
 @dataclass(frozen=True)

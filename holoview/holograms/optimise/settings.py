@@ -30,7 +30,7 @@ class Settings:
     amplitudes_every: iterations between two solutions for the laser amplitudes, and between two wavelength steps.
     free: the variables that are optimised, of "patterns", "amplitudes" and "wavelengths"; the others keep the values of
     the system and of the initial patterns.
-    loss: a name in `holoview.holograms.optimise.settings.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
+    loss: a name in `settings.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
     region: (x, y, width, height), samples of the simulated image that count; all when None.
     plane_weights: one weight for each plane, of 0 or more; equal when None.
     eyebox: weight of the squared variation of light in the eyebox, which is added to the loss; 0 for no penalty.
@@ -193,7 +193,7 @@ class LossSpace:
 
 
 FIELD_LOSS = "field"
-"""The choice of a loss that compares complex fields (`holoview.holograms.optimise.field_loss`), of a target that is one."""
+"""The choice of a loss that compares complex fields (`optimise.field_loss`), of a target that is one."""
 
 LOSS_SPACES = {
     "linear-srgb": LossSpace(XYZ_TO_SRGB, "linear sRGB: what the PSNR is defined on"),

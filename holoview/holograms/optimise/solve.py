@@ -61,7 +61,7 @@ def iterate(
     stack: (plane, y, x, 3) linear sRGB at the system's planes, on the simulation grid, (rows, columns) · `upsample`.
     `target_for` makes it. With `settings.pupil_places_m`, the stacks of all places one after the other, and with
     `settings.drawn_pupils` a function from places (y, x), m, to their stacks
-    (`holoview.holograms.targets.moving_pupil.moving_target`). A `holoview.holograms.optimise.field_loss.ComplexTarget` has fields instead,
+    (`targets.moving_pupil.moving_target`). A `field_loss.ComplexTarget` has fields instead,
     of which phases count as well.
     settings: options of the optimiser.
     start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.

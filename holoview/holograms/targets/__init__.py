@@ -7,6 +7,5 @@ light_field    a scene through a pupil; views from a grid of viewpoints, also fr
 moving_pupil   a picture from any place of the pupil, blurred once and then moved; targets of a bench whose eye moves
 live_pictures  pictures that change: a film in turn, the newest one of a folder, a camera
 picture        a picture or a depth map as linear light of sRGB primaries, its saturation, and resizing to the grid
-image_reader   decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes
 target_source  a target file, read once and built for any planes and places of the pupil
 """

@@ -77,7 +77,7 @@ def target_for(
     where they are smaller. With an eye, or a `pupil`, it is the cone of that pupil alone.
 
     system: the display, whose planes and simulation grid the stack has.
-    picture: an image file (PNG, JPEG, TIFF, EXR), or a `holoview.holograms.targets.picture.Picture`. It is scaled to cover the
+    picture: an image file (PNG, JPEG, TIFF, EXR), or a `targets.picture.Picture`. It is scaled to cover the
     grid.
     placement: the distance or the depth map of the picture.
     brightness: factor on linear light, positive.
@@ -85,7 +85,7 @@ def target_for(
     space: the colour space of a float file, "srgb" or "xyz"; a `Picture` has been converted already.
     planes: distances (m) at which the stack is wanted; when None those of the system, or on which its eye is focused.
     Depth range and layers stay those of the system's planes, so that planes between them show the same scene.
-    pupil: of the eye that sees the target, a `holoview.holograms.targets.moving_pupil.ViewingPupil`; that of the system's eye,
+    pupil: of the eye that sees the target, a `targets.moving_pupil.ViewingPupil`; that of the system's eye,
     with its chromatic aberration, when None.
 
     Returns a `Target`: `stack` is (plane, y, x, 3) linear sRGB for `iterate`. Raises UserError for files that can't be

@@ -61,7 +61,7 @@ class TargetFile:
 
 
 class Scene(Protocol):
-    """A scene that computes its pictures for any system, such as `holoview.holograms.fields.field_target.FieldTarget`."""
+    """A scene that computes its pictures for any system, such as `fields.field_target.FieldTarget`."""
 
     @property
     def source(self) -> str:

@@ -2,13 +2,14 @@
 
 Effects of the same part of a display share a file; where one cause acts at two places, there is an effect for each
 place. An effect states its cause and its parameters, and overrides the hooks of the quantities that it changes; the
-framework is `holoview.light.model.effects`, whose registry finds every file of this package by itself.
+framework is `holoview.light.model.effects`, whose registry finds every file of this package by itself. One more reads
+holograms' files and stands beside their readers: `holoview.holograms.fields.source_field`, a complex field as the light
+before the first modulator.
 
 emission         the power that is emitted for the one that was set (laser_power), wavelengths (wavelength_offset), a
                  second line of each laser (second_line), the width of the lines (bandwidth)
 illumination     brightness over the first modulator (source_profile), angle (tilt), size of the source (source_extent)
 beam             a disc, a Gaussian beam or an ellipse, with a wavefront over it (beam)
-source_field     a complex field as the light before the first modulator (source_field)
 distance         the focal planes (distance), the gap between the modulators (gap)
 
 modulator_response

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.fields.field_bench import edge_power
+from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import Plan
 from holoview.light.model.validity import LEAST_IN_PICTURE, Light
 

@@ -374,7 +374,7 @@ class TuningProcess:
     """
 
     def __init__(self, adapter: str, budget_s: float, arguments: Sequence[str] = WORKER_ARGUMENTS) -> None:
-        package = str(Path(__file__).resolve().parents[2])
+        package = str(Path(__file__).resolve().parents[3])
         path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
         self._answers: SimpleQueue[Message] = SimpleQueue()
         self._process = subprocess.Popen(

@@ -11,6 +11,7 @@ eye          `Eye`: eyepiece, pupil, accommodation, chromatic aberration; publis
 focus        the planes on which the eye of a system is focused; `PupilPath`: a pupil that moves through the eyebox
 passband     the frequencies that stops and pupils pass, as rows of integers; propagation over a distance
 plan         `Plan`: grid, transfer functions, weights and colours, derived in float64
+field_band   the share of a field's power at each frequency of its samples' band
 validity     when the model stops being true: each limit with its threshold
 derived_numbers  cut-offs, sampling, angles and limits of a bench, as text
 effects      the framework of imperfections of real displays; the imperfections are in `holoview.light.effects`

@@ -1,7 +1,7 @@
 """The spatial frequencies that a relay's stops pass, as rows of integers, decided once in float64.
 
-Symbols as in `holoview.light.model.plan`: λ wavelength, P padded samples, u samples along each side of a modulator pixel,
-k signed frequency index, df frequency step; a direction sine is λ·df·k.
+Symbols as in `holoview.light.model.plan`: λ wavelength, P padded samples, u samples along each side of a modulator
+pixel, k signed frequency index, df frequency step; a direction sine is λ·df·k.
 
 `Transfer` is the propagation of one wavelength over one distance, as numbers in float64 from which both executors
 evaluate it.

@@ -386,10 +386,10 @@ def make_plan(
     has_weighted_stops: let frequencies on the edge of a relay's stop pass in proportion to the share of their cell that
     is within, which is nearer to continuous light; otherwise they pass whole or not at all. An eye's pupil is sharp.
 
-    Returns a `Plan`. `holoview.light.model.validity` tells whether the model is true of it; a plan that leaves nothing to see
-    is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range (0 to
-    1 m, of a field -2 m to 2 m), for an eye that is focused at such a distance at any wavelength, or so far away that
-    the grid holds none of its light, for places without an eye, and for effects that such a system can't have.
+    Returns a `Plan`. `holoview.light.model.validity` tells whether the model is true of it; a plan that leaves nothing
+    to see is refused where it is rendered. Raises UserError for an empty list of planes, for a distance out of range (0
+    to 1 m, of a field -2 m to 2 m), for an eye that is focused at such a distance at any wavelength, or so far away
+    that the grid holds none of its light, for places without an eye, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()

@@ -631,8 +631,6 @@ def _in_samples(plan: Plan) -> Measured | None:
 
 
 LEAST_IN_PICTURE = 0.9
-EDGE_BAND = 0.45
-"""Cycles a sample: beyond it lies the outer tenth of the samples' band."""
 _MOST_AT_EDGE = 0.05
 
 

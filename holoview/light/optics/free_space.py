@@ -6,11 +6,11 @@ Two ways. Both leave out the carrier exp(2πiz/λ); z may be negative.
 
     u(X; z) = ∫ U(f)·H(f)·T(f)·exp(2πi f·X) d²f,   U(f) = Σ u_n·exp(−2πi f·x_n)·dy·dx
 
-with H of `holoview.light.optics.propagate`. The field between its samples is the one without frequencies beyond 1/(2·dx). A
-ray of direction sine s = λf moves sideways by d = z·s/√(1 − |s|²). Rays that lead from no sample to no point of the
-window need no computing: with E half of the field's side and half of the window's together, T is 1 within E of the
-window's centre, and 0 beyond E + 8·√(λ|z|), or where the samples' band ends if that is nearer. Between the two it falls
-as an error function, so that the edge of the band sends no more than 1e-6 of the light into the window.
+with H of `holoview.light.optics.propagate`. The field between its samples is the one without frequencies beyond
+1/(2·dx). A ray of direction sine s = λf moves sideways by d = z·s/√(1 − |s|²). Rays that lead from no sample to no
+point of the window need no computing: with E half of the field's side and half of the window's together, T is 1 within
+E of the window's centre, and 0 beyond E + 8·√(λ|z|), or where the samples' band ends if that is nearer. Between the two
+it falls as an error function, so that the edge of the band sends no more than 1e-6 of the light into the window.
 (Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), and Matsushima, Opt. Express 18, 18453 (2010), cut the same band
 at E with a hard edge, which diffracts.) The integral is a sum over frequencies so near to each other that its copies of
 the light, one period apart, miss the window: a plain FFT towards the frequencies, and another or a chirp-z transform
@@ -33,9 +33,10 @@ a_y of the window, so that the field at X·a_x + Y·a_y from its centre c is
     u(X, Y) = ∫ U(f)·H(f)·T(f)·exp(2πi f·c)·(f_z/g_z)·exp(2πi(g_x·X + g_y·Y)) d²g,   f = g_x·a_x + g_y·a_y + g_z·n
 
 with the normal n and g_z = √(1/λ² − g²) (Matsushima, Schimmel & Wyrowski, J. Opt. Soc. Am. A 20, 1755 (2003)). H and
-the fading T are those of `holoview.light.optics.free_space`. The frequencies g are equidistant and f isn't: U is interpolated
-by Kaiser and Bessel's kernel of 8 samples on a twice finer spectrum (Beatty, Nishimura & Pauly, IEEE Trans. Med.
-Imaging 24, 799 (2005)). The carrier exp(2πi·z/λ) of the window's centre is left out, those of its other points aren't.
+the fading T are those of `holoview.light.optics.free_space`. The frequencies g are equidistant and f isn't: U is
+interpolated by Kaiser and Bessel's kernel of 8 samples on a twice finer spectrum (Beatty, Nishimura & Pauly, IEEE
+Trans. Med. Imaging 24, 799 (2005)). The carrier exp(2πi·z/λ) of the window's centre is left out, those of its other
+points aren't.
 """
 
 from __future__ import annotations

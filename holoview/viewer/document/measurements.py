@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.fields.field_bench import edge_power
 from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.holograms.metrics.speckle import (
     RetinalContrast,
@@ -28,6 +27,7 @@ from holoview.holograms.metrics.speckle import (
 )
 from holoview.light.colour import SRGB_TO_XYZ, gamut_map, xyz_to_linear_srgb
 from holoview.light.engine.light_share import luminance_share
+from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import Light, exceeded_limits

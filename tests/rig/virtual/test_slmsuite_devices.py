@@ -231,7 +231,8 @@ def test_raw_levels_are_shown_as_they_are(bench: tuple[Path, VirtualBenchProcess
     arguments = f'{{ rig = "{file}", address = ["127.0.0.1", {process.address[1]}], token = "{process.token}" }}'
     text = file.read_text(encoding="utf-8")
     for name, kind in (("slm1", "VirtualSLM"), ("camera", "VirtualCamera")):
-        own = f'device = "slmsuite"\nclass = "holoview.bench.rig.virtual.slmsuite_devices.{kind}"\narguments = {arguments}'
+        place = f"holoview.bench.rig.virtual.slmsuite_devices.{kind}"
+        own = f'device = "slmsuite"\nclass = "{place}"\narguments = {arguments}'
         text = text.replace(f'[{name}]\ndevice = "virtual"', f"[{name}]\n{own}")
     for name in ("lasers", "stage"):
         own = f'device = "python"\nfile = "rest.py"\nclass = "{name.title()}"'

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 
 _LIBRARY = "holoview.light.effects"
+_OF_FILES = "holoview.holograms.fields.source_field"  # its effect reads holograms' files, of which light knows nothing
 _REMEDY = "switch it off, or describe what it acts on"
 _USER_MODULES = "holoview_user_effects"
 _user_effects: dict[str, Effect] = {}
@@ -128,12 +129,9 @@ def _all_effects() -> Mapping[str, Effect]:
 @cache
 def _library() -> Mapping[str, Effect]:
     """The effects of `holoview.light.effects`; its subpackages hold what effects use."""
-    effects: dict[str, Effect] = {}
-    for info in pkgutil.iter_modules(import_module(_LIBRARY).__path__):
-        if info.ispkg:
-            continue
-        effects |= {effect.id: effect for effect in _effects_of(import_module(f"{_LIBRARY}.{info.name}"))}
-    return effects
+    files = [info for info in pkgutil.iter_modules(import_module(_LIBRARY).__path__) if not info.ispkg]
+    modules = [import_module(name) for name in (*(f"{_LIBRARY}.{info.name}" for info in files), _OF_FILES)]
+    return {effect.id: effect for module in modules for effect in _effects_of(module)}
 
 
 def _effects_of(module: ModuleType) -> Iterator[Effect]:
