@@ -35,8 +35,8 @@ _MOVED = {
     "wavefield.conformance_score": "evidence.conformance.score",
     "wavefield.readers": "holograms.files.readers",
     "wavefield.request": "holograms.files.request",
-    "experiment.live_view": "viewer.rig.live_view",
-    "experiment.rig_session": "viewer.rig.rig_session",
+    "experiment.live_view": "viewer.document.live_view",
+    "experiment.rig_session": "viewer.document.rig_session",
 }
 FORMER = {f"{package}": f"{wing}.{package}" for wing, packages in _WINGS.items() for package in packages} | _MOVED
 """New names by former ones, both below `holoview`. What isn't listed itself is where the package that held it is."""
@@ -77,4 +77,4 @@ class _FormerNames:
 def install_former_names() -> None:
     """From now on `import` knows the former names."""
     if not any(isinstance(finder, _FormerNames) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _FormerNames())  # type: ignore[arg-type]
+        sys.meta_path.insert(0, _FormerNames())

@@ -2,7 +2,6 @@
 
 page        a hologram as a web page
 render      images of a document, kept up to date
-document    the document that a viewer edits: undo, background jobs, files
-rig         a rig beside a document: its live pictures and what they say of the bench
+document    the document that a viewer edits: undo, background jobs, files, a rig beside it
 app         the window and its panels; `show` in a notebook
 """

@@ -14,7 +14,7 @@ from holoview.bench.experiment.rig_bench import system_of_rig
 from holoview.bench.rig import live_devices
 from holoview.bench.rig.open_rig import KINDS, Opener
 from holoview.viewer.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel, open_rig
-from holoview.viewer.rig.rig_session import RigSession
+from holoview.viewer.document.rig_session import RigSession
 from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.gui.conftest import Gui
 from tests.patience import wait_until

@@ -37,7 +37,7 @@ from holoview.viewer.render.point_probe import PointProbe
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer, SideRenderers
 
 if TYPE_CHECKING:
-    from holoview.viewer.rig.rig_session import RigSession
+    from holoview.viewer.document.rig_session import RigSession
 
 
 Action = Callable[[], None]
@@ -330,7 +330,7 @@ class AppContext:
     def rig(self) -> RigSession:
         """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
         if self._rig is None:
-            from holoview.viewer.rig.rig_session import RigSession  # slow start: most sessions open no rig
+            from holoview.viewer.document.rig_session import RigSession  # slow start: most sessions open no rig
 
             self._rig = RigSession(self.session)
         return self._rig

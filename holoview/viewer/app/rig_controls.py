@@ -35,10 +35,8 @@ from holoview.viewer.app.widgets import (
     wrapped_text,
 )
 from holoview.viewer.document.document import middle_plane
-from holoview.viewer.render.scene import DeviceImage
-from holoview.viewer.render.view_settings import ViewSettings
-from holoview.viewer.rig.live_view import FIRST, MOST, LivePicture, LiveView, cause_text
-from holoview.viewer.rig.rig_session import (
+from holoview.viewer.document.live_view import FIRST, MOST, LivePicture, LiveView, cause_text
+from holoview.viewer.document.rig_session import (
     MODELS,
     RigSession,
     drive_pattern,
@@ -46,6 +44,8 @@ from holoview.viewer.rig.rig_session import (
     flat_pattern,
     random_pattern,
 )
+from holoview.viewer.render.scene import DeviceImage
+from holoview.viewer.render.view_settings import ViewSettings
 
 _SWITCHES_A_LINE = 4
 _OFF_HEIGHT = 2.2  # of the switch that turns the lasers off, in lines

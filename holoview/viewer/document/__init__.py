@@ -10,6 +10,8 @@ optimisation_job      optimises patterns as a job with preview; goes on with it 
 file_loader           opens files: recognises, reads, and reloads them when they are rewritten; the shipped example
 recording_edits       kind, order and steps of the recording that a field is of
 received_fields       shows fields that other running programs send
+rig_session           a rig beside the document: patterns and settings, devices, captures, plans, diagnosis
+live_view             the newest picture and its prediction; a diagnosis that follows the captures
 exports               writes images, animations, figures and holograms
 archive               the format of a saved session
 session_store         finds, saves and restores sessions; the user's preferences

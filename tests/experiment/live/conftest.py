@@ -12,7 +12,7 @@ from holoview.bench.experiment.rig_bench import system_of_rig
 from holoview.bench.rig import live_devices
 from holoview.bench.rig.open_rig import KINDS, Opener
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.rig.rig_session import RigSession, random_pattern
+from holoview.viewer.document.rig_session import RigSession, random_pattern
 from tests.document.conftest import small_system
 from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.patience import wait_until

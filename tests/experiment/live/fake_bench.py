@@ -16,7 +16,7 @@ from holoview.bench.captures.virtual_measurement import read_out
 from holoview.bench.rig.description import DeviceSpec, RigDescription, read_rig
 from holoview.bench.rig.devices import Counts, DeviceError, Levels
 from holoview.bench.rig.open_rig import OpeningRig
-from holoview.viewer.rig.rig_session import BenchState, SentPattern
+from holoview.viewer.document.rig_session import BenchState, SentPattern
 from tests.patience import PATIENCE_S
 
 FULL_SHARE = 0.5  # of the camera's range that the brightest pixels reach with power 1 and this exposure

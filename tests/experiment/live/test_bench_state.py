@@ -11,7 +11,7 @@ from holoview.bench.experiment.rig_bench import system_of_rig
 from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.holograms.hologram import Hologram
 from holoview.util.errors import UserError
-from holoview.viewer.rig.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
+from holoview.viewer.document.rig_session import drive_pattern, file_pattern, flat_pattern, random_pattern
 from tests.experiment.live.fake_bench import write_rig
 
 

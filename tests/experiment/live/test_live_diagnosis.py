@@ -12,7 +12,7 @@ import pytest
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.rig.live_view import MOST, LiveDiagnosis
+from holoview.viewer.document.live_view import MOST, LiveDiagnosis
 from tests.experiment.live.conftest import Rigged
 from tests.experiment.live.fake_bench import PLAN, FakeBench, write_rig
 from tests.patience import PATIENCE_S, wait_until

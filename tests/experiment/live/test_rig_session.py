@@ -10,7 +10,7 @@ import pytest
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.rig import live_devices
 from holoview.util.errors import UserError
-from holoview.viewer.rig.rig_session import MODELS
+from holoview.viewer.document.rig_session import MODELS
 from tests.experiment.live.conftest import LASER_M, Rigged
 from tests.experiment.live.fake_bench import PLAN
 

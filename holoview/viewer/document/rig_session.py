@@ -37,7 +37,7 @@ from holoview.util.files import read_text
 from holoview.util.text import printable
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.jobs import BackgroundJob, Cancelled, JobControl
-from holoview.viewer.rig.live_view import LiveDiagnosis, LiveView, PictureModel
+from holoview.viewer.document.live_view import LiveDiagnosis, LiveView, PictureModel
 
 _REMEDY = "take the bench of the rig (menu Rig), then find patterns for it"
 
