@@ -127,11 +127,11 @@ def test_on_a_disk_that_fills_a_file_is_whole_or_as_it_was(tmp_path: Path, name:
 _WRITES = {"write_text", "write_bytes", "savefig", "save_file", "imwrite", "mkstemp", "NamedTemporaryFile", "tofile"}
 _ALLOWED = {
     "util/file_writer.py",  # the one that does
-    "figures.py",  # into memory
-    "io/pictures.py",  # into memory
-    "diagnose/worker_pool.py",  # memory that processes share, or a temporary file
-    "app/desktop.py",  # a file for another program, in a folder for temporary files
-    "benchmark/frame_benchmark.py",  # in a folder for temporary files
+    "util/figures.py",  # into memory
+    "holograms/files/pictures.py",  # into memory
+    "bench/diagnose/worker_pool.py",  # memory that processes share, or a temporary file
+    "viewer/app/desktop.py",  # a file for another program, in a folder for temporary files
+    "evidence/benchmark/frame_benchmark.py",  # in a folder for temporary files
 }
 
 

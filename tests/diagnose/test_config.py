@@ -16,7 +16,7 @@ from holoview.bench.diagnose import intervals, judge, nuisances, power_law, riva
 from holoview.bench.diagnose.config import SearchConfig
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = ROOT / "holoview" / "diagnose"
+PACKAGE = ROOT / "holoview" / "bench" / "diagnose"
 PAGES = ("diagnosis.md", "diagnosis-evidence.md")
 MANUAL = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in PAGES)
 CONFIG = SearchConfig()

@@ -11,6 +11,7 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 from PIL import Image
 
+import holoview
 from holoview.commands import cli
 from holoview.util.errors import UserError
 from holoview.viewer.app import theme
@@ -57,12 +58,12 @@ def test_the_window_looks_as_it_did(
 
 def test_every_sign_that_is_written_has_a_glyph(gui: Gui) -> None:
     """Of the texts in panels, and of docstrings and sentences that panels show."""
-    package = Path(theme.__file__).parents[1]
+    package = Path(holoview.__file__).parent
     files = [
-        *package.glob("app/**/*.py"),
-        *package.glob("document/**/*.py"),
-        *package.glob("render/**/*.py"),
-        *package.glob("effects/*.py"),
+        *package.glob("viewer/app/**/*.py"),
+        *package.glob("viewer/document/**/*.py"),
+        *package.glob("viewer/render/**/*.py"),
+        *package.glob("light/effects/*.py"),
     ]
     signs = {sign for file in files for sign in file.read_text(encoding="utf-8") if ord(sign) > 127}
     font = imgui.get_io().fonts.fonts[0]
