@@ -65,7 +65,7 @@ def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
     (saved,) = store.crashed_sessions()
     session = saved.restore()
     labels = [step.label for step in session.history]
-    assert labels[:7] == ["Start", "Target", "Gap", "Gap", "Gap", "Gap", "Wipe"]
+    assert labels[:7] == ["Start", "Target", "Gap", "Gap", "Gap", "Gap", "Pattern"]
     assert session.messages.all == () and list(session.snapshots) == ["before"]
     session.go_to_step(5)
     assert session.system.gap_m == 5e-3 and session.target_spec is not None

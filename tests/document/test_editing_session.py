@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,14 +27,87 @@ from tests.patience import PATIENCE_S
 
 def test_every_edit_is_a_step_that_undo_and_redo_walk(session: EditingSession) -> None:
     session.change("Gap", {"gap": 2e-3})
-    session.edit_view("Exposure", exposure_stops=1.0)
-    assert [step.label for step in session.history] == ["Start", "Gap", "Exposure"]
-    assert session.undo() == "Exposure"
-    assert (session.view_settings.exposure_stops, session.system.gap_m) == (0.0, 2e-3)
+    session.change("Planes", {"planes": [5e-3]})
+    assert [step.label for step in session.history] == ["Start", "Gap", "Planes"]
+    assert session.undo() == "Planes"
+    assert (len(session.system.planes_m), session.system.gap_m) == (2, 2e-3)
     assert session.undo() == "Gap" and session.system.gap_m == 1e-3
     assert session.undo() is None
-    assert session.redo() == "Gap" and session.redo() == "Exposure" and session.redo() is None
-    assert (session.view_settings.exposure_stops, session.system.gap_m) == (1.0, 2e-3)
+    assert session.redo() == "Gap" and session.redo() == "Planes" and session.redo() is None
+    assert (len(session.system.planes_m), session.system.gap_m) == (1, 2e-3)
+
+
+LOOKS: list[dict[str, Any]] = [
+    {"compare": "wipe"},
+    {"exposure_stops": 1.0},
+    {"region": (4, 4, 10, 10)},
+    {"page": "phase"},
+    {"plane_m": 3.5e-3},
+    {"solo": 1},
+]
+
+
+@pytest.mark.parametrize("look", LOOKS, ids=lambda look: next(iter(look)))
+def test_a_look_is_no_edit_and_forgets_nothing_that_was_undone(session: EditingSession, look: dict[str, Any]) -> None:
+    session.change("Gap", {"gap": 2e-3})
+    session.undo()
+    before = session.view_settings
+    session.edit_view("Look", **look)
+    assert len(session.history) == 2 and not session.can_undo
+    assert session.redo() == "Gap" and session.system.gap_m == 2e-3
+    assert session.view_settings == before.with_(**look), "the look stays when edits are walked"
+    assert session.undo() == "Gap" and session.view_settings == before.with_(**look)
+    assert session.look_back() == "Look" and session.view_settings == before and session.look_back() is None
+    assert session.look_forward() == "Look" and session.view_settings == before.with_(**look)
+    assert session.look_forward() is None and session.redo() == "Gap"
+
+
+def test_a_new_look_forgets_those_that_were_gone_back_from(session: EditingSession) -> None:
+    session.edit_view("Exposure", exposure_stops=1.0)
+    session.look_back()
+    session.edit_view("Page", page="phase")
+    assert not session.can_look_forward and session.look_back() == "Page" and not session.can_look_back
+
+
+def test_a_drag_of_a_look_is_one_step(session: EditingSession) -> None:
+    for wipe in (0.4, 0.3, 0.2):
+        session.edit_view("Wipe", merge_key="wipe", wipe=wipe)
+    session.end_gesture()
+    session.edit_view("Wipe", merge_key="wipe", wipe=0.1)
+    assert session.look_back() == "Wipe" and session.view_settings.wipe == 0.2
+    assert session.look_back() == "Wipe" and session.view_settings.wipe == 0.5 and not session.can_look_back
+
+
+def test_an_edit_that_chooses_a_look_takes_it_back_with_it(session: EditingSession) -> None:
+    session.edit_view("Exposure", exposure_stops=1.0)
+    session.edit("Open", drive=1 - session.drive, view_settings=session.view_settings.with_(exposure_stops=-3.0))
+    session.edit_view("Zoom", zoom=2.0, undoable=False)
+    session.undo()
+    assert (session.view_settings.exposure_stops, session.view_settings.zoom) == (1.0, 2.0)
+    session.redo()
+    assert (session.view_settings.exposure_stops, session.view_settings.zoom) == (-3.0, 2.0)
+
+
+def test_undo_of_the_lasers_leaves_one_on(session: EditingSession) -> None:
+    session.change("One laser", {"amplitudes": [[0.0, 1.0, 0.0]]})
+    session.undo()
+    session.edit_view("Mute", muted=frozenset({1}))
+    session.redo()
+    assert session.displayed_document.system.amplitudes[0, 1] == 1.0 and not session.view_settings.muted
+
+
+def test_the_end_of_a_comparison_brings_back_what_its_beginning_chose(session: EditingSession) -> None:
+    before = session.view_settings
+    session.edit_view("Schemes", a=TARGET, b=TARGET, compare="side-by-side", page="image", exposure_stops=-4.0)
+    session.edit_view("Zoom", zoom=3.0, undoable=False)
+    session.end_comparison()
+    assert session.view_settings == before.with_(zoom=3.0)
+    session.edit_view("Schemes", compare="wipe", exposure_stops=-4.0)
+    session.edit_view("Exposure", exposure_stops=2.0)
+    session.edit_view("Mode", compare="difference")
+    session.end_comparison()
+    assert session.view_settings == before.with_(zoom=3.0, exposure_stops=2.0), "what was chosen since stays"
+    assert session.look_back() == "No comparison" and session.view_settings.compare == "difference"
 
 
 def test_a_new_edit_forgets_what_was_undone(session: EditingSession) -> None:
@@ -86,9 +160,12 @@ def test_edits_of_one_gesture_are_one_step_at_any_time(session: EditingSession) 
 
 def test_the_history_is_bounded_and_keeps_the_present(session: EditingSession) -> None:
     for number in range(MAX_STEPS + 10):
+        session.edit("Name", origin=f"{number}")
         session.edit_view("Wipe", wipe=(number + 1) / 1000)
     assert len(session.history) == MAX_STEPS and session.history_position == MAX_STEPS - 1
-    assert session.view_settings.wipe == (MAX_STEPS + 10) / 1000
+    assert session.document.origin == f"{MAX_STEPS + 9}"
+    assert sum(1 for _ in iter(session.look_back, None)) == MAX_STEPS
+    assert session.view_settings.wipe == pytest.approx(10 / 1000)
 
 
 def test_an_edit_that_changes_nothing_is_no_step(session: EditingSession) -> None:
@@ -110,7 +187,7 @@ def test_an_impossible_edit_leaves_everything_as_it_was(session: EditingSession)
 def test_zoom_is_no_step_and_undo_leaves_it_alone(session: EditingSession) -> None:
     session.edit_view("Exposure", exposure_stops=1.0)
     session.edit_view("Zoom", zoom=4.0, undoable=False)
-    session.undo()
+    session.look_back()
     assert (session.view_settings.zoom, session.view_settings.exposure_stops) == (4.0, 0.0)
 
 
@@ -198,23 +275,21 @@ def test_snapshots_are_pinned_renamed_and_forgotten(session: EditingSession) -> 
     assert session.view_settings.a.kind == "now" and list(session.snapshots) == ["Snapshot 1"]
 
 
-def test_steps_before_and_after_know_a_snapshot_by_its_new_name(session: EditingSession) -> None:
+def test_looks_before_and_after_and_undone_steps_know_a_snapshot_by_its_new_name(session: EditingSession) -> None:
     session.edit_view("Compare", b=ComparisonSide("snapshot", session.pin("mine")))
+    session.edit("Pattern", drive=1 - session.drive)
     session.edit_view("Compare", b=TARGET)
     session.edit_view("Swap", a=ComparisonSide("snapshot", "mine"))
-    session.go_to_step(2)
-    steps = len(session.history)
+    assert session.look_back() == "Swap"
     session.rename_snapshot("mine", "yours")
-    assert session.undo() == "Compare" and session.view_settings.b.name == "yours"
-    session.go_to_step(3)
+    assert session.look_back() == "Compare" and session.view_settings.b.name == "yours"
+    assert session.look_forward() == "Compare" and session.look_forward() == "Swap"
     assert session.view_settings.a.name == "yours" and session.scene_for(session.view_settings.a) is not None
     session.unpin("yours")
-    assert all(
-        side.kind != "snapshot"
-        for step in session.history
-        for side in (step.document.view_settings.a, step.document.view_settings.b)
-    )
-    assert len(session.history) == steps
+    looks = [step.document.view_settings for step in session.history]
+    while session.look_back() is not None:
+        looks.append(session.view_settings)
+    assert len(looks) == 5 and all(side.kind != "snapshot" for look in looks for side in (look.a, look.b))
 
 
 def test_another_preset_is_a_side_at_this_benchs_pixel_count(session: EditingSession) -> None:

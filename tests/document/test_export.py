@@ -187,7 +187,7 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingS
     assert list(session.snapshots) == pinned and session.view_settings.compare == "side-by-side"
     scenes = [session.scene_for(side) for side in (session.view_settings.a, session.view_settings.b)]
     assert [len(scene.system.wavelengths_m) for scene in scenes if scene] == [3, 8]
-    assert session.undo() == "Compare schemes" and session.view_settings.compare == "off"
+    assert session.look_back() == "Compare schemes" and session.view_settings.compare == "off"
     start_scheme_comparison(session)
     assert session.wait_until_idle(PATIENCE_S) and len(session.snapshots) == 2, "the two before are replaced"
 

@@ -132,7 +132,7 @@ def test_without_an_eye_or_a_path_there_is_nothing_to_do(watcher: EditingSession
 
 def test_a_path_is_saved_once_with_the_session_and_comes_back(watcher: EditingSession, tmp_path: Path) -> None:
     watcher.edit_view("Path", pupil_path=PATH)
-    watcher.edit_view("Exposure", exposure_stops=1.0)
+    watcher.edit("Pattern", drive=1 - watcher.drive)
     watcher.pin("kept")
     data = SessionData(watcher.history, watcher.history_position, watcher.snapshots)
     SessionArchive(tmp_path).write(data, {})

@@ -448,6 +448,16 @@ def add_general_commands(context: AppContext) -> None:
 
     add("Edit", "Undo", undo, "Ctrl+Z", is_enabled=lambda: session.can_undo)
     add("Edit", "Redo", redo, "Ctrl+Shift+Z Ctrl+Y", is_enabled=lambda: session.can_redo)
+
+    def look_back() -> None:
+        _post_undone(context, "As before", session.look_back())
+
+    def look_forward() -> None:
+        _post_undone(context, "As after", session.look_forward())
+
+    before = "Comparisons, exposure, planes, regions and pages are no edits, and have steps of their own."
+    add("Edit", "The look before", look_back, "Alt+Z", before, is_enabled=lambda: session.can_look_back)
+    add("Edit", "The look after", look_forward, "Alt+Shift+Z", before, is_enabled=lambda: session.can_look_forward)
     others, has_patterns = "Others each time: another speckle on every modulator.", lambda: not session.system.is_field
     add("Edit", "Random patterns", lambda: _randomise(context), help=others, is_enabled=has_patterns)
     example = "The shipped hologram with its target, as at the first start."

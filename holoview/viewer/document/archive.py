@@ -114,7 +114,10 @@ class SessionArchive:
             table["recorded"] = self._recorded_table(document.recorded, recordings)
             return table | {"look": _view_table(document.view_settings, paths)}
 
-        steps = [{"label": step.label, "when": step.when, **table_of(step.document)} for step in data.steps]
+        steps = [
+            {"label": step.label, "when": step.when, "sets_look": step.sets_look, **table_of(step.document)}
+            for step in data.steps
+        ]
         table = {
             "format": FORMAT,
             "version": VERSION,
@@ -254,7 +257,11 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
         label = typed_value(entry["label"], str, "label")
         document = reader.document(entry, f'step "{label}"')
         if document is not None:
-            steps.append(HistoryStep(label, document, typed_value(entry["when"], float, "when")))
+            when, sets_look = (
+                typed_value(entry["when"], float, "when"),
+                typed_value(entry.get("sets_look", True), bool, "sets_look"),
+            )
+            steps.append(HistoryStep(label, document, when, sets_look=sets_look))
         if number <= present:
             position = max(len(steps) - 1, 0)
     if not steps:

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -191,14 +192,38 @@ class Gesture:
     """A merge key whose edits become one step however slowly they follow, as frames of a film that plays may."""
 
 
+class Timing:
+    """Tells whether a change belongs to the one before it: both have a key in common, and follow each other soon."""
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self.now = clock
+        self._held_since = math.inf
+
+    def hold(self, is_held: bool) -> None:
+        """States whether a button or a key is held: the changes of one hold belong together, however slow they are."""
+        if not is_held:
+            self._held_since = math.inf
+        elif self._held_since == math.inf:
+            self._held_since = self.now()
+
+    def joins(self, key: Hashable, last: HistoryStep | LookStep) -> bool:
+        """Whether a change with a key, made now, belongs to the last one."""
+        is_in_time = self.now() - last.when <= MERGE_WITHIN_S or last.when >= self._held_since
+        return key is not None and key == last.merge_key and (is_in_time or isinstance(key, Gesture))
+
+
 @dataclass(frozen=True, eq=False)
 class HistoryStep:
-    """A document, the label of the edit that led to it, and when it was made, as `time.time`."""
+    """A document, the label of the edit that led to it, and when it was made, as `time.time`.
+
+    sets_look: whether the edit chose another look too, as opening a file does: then undo takes it back with the rest.
+    """
 
     label: str
     document: Document
     when: float
     merge_key: Hashable = None
+    sets_look: bool = True
 
 
 class History:
@@ -210,8 +235,7 @@ class History:
     def __init__(self, first: HistoryStep, clock: Callable[[], float] = time.time) -> None:
         self.steps: list[HistoryStep] = [first]
         self.position = 0
-        self._clock = clock
-        self._held_since = math.inf
+        self._timing = Timing(clock)
 
     @classmethod
     def from_steps(cls, steps: list[HistoryStep], position: int) -> History:
@@ -228,16 +252,11 @@ class History:
 
     def add(self, label: str, document: Document, merge_key: Hashable = None) -> None:
         """Adds a step, or merges it into the present one; undone steps are dropped."""
-        now, last = self._clock(), self.steps[self.position]
-        is_in_time = (
-            now - last.when <= MERGE_WITHIN_S or last.when >= self._held_since or isinstance(merge_key, Gesture)
-        )
-        merges = merge_key is not None and merge_key == last.merge_key and is_in_time
-        del self.steps[self.position + 1 :]
-        if merges and self.position > 0:
-            self.steps[self.position] = HistoryStep(label, document, now, merge_key)
-        else:
-            self.steps.append(HistoryStep(label, document, now, merge_key))
+        last = self.steps[self.position]
+        merges = self._timing.joins(merge_key, last) and self.position > 0
+        sets_look = not is_same_look(document, last.document) or (merges and last.sets_look)
+        del self.steps[self.position + (0 if merges else 1) :]
+        self.steps.append(HistoryStep(label, document, self._timing.now(), merge_key, sets_look))
         self.position = len(self.steps) - 1
         self._drop_oldest()
 
@@ -251,21 +270,23 @@ class History:
 
     def hold(self, is_held: bool) -> None:
         """States whether a button or a key is held: the edits of one hold merge, however slowly they follow."""
-        if not is_held:
-            self._held_since = math.inf
-        elif self._held_since == math.inf:
-            self._held_since = self._clock()
+        self._timing.hold(is_held)
 
     def end_gesture(self) -> None:
         """Ends a drag: the next edit is a separate step."""
         self.steps[self.position] = replace(self.steps[self.position], merge_key=None)
 
-    def go_to(self, position: int) -> None:
-        """Makes the step of that index the present one. Raises IndexError when there is none."""
+    def go_to(self, position: int) -> bool:
+        """Makes the step of that index the present one; returns whether an edit between the two chose a look.
+
+        Raises IndexError when there is none.
+        """
         if not 0 <= position < len(self.steps):
             raise IndexError(f"step {position} of {len(self.steps)}")
         self.end_gesture()
+        between = self.steps[min(position, self.position) + 1 : max(position, self.position) + 1]
         self.position = position
+        return any(step.sets_look for step in between)
 
     def _drop_oldest(self) -> None:
         while len(self.steps) > 1 and (len(self.steps) > MAX_STEPS or self._bytes() > MAX_BYTES):
@@ -278,3 +299,84 @@ class History:
     def _bytes(self) -> int:
         drives = {id(step.document.drive): step.document.drive.nbytes for step in self.steps}
         return sum(drives.values())
+
+
+# --- looks: they are no edits, and have a history of their own ---
+
+
+def is_same_look(one: Document, other: Document) -> bool:
+    """Whether two documents are seen alike; a recorded path of the pupil is work, and part of no look."""
+    return replace(one.view_settings, pupil_path=None) == replace(other.view_settings, pupil_path=None)
+
+
+def is_look_alone(before: Document, after: Document) -> bool:
+    """Whether an edit changes nothing but the look."""
+    path = before.view_settings.pupil_path
+    same = replace(after, view_settings=before.view_settings)
+    return after.view_settings.pupil_path == path and is_same_document(before, same)
+
+
+@dataclass(frozen=True, eq=False)
+class LookStep:
+    """A look that was left, the label of the change that left it, and when that was, as `time.time`."""
+
+    label: str
+    look: ViewSettings
+    when: float
+    merge_key: Hashable = None
+
+
+class LookHistory:
+    """The looks before the present one, and those that were gone back from; the last of each list is the nearest."""
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self.before: list[LookStep] = []
+        self.after: list[LookStep] = []
+        self._timing = Timing(clock)
+
+    def add(self, label: str, left: ViewSettings, merge_key: Hashable = None) -> None:
+        """The look `left` was changed. Looks that were gone back from are forgotten."""
+        self.after.clear()
+        now = self._timing.now()
+        if self.before and self._timing.joins(merge_key, self.before[-1]):
+            self.before[-1] = replace(self.before[-1], label=label, when=now)
+        else:
+            self.before = [*self.before[1 - MAX_STEPS :], LookStep(label, left, now, merge_key)]
+
+    def go(self, present: ViewSettings, *, back: bool) -> LookStep | None:
+        """The step that is gone back or forward to; None where there is none. present: the look that is left."""
+        source, other = (self.before, self.after) if back else (self.after, self.before)
+        if not source:
+            return None
+        step = source.pop()
+        other.append(LookStep(step.label, present, self._timing.now()))
+        return step
+
+    def hold(self, is_held: bool) -> None:
+        """As `History.hold`."""
+        self._timing.hold(is_held)
+
+    def end_gesture(self) -> None:
+        """Ends a drag: the next change is a separate step."""
+        if self.before:
+            self.before[-1] = replace(self.before[-1], merge_key=None)
+
+    def amend_all(self, change: Callable[[ViewSettings], ViewSettings]) -> None:
+        """Applies a change to all looks."""
+        self.before = [replace(step, look=change(step.look)) for step in self.before]
+        self.after = [replace(step, look=change(step.look)) for step in self.after]
+
+    def without_comparison(self, present: ViewSettings) -> ViewSettings:
+        """The present look without its comparison: all that the change which began it chose is as it was before.
+
+        A field that was changed since stays. Where nothing tells how the comparison began, it is switched off.
+        """
+        looks = [*(step.look for step in self.before), present]
+        for left, chosen in reversed(list(pairwise(looks))):
+            if left.compare == "off" and chosen.compare != "off":
+                fields = [field.name for field in dataclasses.fields(left)]
+                changed = [name for name in fields if getattr(left, name) != getattr(chosen, name)]
+                kept = [name for name in changed if getattr(present, name) != getattr(chosen, name)]
+                undone = {name: getattr(left, name) for name in changed if name not in (*kept, "zoom", "centre")}
+                return present.with_(**{**undone, "compare": "off"})
+        return present.with_(compare="off")

@@ -29,7 +29,15 @@ from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.text import printable
-from holoview.viewer.document.document import Document, History, HistoryStep, is_same_document, middle_plane
+from holoview.viewer.document.document import (
+    Document,
+    History,
+    HistoryStep,
+    LookHistory,
+    is_look_alone,
+    is_same_document,
+    middle_plane,
+)
 from holoview.viewer.document.jobs import JobManager
 from holoview.viewer.document.target_builder import TargetBuilder, TargetSpec
 from holoview.viewer.render.scene import Drive, Scene
@@ -77,7 +85,7 @@ class EditingSession:
 
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
         self.wake, self.version, self.save_problem, self.fits_exposure = wake, 0, "", False
-        self._history, self._snapshots = history, dict(snapshots)
+        self._history, self._looks, self._snapshots = history, LookHistory(), dict(snapshots)
         self._choices = OptimisationChoices()
         self._presets: dict[Hashable, Scene] = {}
         self._inbox, self._listeners = CallQueue(), Listeners()
@@ -152,17 +160,20 @@ class EditingSession:
     def edit(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **changes: Any) -> None:
         """Changes fields of the document (`system`, `drive`, `view_settings`, `target_spec`, …) in one step of undo.
 
-        Edits with the same `merge_key` that follow each other within a second, or in one hold, become one step. An
-        edit that is not `undoable` changes the present step. An edit without effect adds no step. Raises UserError
-        when the result is impossible; then nothing has changed.
+        An edit of the look alone is no step of undo, and forgets nothing that was undone: looks have steps of their
+        own (`look_back`). Edits with the same `merge_key` that follow each other within a second, or in one hold,
+        become one step. An edit that is not `undoable` changes the present step. An edit without effect adds no step.
+        Raises UserError when the result is impossible; then nothing has changed.
         """
         before = self.document
         after = before.with_changes(changes)
         if is_same_document(before, after):
             return
-        if undoable:
+        if undoable and not is_look_alone(before, after):
             self._history.add(label, after, merge_key)
         else:
+            if undoable:
+                self._looks.add(label, before.view_settings, merge_key)
             self._history.amend(after)
         self._notify(*changed_kinds(before, after), "history")
 
@@ -177,10 +188,12 @@ class EditingSession:
     def hold(self, is_held: bool) -> None:
         """States whether a button or a key is held: the edits of one hold merge by their keys at any time."""
         self._history.hold(is_held)
+        self._looks.hold(is_held)
 
     def end_gesture(self) -> None:
         """Ends a drag: the next edit is a separate step of undo, even with the same merge key."""
         self._history.end_gesture()
+        self._looks.end_gesture()
 
     @property
     def optimisation_choices(self) -> OptimisationChoices:
@@ -231,17 +244,63 @@ class EditingSession:
         return self._history.steps[self.history_position].label
 
     def go_to_step(self, position: int) -> None:
-        """Makes the step of that index the present one; zoom and position of the view stay."""
+        """Makes the step of that index the present one.
+
+        The look stays as it is, unless one of the edits between chose another, as opening a file does; then zoom and
+        position of the view stay.
+        """
         before = self.document
-        self._history.go_to(position)
-        unchanged = {key: getattr(before.view_settings, key) for key in _KEPT_BY_UNDO}
-        self._history.amend(replace(self.document, view_settings=self.view_settings.with_(**unchanged)))
+        chose_look = self._history.go_to(position)
+        own = self.view_settings
+        look = before.view_settings.with_(pupil_path=own.pupil_path)
+        if chose_look:
+            look = own.with_(**{key: getattr(look, key) for key in _KEPT_BY_UNDO})
+        try:
+            self._history.amend(self.document.with_changes({"view_settings": look}))
+        except UserError:  # with these lasers muted none would be left on
+            self._history.amend(self.document.with_changes({"view_settings": look.with_(solo=None, muted=frozenset())}))
         self._notify(*changed_kinds(before, self.document), "history")
+
+    # --- looks ------------------------------------------------------------------------------------------------------
+
+    @property
+    def can_look_back(self) -> bool:
+        """Whether there was another look before."""
+        return bool(self._looks.before)
+
+    @property
+    def can_look_forward(self) -> bool:
+        """Whether a look was gone back from."""
+        return bool(self._looks.after)
+
+    def look_back(self) -> str | None:
+        """Brings the look before the present one back; returns the label of the change; None when there is none."""
+        return self._go_to_look(back=True)
+
+    def look_forward(self) -> str | None:
+        """Brings the look back that `look_back` left; returns the label of the change, None when there is none."""
+        return self._go_to_look(back=False)
+
+    def end_comparison(self) -> None:
+        """Ends a comparison. All that the change which began it chose (page, exposure, sides) is as it was before."""
+        look = self._looks.without_comparison(self.view_settings)
+        self.edit("No comparison", view_settings=look)
+
+    def _go_to_look(self, *, back: bool) -> str | None:
+        before = self.document
+        step = self._looks.go(before.view_settings, back=back)
+        if step is None:
+            return None
+        kept = {key: getattr(before.view_settings, key) for key in (*_KEPT_BY_UNDO, "pupil_path")}
+        self._history.amend(before.with_changes({"view_settings": step.look.with_(**kept)}))
+        self._notify(*changed_kinds(before, self.document))
+        return step.label
 
     def load_history(self, history: History, snapshots: Mapping[str, Document]) -> None:
         """Replaces the history and the snapshots by those of a saved session; jobs are cancelled, listeners stay."""
         self.jobs.cancel_all()
         self._preview, self._history, self._snapshots = None, history, dict(snapshots)
+        self._looks = LookHistory()
         self._notify(*CHANGE_KINDS)
 
     # --- sides of a comparison --------------------------------------------------------------------------------------
@@ -275,6 +334,7 @@ class EditingSession:
         self._history.amend_all(
             lambda document: replace(document, view_settings=document.view_settings.with_side_replaced(old, new))
         )
+        self._looks.amend_all(lambda look: look.with_side_replaced(old, new))
         self._notify("look", "history", "snapshots")
 
     def scene_for(self, side: ComparisonSide) -> Scene | None:

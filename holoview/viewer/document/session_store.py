@@ -297,7 +297,7 @@ class Autosave:
             self._is_closing = True
             self._condition.notify_all()
         self._thread.join(_CLOSE_TIMEOUT_S)
-        has_edits = len(self._session.history) > 1
+        has_edits = len(self._session.history) > 1 or self._session.can_look_back
         if has_edits and self._pending is not None:
             return self._failure or TimeoutError(f"the disk took more than {_CLOSE_TIMEOUT_S:g} s")
         self._on_closed(has_edits)

@@ -69,10 +69,16 @@ class ViewPanel(Panel):
         add("False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "K", "For single channels.")
         add("Next page", lambda: _cycle(context, "page", PAGES), "G", "Image, planes, phase, field, eyebox, target.")
         add = partial(context.commands.add, "Compare")
-        for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
-            title = "No comparison" if name == "off" else f"Compare: {name}"
-            action = partial(_compare, context, name)
-            add(title, action, keys, _COMPARE_DOCS[name], is_enabled=lambda: not context.help_overlay.page)
+        for name, keys in (("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
+            add(f"Compare: {name}", partial(_compare, context, name), keys, _COMPARE_DOCS[name])
+        session = context.session
+        add(
+            "No comparison",
+            session.end_comparison,
+            "Escape",
+            "All as before the comparison began.",
+            is_enabled=lambda: session.view_settings.compare != "off",
+        )
         add("Swap A and B", lambda: _swap(context), "X", "A becomes B and B becomes A.")
         add(
             "Pin a snapshot", lambda: _pin(context), "P", "Keeps the present state under a name, to compare with later."
@@ -252,8 +258,10 @@ def _cycle(context: AppContext, field: str, options: tuple[str, ...]) -> None:
 
 
 def _compare(context: AppContext, name: str) -> None:
-    is_on = context.session.view_settings.compare == name
-    context.edit_view("Compare", compare="off" if is_on else name)
+    if context.session.view_settings.compare == name:
+        context.attempt(context.session.end_comparison)
+    else:
+        context.edit_view("Compare", compare=name)
 
 
 def _swap(context: AppContext) -> None:
