@@ -116,6 +116,37 @@ def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui
     assert not _dialog(gui).is_open
 
 
+def test_a_click_selects_and_a_double_click_opens_folders_and_files_alike(gui: Gui, tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    bench = 'base = "holochrome-8"\ngap = "5 mm"\n'
+    (tmp_path / "inner" / "mine.toml").write_text(bench, encoding="utf-8")
+    gui.press_chord("Ctrl+O")
+    gui.engine(lambda ctx: ctx.item_click("//Open/**/inner\\/"))
+    assert (_dialog(gui).name, _dialog(gui).folder) == ("inner", tmp_path)
+    gui.engine(lambda ctx: ctx.item_double_click("//Open/**/inner\\/"))
+    assert (_dialog(gui).name, _dialog(gui).folder) == ("", tmp_path / "inner")
+    gui.engine(lambda ctx: ctx.item_click("//Open/**/mine.toml"))
+    assert _dialog(gui).is_open and _dialog(gui).name == "mine.toml"
+    gui.engine(lambda ctx: ctx.item_double_click("//Open/**/mine.toml"))
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    assert not _dialog(gui).is_open
+    assert gui.session.system.gap_m == 5e-3, gui.session.messages.all
+
+
+@pytest.mark.parametrize("key", ["E", "G", "Ctrl+Z", "P", "W", "Space"])
+def test_no_key_passes_an_open_dialog(gui: Gui, key: str) -> None:
+    gui.session.change("Gap", {"gap": 5e-3})
+    before = gui.session.document
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(3)
+    gui.click((5.0, 5.0))  # beside its field for a name, which would take the key as text
+    gui.press_chord(key)
+    assert gui.session.document is before and not gui.session.snapshots
+    gui.press_chord("Escape")
+    gui.draw_frames(2)
+    assert not _dialog(gui).is_open
+
+
 def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Gui, tmp_path: Path) -> None:
     there = tmp_path / "mine.toml"
     there.write_text("precious")
@@ -183,15 +214,15 @@ def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch)
 
 def test_the_list_of_edits_goes_anywhere(gui: Gui) -> None:
     gui.session.change("Gap", {"gap": 3e-3})
-    gui.session.edit_view("Exposure", exposure_stops=1.0)
+    gui.session.change("Planes", {"planes": [5e-3]})
     gui.context.show_panel("History")
     gui.draw_frames(3)
     gui.engine(lambda ctx: ctx.item_click("History/**/Start##0"))
     assert gui.session.history_position == 0 and gui.session.can_redo
     gui.engine(lambda ctx: ctx.item_click("History/Redo"))
     assert gui.session.system.gap_m == 3e-3
-    gui.engine(lambda ctx: ctx.item_click("History/**/Exposure##2"))
-    assert gui.session.view_settings.exposure_stops == 1.0
+    gui.engine(lambda ctx: ctx.item_click("History/**/Planes##2"))
+    assert len(gui.session.system.planes_m) == 1
 
 
 # --- after a crash --------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from holoview.viewer.app.panels.focus import FocusPanel
 from holoview.viewer.document import document
 from holoview.viewer.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -42,19 +43,26 @@ def test_a_drag_a_held_key_and_a_sweep_are_one_step_each_on_a_machine_of_any_spe
     gui: Gui, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(document, "MERGE_WITHIN_S", -1.0)  # as if each frame took longer
-    steps = len(gui.session.history)
-    gui.drag(gui.item_position("plane", 0.2), gui.item_position("plane", 0.5), steps=8)
+    steps, planes = len(gui.session.history), [gui.session.view_settings.plane_m]
+    gui.drag(gui.item_position("gap", 0.2), gui.item_position("gap", 0.5), steps=8)
     assert len(gui.session.history) == steps + 1
-    gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.3), steps=8)
+    gui.drag(gui.item_position("gap", 0.5), gui.item_position("gap", 0.3), steps=8)
     assert len(gui.session.history) == steps + 2
+    gui.drag(gui.item_position("plane", 0.2), gui.item_position("plane", 0.5), steps=8)
+    planes.append(gui.session.view_settings.plane_m)
+    gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.3), steps=8)
+    planes.append(gui.session.view_settings.plane_m)
     gui.hold_keys(("ArrowRight",))
     gui.draw_frames(40)
     gui.release_keys(("ArrowRight",))
-    assert len(gui.session.history) == steps + 3
+    planes.append(gui.session.view_settings.plane_m)
     gui.press_chord("Space")
     gui.draw_frames(10)
     gui.press_chord("Space")
-    assert len(gui.session.history) == steps + 4
+    assert len(gui.session.history) == steps + 2, "looks are none of its steps"
+    for plane_m in reversed(planes):
+        assert gui.session.look_back() is not None and gui.session.view_settings.plane_m == plane_m
+    assert not gui.session.can_look_back
 
 
 def test_a_script_does_the_same_where_no_frame_is_in_time(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,6 +283,52 @@ def test_keys_change_the_look(gui: Gui) -> None:
     for key, (field, value) in changes.items():
         gui.press_chord(key)
         assert getattr(gui.session.view_settings, field) == value, key
+
+
+@pytest.mark.parametrize("place", ["menu", "list"])
+def test_an_open_menu_has_the_keys_and_escape_closes_it_first(make_gui: Callable[..., Gui], place: str) -> None:
+    gui = make_gui(size=(900, 900))
+    gui.session.edit_view("Compare", compare="wipe")
+    gui.context.show_panel("View")
+    gui.draw_frames(3)
+    gui.click((12.0, 8.0) if place == "menu" else gui.item_position("page"))
+
+    def open_menus() -> int:
+        return len(imgui.get_current_context().open_popup_stack)
+
+    assert open_menus() == 1
+    gui.press_chord("E")
+    assert gui.session.view_settings.exposure_stops == 0 and open_menus() == 1
+    gui.press_chord("Escape")
+    assert gui.session.view_settings.compare == "wipe" and open_menus() == 0
+    gui.press_chord("Escape")
+    assert gui.session.view_settings.compare == "off"
+
+
+def test_the_sheet_of_keys_has_the_keys(gui: Gui) -> None:
+    gui.press_chord("F1")
+    gui.press_chord("E")
+    gui.press_chord("G")
+    assert (gui.session.view_settings.exposure_stops, gui.session.view_settings.page) == (0.0, "image")
+    gui.press_chord("F1")
+    gui.press_chord("E")
+    assert gui.session.view_settings.exposure_stops == 0.25
+
+
+def test_a_comparison_of_schemes_and_escape_bring_everything_back(gui: Gui) -> None:
+    gui.session.change("Gap", {"gap": 5e-3})
+    gui.press_chord("Ctrl+Z")
+    gui.session.edit_view("Page", page="phase")
+    before = gui.session.view_settings
+    gui.press_chord("F5")
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    assert gui.session.view_settings.compare == "side-by-side" and gui.session.view_settings.page == "image"
+    gui.press_chord("Escape")
+    assert gui.session.view_settings == before
+    gui.press_chord("Ctrl+Y")
+    assert gui.session.system.gap_m == 5e-3
+    gui.press_chord("Alt+Z")
+    assert gui.session.view_settings.compare == "side-by-side"
 
 
 def test_exposure_has_a_slider(gui: Gui) -> None:

@@ -49,7 +49,7 @@ def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Gui) -> None
     assert gui.context.live_measurement.measurements is not figures, "figures follow the image"
     gui.engine(lambda ctx: ctx.item_click("Speckle/Forget"))
     assert gui.session.view_settings.region is None
-    gui.session.undo()
+    gui.press_chord("Alt+Z")
     assert gui.session.view_settings.region == region
 
 

@@ -180,7 +180,7 @@ def test_everything_can_be_used_while_it_is_open(gui: Gui) -> None:
     before = gui.session.view_settings.plane_m
     gui.click(gui.item_position("plane", 0.9))
     assert gui.session.view_settings.plane_m > before and gui.app.tour.step == 0
-    gui.press_chord("Ctrl+Z")
+    gui.press_chord("Alt+Z")
     assert gui.session.view_settings.plane_m == before
 
 

@@ -106,16 +106,11 @@ class App:
 
     def before_frame(self) -> None:
         """Called before panels are drawn: takes results of worker threads, runs commands whose keys were pressed."""
-        commands = self.context.commands
         self.session.hold(self._is_held())
         self.session.poll()
         self.context.received_fields.poll()
         self.context.wants_measurement = False
-        is_typing = imgui.get_io().want_text_input
-        for command in list(commands.pressed(is_typing=is_typing)):
-            self.context.attempt(command.action)
-        if commands.is_repeating() and not is_typing:
-            self.window.wake()
+        self._take_keys()
         for guarded in self.panels:
             if guarded.panel.wants_to_open(self.context):
                 self.context.show_panel(guarded.panel.title)
@@ -193,6 +188,23 @@ class App:
         is_down = any(imgui.is_mouse_down(button) or imgui.is_mouse_released(button) for button in buttons)
         return is_down or self.context.commands.is_repeating()
 
+    def _take_keys(self) -> None:
+        """Runs the commands whose keys were pressed.
+
+        An open menu, dialog or help has the keys: only urgent commands pass it, and those of help its own. Escape
+        closes the innermost menu; dialogs and help close themselves.
+        """
+        commands, help_page = self.context.commands, self.context.help_overlay.page
+        is_open = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        is_typing = imgui.get_io().want_text_input
+        for command in list(commands.pressed(is_typing=is_typing or is_open)):
+            if not help_page or command.group == "Help" or command.is_urgent:
+                self.context.attempt(command.action)
+        if is_open and not is_typing and imgui.is_key_pressed(imgui.Key.escape, repeat=False):
+            _close_innermost_menu()
+        if commands.is_repeating() and not is_typing:
+            self.window.wake()
+
     def _move_pupil(self) -> None:
         """Records where the pupil is, or moves it along its path, if either is being done."""
         motion = self.context.pupil_motion
@@ -225,6 +237,14 @@ class App:
     def _on_change(self, change: Change) -> None:
         self._is_stale = True
         self.window.wake()
+
+
+def _close_innermost_menu() -> None:
+    """Closes the menu, list or pop-up that was opened last, unless it is a dialog."""
+    stack = imgui.get_current_context().open_popup_stack
+    window = stack[len(stack) - 1].window
+    if window is None or not window.flags & imgui.WindowFlags_.modal.value:
+        imgui.internal.close_popup_to_level(len(stack) - 1, True)
 
 
 # --- the arrangement of windows, and what HelloImGui calls ---

@@ -39,6 +39,8 @@ class FileRequest:
 class FileDialog:
     """Lists a folder, with a field for a name; a typed path may be in any folder.
 
+    A click selects a file or a folder, a double click opens it.
+
     title: of the dialog among the overlays. folder: the folder that is listed. name: the content of the field.
     problem: a sentence for the user, or "".
     """
@@ -116,12 +118,17 @@ class FileDialog:
         imgui.same_line()
         imgui.text_unformatted(str(self.folder))
         imgui.begin_child("entries", imgui.ImVec2(0, _ROWS * imgui.get_text_line_height_with_spacing()), True)
-        for path in list(self._entries):
+        is_chosen = False
+        for path in self._entries:
             label = f"{path.name}/" if path.is_dir() else path.name
-            clicked, _ = imgui.selectable(label, path.name == self.name, imgui.SelectableFlags_.no_auto_close_popups)
+            flags = imgui.SelectableFlags_.no_auto_close_popups | imgui.SelectableFlags_.allow_double_click
+            clicked, _ = imgui.selectable(label, path.name == self.name, flags)
             if clicked:
-                self._on_click(path)
+                self.name = path.name
+                is_chosen = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
         imgui.end_child()
+        if is_chosen:
+            self.accept()
 
     def accept(self) -> None:
         """Takes the name in the field: a folder is listed, a file is chosen. Overwriting asks for a second time."""
@@ -129,7 +136,7 @@ class FileDialog:
         if request is None or not self.name.strip():
             return
         path = self.folder / expand_home(self.name.strip())
-        if path.is_dir() and not (path / self.name).exists():
+        if path.is_dir():
             self.name = ""
             self.list_folder(path)
             return
@@ -142,12 +149,6 @@ class FileDialog:
             self._overwritten, self.problem = path, f"{path.name} is there already: once more replaces it"
             return
         self._finish(request, path)
-
-    def _on_click(self, path: Path) -> None:
-        if path.is_dir():
-            self.list_folder(path)
-        else:
-            self.name = path.name
 
     def _is_listed(self, path: Path) -> bool:
         suffixes = self._request.suffixes if self._request is not None else ()
@@ -212,7 +213,7 @@ class RecoveryDialog:
             for saved in list(self.saved):
                 self._draw_one(saved)
             imgui.separator()
-            if imgui.button("Later", imgui.ImVec2(120, 0)):
+            if imgui.button("Later", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
                 self.saved = []
             imgui.same_line()
             imgui.text_disabled("they are offered again at the next start")
