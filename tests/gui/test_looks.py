@@ -16,6 +16,7 @@ from holoview.commands import cli
 from holoview.util.errors import UserError
 from holoview.viewer.app import theme
 from holoview.viewer.app.script import run_script
+from holoview.viewer.document.session_store import SessionStore
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
@@ -69,6 +70,36 @@ def test_every_sign_that_is_written_has_a_glyph(gui: Gui) -> None:
     font = imgui.get_io().fonts.fonts[0]
     missing = {sign for sign in signs if not font.is_glyph_in_font(ord(sign))}
     assert {"λ", "Δ", "→"} <= signs and missing <= set("─▶"), missing
+
+
+@pytest.mark.parametrize("name", theme.THEMES)
+def test_signals_and_borders_have_the_contrast_that_wcag_asks_for(gui: Gui, name: str) -> None:
+    """4.5 for text (1.4.3), 3 for the borders of what is operated (1.4.11), which the dark theme shows by fields."""
+    gui.context.set_theme(name)
+    for ground in (imgui.Col_.window_bg, imgui.Col_.popup_bg):
+        for signal in ("accent", "warning", "error"):
+            colour = theme.signal_colour(signal)
+            assert _contrast(np.array([colour.x, colour.y, colour.z]), _colour(ground)) >= READABLE, (signal, ground)
+        assert name == "Dark" or _contrast(_colour(imgui.Col_.border), _colour(ground)) >= 3
+
+
+def test_the_size_of_text_is_chosen_and_remembered(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    gui = make_gui(store=SessionStore(tmp_path))
+
+    def height(shown: Gui) -> float:
+        """Of a field: the text and the padding above and below it."""
+        shown.draw_frames(3)
+        _, top, _, bottom = shown.context.item_rects["gap"]
+        return bottom - top - 2 * imgui.get_style().frame_padding.y
+
+    assert height(gui) == pytest.approx(theme.FONT_PIXELS)
+    gui.context.set_text_size(1.5)
+    gui.context.set_theme("Light")
+    assert height(gui) == pytest.approx(1.5 * theme.FONT_PIXELS, abs=0.5)  # heights are whole pixels
+    gui.app.close()
+    again = make_gui(store=SessionStore(tmp_path))
+    assert height(again) == pytest.approx(1.5 * theme.FONT_PIXELS, abs=0.5)
+    assert again.context.text_size == 1.5 and again.context.theme == "Light"
 
 
 def test_frames_of_the_same_state_are_identical(gui: Gui) -> None:

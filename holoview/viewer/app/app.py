@@ -89,7 +89,7 @@ class App:
     def _callbacks(self) -> LayoutCallbacks:
         context, messages = self.context, self.session.messages
         return LayoutCallbacks(
-            apply_theme=lambda: theme.apply(context.theme),
+            apply_theme=lambda: theme.apply(context.theme, context.text_size),
             draw_menus=DrawGuard("menus", partial(draw_menus, context), messages).draw,
             draw_status=DrawGuard("status", partial(draw_status, context), messages).draw,
             before_frame=self.before_frame,
@@ -334,7 +334,6 @@ def _dockable_window(guarded: GuardedPanel) -> hello_imgui.DockableWindow:
 
 DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
 _WIDTH, _GAP, _MOST = 380.0, 10.0, 4
-_COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR}
 
 
 class Toasts:
@@ -382,7 +381,9 @@ class Toasts:
         )
         imgui.begin(f"##toast{number}", None, flags)
         imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
-        imgui.push_style_color(imgui.Col_.text, _COLOURS[message.kind])
+        imgui.push_style_color(
+            imgui.Col_.text, theme.signal_colour("accent" if message.kind == "info" else message.kind)
+        )
         imgui.text({"info": "Note", "warning": "Warning", "error": "Not done"}[message.kind])
         imgui.pop_style_color()
         imgui.push_text_wrap_pos(0.0)
@@ -449,6 +450,11 @@ def _draw_windows(context: AppContext) -> None:
     for name in THEMES:
         if imgui.menu_item(f"{name} theme", "", context.theme == name)[0]:
             context.set_theme(name)
+    if imgui.begin_menu("Text size"):
+        for size in theme.TEXT_SIZES:
+            if imgui.menu_item(f"{size:.0%}", "", context.text_size == size)[0]:
+                context.set_text_size(size)
+        imgui.end_menu()
     if imgui.menu_item("Original layout", "", False)[0]:
         hello_imgui.get_runner_params().docking_params.layout_reset = True
 
@@ -516,7 +522,7 @@ def draw_status(context: AppContext) -> None:
     tooltip(info.label)
     if info.is_cpu:
         imgui.same_line()
-        imgui.text_colored(theme.WARNING, "software")
+        imgui.text_colored(theme.signal_colour("warning"), "software")
         tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
     _draw_limits(context)
     parts = [f"full frame {_ms(renderer.update_s)}"] if renderer.update_s else []
@@ -534,7 +540,7 @@ def draw_status(context: AppContext) -> None:
         tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
     if context.session.save_problem:
         imgui.same_line(spacing=20)
-        imgui.text_colored(theme.ERROR, "not saved")
+        imgui.text_colored(theme.signal_colour("error"), "not saved")
         tooltip(f"{context.session.save_problem}. It is tried again every few seconds.")
     for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
@@ -549,7 +555,7 @@ def _draw_limits(context: AppContext) -> None:
         return
     imgui.same_line(spacing=20)
     text = notes[0].split(":")[0] if len(notes) == 1 else f"{len(notes)} limits of the model"
-    imgui.text_colored(theme.WARNING, text)
+    imgui.text_colored(theme.signal_colour("warning"), text)
     context.record_item_rect("limits")
     tooltip("The picture isn't true in this respect:\n\n" + "\n\n".join(notes))
 

@@ -307,6 +307,8 @@ class AppContext:
         self.received_fields = ReceivedFields(session, lambda: not self.side_renderers.is_busy)
         stored_theme = store.preferences.get("theme", "") if store is not None else ""
         self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]
+        stored_size = store.preferences.get("text_size", 1.0) if store is not None else 1.0
+        self.text_size = stored_size if stored_size in theme.TEXT_SIZES else 1.0
         self.help_overlay = HelpOverlay(self.commands, self._run_command)
         self.overlays: list[Overlay] = [self.help_overlay]
         self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None
@@ -370,9 +372,17 @@ class AppContext:
     def set_theme(self, name: str) -> None:
         """Applies a theme of `theme.THEMES` and stores the choice."""
         self.theme = name
-        theme.apply(name)
+        theme.apply(name, self.text_size)
         if self.store is not None:
             self.attempt(self.store.preferences.set, "theme", name)
+
+    def set_text_size(self, size: float) -> None:
+        """Applies a size of `theme.TEXT_SIZES` and stores the choice."""
+        self.text_size = size
+        theme.apply(self.theme, size)
+        self.window.wake()
+        if self.store is not None:
+            self.attempt(self.store.preferences.set, "text_size", size)
 
     @property
     def has_rig(self) -> bool:

@@ -98,7 +98,7 @@ class FileDialog:
         if imgui.is_window_appearing() or entered:
             imgui.set_keyboard_focus_here(-1)
         if self.problem:
-            imgui.text_colored(theme.ERROR, self.problem)
+            imgui.text_colored(theme.signal_colour("error"), self.problem)
         accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
         imgui.same_line()
         if request.takes_folders:

@@ -46,7 +46,7 @@ def show_no_adapter_page(error: UserError) -> bool:
 def draw_page(error: UserError) -> None:
     """Draws the content of the page in the present ImGui window."""
     imgui.push_text_wrap_pos(0.0)
-    imgui.text_colored(theme.WARNING, "No graphics adapter can be used")
+    imgui.text_colored(theme.signal_colour("warning"), "No graphics adapter can be used")
     imgui.text(f"{error.where}: {error.found}.")
     if error.expected:
         imgui.text(f"The viewer needs {error.expected}.")

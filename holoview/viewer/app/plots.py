@@ -54,7 +54,8 @@ def plot(
 
 def bars(name: str, centres: ArrayLike, heights: ArrayLike, width: float) -> None:
     """Draws bars in the accent colour."""
-    spec = implot.Spec(fill_color=theme.ACCENT, fill_alpha=0.55, line_color=theme.ACCENT, line_weight=0.0)
+    accent = theme.signal_colour("accent")
+    spec = implot.Spec(fill_color=accent, fill_alpha=0.55, line_color=accent, line_weight=0.0)
     implot.plot_bars(name, _doubles(centres), _doubles(heights), width, spec)
 
 
@@ -117,11 +118,11 @@ def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
     legend = implot.Location_.south if cones.min() > _LEGEND_SHARE * top else implot.Location_.north
     with plot("contrast by pupil", "pupil (mm)", "contrast", span, (0, top), legend, has_flat_legend=True) as is_open:
         if is_open:
-            line("samples", x, every, theme.ACCENT, marked=True)
+            line("samples", x, every, theme.signal_colour("accent"), marked=True)
             line("cones", x, cones, _CONES, marked=True)
             law = f"1/√{independent_patterns(curve.independent):.3g}"
             line(law, np.array(span), np.full(2, curve.independent), GREY)
-            line("##now", np.full(2, pupil_mm), np.array([0, top]), theme.WARNING)
+            line("##now", np.full(2, pupil_mm), np.array([0, top]), theme.signal_colour("warning"))
     tooltip(
         "Blue: contrast at every sample. Green: of its means over foveal cones (0.5 arcmin), which hide fine speckle. "
         "Grey: of independent patterns of these lasers, whatever the pupil. Yellow: the pupil as it is."

@@ -89,9 +89,9 @@ def _draw_state(context: AppContext, rig: RigSession, name: str) -> None:
     imgui.same_line()
     imgui.text_disabled(rig.status)
     if rig.waiting:
-        imgui.text_colored(theme.WARNING, rig.waiting)
+        imgui.text_colored(theme.signal_colour("warning"), rig.waiting)
     if rig.problem:
-        wrapped_text(rig.problem, theme.ERROR)
+        wrapped_text(rig.problem, theme.signal_colour("error"))
     if (rig.status == "failed" or rig.waiting) and not context.is_read_only:
         command_button(context, "Connect again", "Connect again##rig", width=-1, name="connect again")
 
@@ -111,9 +111,9 @@ def _draw_off(context: AppContext, rig: RigSession) -> None:
     context.record_item_rect("lasers off")
     tooltip("Switches all lasers off at once and ends a plan. It doesn't wait for any other device.")
     if rig.off_problem:
-        wrapped_text(rig.off_problem, theme.ERROR)
+        wrapped_text(rig.off_problem, theme.signal_colour("error"))
     elif rig.is_switching_off:
-        imgui.text_colored(theme.WARNING, "switching off…")
+        imgui.text_colored(theme.signal_colour("warning"), "switching off…")
     elif rig.state.wavelength_m is None:
         imgui.text_disabled("all lasers are off")
     else:
@@ -305,7 +305,7 @@ def _draw_histogram(picture: LivePicture) -> None:
             plots.bars("##counts", centres, heights, 1 / bins)
     text = f"saturated {picture.saturated:.2%}   brightest {int(picture.counts.max())} counts"
     if picture.saturated > _TOO_BRIGHT:
-        imgui.text_colored(theme.WARNING, text)
+        imgui.text_colored(theme.signal_colour("warning"), text)
     else:
         imgui.text_disabled(text)
 
@@ -350,7 +350,7 @@ def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
     imgui.text_disabled(f"χ²/n {before:.3g} → {after:.3g} (noise: 1)")
     for cause in found.causes:
         text = cause_text(cause)
-        wrapped_text(text.sentence, theme.ACCENT)
+        wrapped_text(text.sentence, theme.signal_colour("accent"))
         for line in text.intervals:
             imgui.bullet()
             imgui.text_wrapped(line)

@@ -12,9 +12,12 @@ from holoview.light.colour import gamut_map, observer_weights, srgb_encode, xyz_
 THEMES = ("Dark", "Light")
 FONT_PIXELS = 15.0
 _BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
-ACCENT = imgui.ImVec4(0.30, 0.62, 0.95, 1.0)
-WARNING = imgui.ImVec4(0.95, 0.70, 0.25, 1.0)
-ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
+TEXT_SIZES = (0.85, 1.0, 1.25, 1.5, 2.0)
+"""Sizes of text that can be chosen, as multiples of the usual one."""
+_SIGNALS = {
+    "Dark": {"accent": (0.30, 0.62, 0.95), "warning": (0.95, 0.70, 0.25), "error": (1.0, 0.45, 0.40)},
+    "Light": {"accent": (0.04, 0.36, 0.68), "warning": (0.54, 0.35, 0.0), "error": (0.70, 0.15, 0.12)},
+}
 DIALOG = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
 CARD = DIALOG | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_move
 """Flags of a dialog, which takes the size of its content, and of a card, which also stays in its place."""
@@ -28,10 +31,17 @@ def load_fonts() -> None:
     hello_imgui.load_font("fonts/Inconsolata-Medium.ttf", FONT_PIXELS, rest)
 
 
-def apply(name: str) -> None:
-    """Applies a theme of THEMES."""
+def signal_colour(name: str) -> imgui.ImVec4:
+    """The colour "accent", "warning" or "error" on the present ground, where text in it has a contrast above 4.5."""
+    ground = imgui.get_style().color_(imgui.Col_.window_bg)
+    return imgui.ImVec4(*_SIGNALS["Light" if ground.x > 0.5 else "Dark"][name], 1.0)
+
+
+def apply(name: str, text_size: float = 1.0) -> None:
+    """Applies a theme of THEMES. text_size: of text, and what has its size, as a multiple of the usual one."""
     hello_imgui.apply_theme(_BASES[name])
     style = imgui.get_style()
+    style.font_scale_main = text_size
     style.frame_rounding = style.grab_rounding = style.tab_rounding = 3.0
     style.window_rounding = style.popup_rounding = 4.0
     style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
@@ -46,6 +56,9 @@ def apply(name: str) -> None:
     if name == "Dark":
         style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
         style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
+    else:
+        style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(1.0, 1.0, 1.0, 1.0))
+        style.set_color_(imgui.Col_.border, imgui.ImVec4(0.53, 0.54, 0.56, 1.0))
     grab = ((0.24, 0.34, 0.50), (0.26, 0.42, 0.66)) if name == "Dark" else ((0.66, 0.78, 0.93), (0.52, 0.70, 0.93))
     for colour, value in zip((imgui.Col_.slider_grab, imgui.Col_.slider_grab_active), grab, strict=True):
         style.set_color_(colour, imgui.ImVec4(*value, 1.0))  # the value is written across it

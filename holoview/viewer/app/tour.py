@@ -61,7 +61,8 @@ class Tour:
         step = self.steps[self.step]
         panel = _panel_box(step.panel)
         if panel is not None:
-            imgui.get_foreground_draw_list().add_rect(*panel, imgui.get_color_u32(theme.ACCENT), 4.0, thickness=2.0)
+            accent = imgui.get_color_u32(theme.signal_colour("accent"))
+            imgui.get_foreground_draw_list().add_rect(*panel, accent, 4.0, thickness=2.0)
         place = imgui.get_main_viewport()
         status = imgui.get_frame_height_with_spacing()
         room = imgui.ImVec2(place.work_size.x - 2 * _MARGIN, place.work_size.y - 2 * _MARGIN - status)
@@ -76,7 +77,7 @@ class Tour:
     def _draw_card(self, index: int, step: TourStep) -> None:
         flags = theme.CARD | imgui.WindowFlags_.no_focus_on_appearing
         title = f"{self.title}, {index + 1} of {len(self.steps)}: {step.title}###tour"
-        imgui.push_style_color(imgui.Col_.border, theme.ACCENT)
+        imgui.push_style_color(imgui.Col_.border, theme.signal_colour("accent"))
         is_shown, is_open = imgui.begin(title, True, flags)
         imgui.pop_style_color()
         if is_shown:

@@ -29,7 +29,7 @@ def button(
     is_on: in the accent colour.
     """
     imgui.begin_disabled(not is_enabled)
-    with coloured(imgui.Col_.button, theme.ACCENT if is_on else None):
+    with coloured(imgui.Col_.button, theme.signal_colour("accent") if is_on else None):
         is_clicked = imgui.button(label, imgui.ImVec2(width, 0))
     imgui.end_disabled()
     if name:

@@ -211,7 +211,8 @@ def draw_focus_graph(context: AppContext) -> None:
     for plane in system.planes_m.tolist():
         line = np.array([plane, plane]) * 1e3
         implot.plot_line("##planes", np.array([_FIRST_NM, _LAST_NM]), line, implot.Spec(line_color=_PLANE))
-    implot.plot_line("##curve", wavelengths_nm, curve * 1e3, implot.Spec(line_color=theme.ACCENT, line_weight=1.5))
+    spec = implot.Spec(line_color=theme.signal_colour("accent"), line_weight=1.5)
+    implot.plot_line("##curve", wavelengths_nm, curve * 1e3, spec)
     for index, (wavelength, plane) in enumerate(zip(system.wavelengths_m.tolist(), seen.tolist(), strict=True)):
         _draw_dot(f"##{index}", wavelength, plane)
     implot.end_plot()

@@ -191,7 +191,7 @@ def _draw_plot(job: OptimisationJob) -> None:
     first, last = map(float, job.progress_range)
     with plots.plot("psnr", job.unit, "best PSNR (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
         if is_open:
-            plots.line("##best", iterations, decibels, theme.ACCENT)
+            plots.line("##best", iterations, decibels, theme.signal_colour("accent"))
 
 
 def _pause_or_go_on(job: OptimisationJob) -> None:

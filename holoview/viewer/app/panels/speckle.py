@@ -122,7 +122,7 @@ def _draw_tools(context: AppContext) -> None:
 
 def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     if measurements.problem:
-        wrapped_text(measurements.problem, theme.WARNING)
+        wrapped_text(measurements.problem, theme.signal_colour("warning"))
     region = measurements.region
     if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
         return
@@ -166,7 +166,9 @@ def _draw_histogram(histogram: SpeckleHistogram) -> None:
         if is_open:
             width = float(histogram.edges[1] - histogram.edges[0])
             plots.bars("image", histogram.centres, histogram.density, width)
-            plots.line("one laser", histogram.centres, histogram.fully_developed_density, theme.WARNING)
+            plots.line(
+                "one laser", histogram.centres, histogram.fully_developed_density, theme.signal_colour("warning")
+            )
             if histogram.pattern_count > 1:
                 name = f"{histogram.pattern_count:.3g} patterns"
                 plots.line(name, histogram.centres, histogram.expected_density, plots.GREY)
@@ -180,7 +182,7 @@ def _draw_curve(curve: ContrastCurve) -> None:
         "curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top), low_left
     ) as is_open:
         if is_open:
-            plots.line("image", count, curve.measured, theme.ACCENT, marked=True)
+            plots.line("image", count, curve.measured, theme.signal_colour("accent"), marked=True)
             plots.line("independent", count, curve.independent, plots.GREY, marked=True)
 
 
@@ -188,7 +190,7 @@ def _draw_profile(profile: LineProfile) -> None:
     x, y = profile.distance_m * 1e3, profile.values[:, 0]
     with plots.plot("profile", "mm", "luminance", (0, float(x[-1])), (0, 1.05 * max(float(y.max()), 1e-9))) as is_open:
         if is_open:
-            plots.line("luminance", x, y, theme.ACCENT)
+            plots.line("luminance", x, y, theme.signal_colour("accent"))
 
 
 def _header(name: str) -> bool:
