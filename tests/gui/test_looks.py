@@ -83,6 +83,22 @@ def test_signals_and_borders_have_the_contrast_that_wcag_asks_for(gui: Gui, name
         assert name == "Dark" or _contrast(_colour(imgui.Col_.border), _colour(ground)) >= 3
 
 
+def test_names_are_drawn_by_the_fonts_that_the_machine_has(tmp_path: Path) -> None:
+    for name in ("wqy-zenhei.ttc", "NotoSansCJK-Regular.ttc", "DejaVuSans.ttf", "Comic.ttf"):
+        (tmp_path / "truetype").mkdir(exist_ok=True)
+        (tmp_path / "truetype" / name).write_bytes(b"ttcf")
+    (tmp_path / "truetype" / "Symbola.ttf").write_bytes(b"no font")
+    found = [path.name for path in theme.fonts_of_scripts([tmp_path / "missing", tmp_path])]
+    assert found == ["NotoSansCJK-Regular.ttc", "DejaVuSans.ttf"]
+
+
+def test_a_script_that_a_font_of_the_machine_has_is_drawn(gui: Gui) -> None:
+    if not any(path.name == "DejaVuSans.ttf" for path in theme.fonts_of_scripts()):
+        pytest.skip("this machine has no DejaVu Sans")
+    font = imgui.get_io().fonts.fonts[0]
+    assert all(font.is_glyph_in_font(ord(sign)) for sign in "ԱႠא")
+
+
 def test_the_size_of_text_is_chosen_and_remembered(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     gui = make_gui(store=SessionStore(tmp_path))
 
