@@ -34,9 +34,9 @@ import holoview as hv
 import holoview.viewer.page
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures
-from holoview.holograms.optimise.autograd_model import make_forward_model
-from holoview.holograms.optimise.kernels import TORCH_KERNELS
+from holoview.holograms.optimise.forward_model import make_forward_model
 from holoview.holograms.optimise.lasers import changes_lasers
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.torch_executor import StageField, TorchExecutor, beam_at_stage

@@ -24,6 +24,12 @@ _WINGS = {
     "commands": ("cli",),
 }
 _MOVED = {
+    "optimise.autograd_model": "holograms.optimise.forward_model",
+    "optimise.graphed_step": "holograms.optimise.solve",
+    "optimise.kernel_choice": "holograms.optimise.forward_model",
+    "optimise.kernels": "holograms.optimise.propagation",
+    "optimise.machine_code": "util.packages",
+    "optimise.transfer_functions": "holograms.optimise.beams",
     "effects.source_field": "holograms.fields.source_field",
     "io": "holograms.files",
     "io.hologram": "holograms.hologram",

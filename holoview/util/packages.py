@@ -1,4 +1,4 @@
-"""The installed version, imports of libraries that a plain installation leaves out, and Python files of users."""
+"""The installed version, libraries that a plain installation leaves out, code that numba compiles, users' files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
-from holoview.util.files import TEXT_LIMIT, read_limited
+from holoview.util.files import TEXT_LIMIT, cache_dir, read_limited
 
 T = TypeVar("T")
 
@@ -59,6 +59,24 @@ def import_optional(module: str, purpose: str) -> Any:
             found = f"{error.name.partition('.')[0]} isn't installed"
         remedy = f'install it with `pip install "holoview[{EXTRAS[library]}]"`'
         raise UserError(purpose, found, remedy=remedy) from error
+
+
+REORDERED = ("contract", "reassoc", "nsz")
+"""What rounding may depend on, as LLVM calls it; infinities and NaN stay what they are."""
+
+
+def compiled(function: Any) -> Any:
+    """A function as machine code that holds no lock of Python, kept in the user's cache folder.
+
+    It is compiled when first called with numbers of some precision. Raises UserError where numba can't be loaded.
+    """
+    numba = import_optional("numba", "compiled kernels")
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_dir() / "numba")  # read where a function is decorated
+    try:
+        return numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=set(REORDERED))(function)
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def run_python_file(file: Path, name: str, find: Callable[[ModuleType], T], *, expected: str = "a Python file") -> T:

@@ -36,7 +36,6 @@ BACKEND = "importing it loads wgpu's backend, which is for `holoview.light.gpu.a
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.holograms.optimise.forward_model", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
-    ("holoview.holograms.optimise.kernels", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
     ("holoview.light.colour", "colour"): SLOW,
     ("holoview.light.engine.backend", "holoview.light.engine.torch_executor"): SLOW,
     ("holoview.light.engine.light_share", "holoview.light.engine.light_behind"): SLOW,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -12,18 +11,14 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.holograms.optimise.forward_model import ForwardModel
-from holoview.holograms.optimise.kernels import TORCH_KERNELS
+from holoview.holograms.optimise.forward_model import ForwardModel, PlainBeam
 from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import positions
-from holoview.light.optics.bench import pupil_without_effects
-from holoview.light.optics.propagate import transfer_function
 
-CPU = torch.device("cpu")
 STROKE_M = 825e-9
 
 CASES: dict[str, dict[str, Any]] = {
@@ -91,48 +86,19 @@ def _plan_of(case: str) -> Plan:
 
 @dataclass(frozen=True)
 class Plain:
-    """A bench's light in the simplest differentiable form: every field padded, every sample for itself."""
+    """A bench's light by the plain pair: every field padded, every sample for itself; torch differentiates it."""
 
     plan: Plan
 
     def spectrum(self, opd_m: torch.Tensor, frame: int, laser: int, source: int) -> torch.Tensor:
         """W: the spectrum behind the last modulator, (P_y, P_x) complex128."""
-        λ = float(self.plan.system.wavelengths_m[laser])
-        factor = self.plan.grid.upsample
-        masks = [torch.exp(2j * math.pi * m / λ) for m in opd_m[frame]]
-        first, *rest = (m.repeat_interleave(factor, 0).repeat_interleave(factor, 1) for m in masks)
-        spectrum = self._padded_fft(self._wave(laser, source) * first)
-        for mask in rest:
-            relayed = self._relayed(spectrum, 0, laser)
-            spectrum = self._padded_fft(relayed * mask)
-        return spectrum
+        beam = PlainBeam(self.plan, laser, source)
+        return beam.spectrum(beam.forward(opd_m[frame])[1][-1])
 
     def intensity(self, opd_m: torch.Tensor, frame: int, laser: int) -> torch.Tensor:
         """Mean intensity over sources at unit amplitude, (plane, y, x)."""
-        total = torch.zeros(len(self.plan.planes_m), *self.plan.grid.shape, dtype=torch.float64)
-        for source in range(len(self.plan.slopes)):
-            spectrum = self.spectrum(opd_m, frame, laser, source)
-            fields = [self._relayed(spectrum, 1, laser, plane) for plane in range(len(self.plan.planes))]
-            total = total + torch.stack([field.abs().square() for field in fields])
-        return total / len(self.plan.slopes)
-
-    def _wave(self, laser: int, source: int) -> torch.Tensor:
-        """The illumination from its angles: exp(2πi·(sin θ_y·y + sin θ_x·x)/λ)."""
-        plan, light = self.plan, self.plan.system.source
-        angles = light.directions_rad[source] + (0 if light.tilts_rad is None else light.tilts_rad[laser])
-        turns = np.sin(angles) / plan.system.wavelengths_m[laser]
-        y, x = (positions(n, plan.grid.pitch_m) for n in plan.grid.shape)
-        return torch.from_numpy(np.exp(2j * np.pi * (turns[0] * y[:, None] + turns[1] * x)))
-
-    def _padded_fft(self, field: torch.Tensor) -> torch.Tensor:
-        padded = torch.zeros(self.plan.grid.padded, dtype=torch.complex128)
-        padded[self.plan.grid.inside] = field
-        return torch.fft.fft2(padded)
-
-    def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, plane: int = 0) -> torch.Tensor:
-        h = transfer_function(self.plan.transfer(relay, laser, plane), self.plan.grid, torch.complex128, CPU)
-        glass = pupil_without_effects(self.plan, relay, laser)
-        return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
+        beams = [PlainBeam(self.plan, laser, source) for source in range(len(self.plan.slopes))]
+        return torch.stack([beam.forward(opd_m[frame])[0].abs().square() for beam in beams]).mean(dim=0)
 
 
 def intensity_at(model: ForwardModel, plane: int) -> torch.Tensor:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.holograms.optimise.autograd_model import AutogradModel
-from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.forward_model import AutogradModel, ForwardModel
 from holoview.holograms.optimise.problem import Problem
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.forward_model import ForwardModel, PlainBeam
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.plan import Plan, make_plan
+from holoview.light.numerics.sampling import positions
 from holoview.light.optics.frame_inputs import FrameInputs
 from tests.optimise.conftest import carry_back, intensity_at
 
@@ -44,6 +45,35 @@ def _run(
     gradient, slopes = torch.zeros_like(opd_m), torch.zeros(len(model.plan.system.wavelengths_m), dtype=torch.float64)
     model.accumulate_gradients(gradient, slopes if chromatic else None)
     return {"intensity": torch.stack(planes), "gradient": gradient, "chromatic": slopes}
+
+
+def test_the_plain_pair_is_lit_from_the_directions_of_the_source(case: str, plan_of: Callable[[str], Plan]) -> None:
+    """exp(2πi·(sin θ_y·y + sin θ_x·x)/λ), from the angles that the system states."""
+    plan = plan_of(case)
+    light = plan.system.source
+    y, x = (positions(n, plan.grid.pitch_m) for n in plan.grid.shape)
+    for source in range(len(plan.slopes)):
+        angles = light.directions_rad[source] + (0 if light.tilts_rad is None else light.tilts_rad[LASER])
+        turns = np.sin(angles) / plan.system.wavelengths_m[LASER]
+        expected = np.exp(2j * np.pi * (turns[0] * y[:, None] + turns[1] * x))
+        # a few turns, rounded: 2π·10·2⁻⁵³
+        np.testing.assert_allclose(PlainBeam(plan, LASER, source).illumination.numpy(), expected, atol=1e-14)
+
+
+def test_the_plain_pair_is_a_function_and_its_derivative(
+    case: str, plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    plan = plan_of(case)
+    opd_m, target = _opd(plan, noise)[FRAME].requires_grad_(), _target(plan, noise)
+    beam = PlainBeam(plan, LASER, len(plan.slopes) - 1)
+    fields, behind = beam.forward(opd_m)
+    intensity = fields.abs().square()
+    (expected,) = torch.autograd.grad((intensity - target).square().sum(), opd_m)
+    with torch.no_grad():  # dL = Re Σ c·dE of L = Σ (|E|² − target)²
+        found = beam.adjoint(opd_m, behind, 4 * (intensity - target) * fields.conj())
+    assert float(expected.norm()) > 0
+    # FFTs of 2⁹ numbers and sums of as many, rounded at random: some ten units of 2⁻⁵³
+    assert float((found - expected).norm()) <= 1e-14 * float(expected.norm())
 
 
 def test_the_adjoint_is_the_gradient_that_autograd_finds(

@@ -14,8 +14,8 @@ from torch.utils._pytree import tree_leaves
 
 import holoview as hv
 from holoview.holograms.optimise import solve
-from holoview.holograms.optimise.graphed_step import GraphedStep
 from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.solve import GraphedStep
 from holoview.holograms.optimise.variables import PatternVariables
 from holoview.light.model.system import System
 from tests.second_device import SecondDevice, small_bench

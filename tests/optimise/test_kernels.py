@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.holograms.optimise import kernel_choice as module
-from holoview.holograms.optimise.forward_model import ForwardModel
-from holoview.holograms.optimise.kernel_choice import choose_kernels, will_compile
-from holoview.holograms.optimise.kernels import TORCH_KERNELS, CompiledKernels
+from holoview.holograms.optimise import forward_model as module
+from holoview.holograms.optimise.compiled_model import CompiledKernels
+from holoview.holograms.optimise.forward_model import ForwardModel, choose_kernels, will_compile
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -236,10 +236,10 @@ def test_the_faster_of_both_is_chosen(cache_folder: Path, monkeypatch: pytest.Mo
 
 
 def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> None:
+    def fail(self: CompiledKernels) -> None:
         raise RuntimeError("no compiler for this processor")
 
-    monkeypatch.setattr("holoview.holograms.optimise.kernels._compiled_loops", fail)
+    monkeypatch.setattr(CompiledKernels, "__init__", fail)
     assert choose_kernels("cpu") is TORCH_KERNELS
     choose_kernels.cache_clear()
     monkeypatch.setattr(module, "find_spec", lambda name: None)

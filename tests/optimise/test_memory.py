@@ -14,9 +14,9 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from holoview.holograms.optimise.kernels import TORCH_KERNELS
 from holoview.holograms.optimise.memory import memory_guard, peak_bytes, with_compact_grid
 from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate
 from holoview.light.model.plan import make_plan

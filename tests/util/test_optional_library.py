@@ -45,7 +45,7 @@ DISTRIBUTIONS = {
 
 
 COMPILED = tuple(f"holoview.holograms.optimise.{name}" for name in ("compiled_model", "vector_fft", "vector_kernels"))
-"""Modules of what numba compiles, which are imported only where it is installed (`kernel_choice`)."""
+"""Modules of what numba compiles, which are imported only where it is installed (`choose_kernels`)."""
 
 
 def _distributions(requirements: list[str]) -> set[str]:

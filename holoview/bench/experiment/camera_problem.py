@@ -46,7 +46,6 @@ from holoview.bench.experiment.bench_camera import Picture, PictureRequest
 from holoview.bench.experiment.rig_bench import lasers_of
 from holoview.bench.rig.description import RigDescription
 from holoview.holograms.optimise.forward_model import ProcessRows
-from holoview.holograms.optimise.kernels import TORCH_KERNELS
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
     NormalEquations,
@@ -56,6 +55,7 @@ from holoview.holograms.optimise.objective import (
     beam_weights_of,
 )
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices

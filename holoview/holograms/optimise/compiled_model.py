@@ -1,4 +1,4 @@
-"""The parts of `propagation` by the compiled passes of `vector_kernels`: the same results, up to rounding.
+"""The parts of `propagation`, by the compiled passes of `vector_kernels`: the same results, up to rounding.
 
 Spectra, transfer functions and pixels lie row by row here (`by_rows` in `beams`), since neighbouring columns are
 transformed side by side.
@@ -20,12 +20,13 @@ from holoview.holograms.optimise.beams import (
     KeptRows,
     Rows,
     SpectralAxis,
+    TransferFunctions,
+    flat_view,
     make_rows,
     strided_view,
 )
 from holoview.holograms.optimise.lasers import Laser
-from holoview.holograms.optimise.propagation import ModulatorLight, PlanePropagation
-from holoview.holograms.optimise.transfer_functions import TransferFunctions
+from holoview.holograms.optimise.propagation import Kernels, ModulatorLight, PlanePropagation
 from holoview.holograms.optimise.vector_fft import LANES, has_fft
 from holoview.holograms.optimise.vector_kernels import (
     backpropagate_rows,
@@ -43,6 +44,7 @@ from holoview.holograms.optimise.vector_kernels import (
 )
 from holoview.light.model.plan import Plan
 from holoview.light.optics.slm import sum_pool
+from holoview.util.packages import compiled
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -219,3 +221,107 @@ class CompiledPlanePropagation(PlanePropagation):
             products,
         )
         return norms[0], norms[1], products
+
+
+class CompiledKernels(Kernels):
+    """`Kernels` by numba, on the CPU; of fields whose rows are contiguous.
+
+    No lock of Python is held, so that each thread of a `ThreadTeam` works on its own block.
+    """
+
+    name = "compiled"
+
+    def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
+        return fits_passes(axes)
+
+    def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
+        image = weights.new_empty(weights.shape[1], *fields.shape[2:])
+        _mix_loops(*flat_view(fields), weights.contiguous().numpy(), image.numpy())
+        return image
+
+    def replace_by_adjoint(self, fields: Tensor, weights: Tensor, slopes: Tensor) -> None:
+        _weight_loops(*flat_view(fields), (2 * weights).contiguous().numpy(), slopes.contiguous().numpy())
+
+    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+        _imaginary_loops(*flat_view(products), factors.contiguous().numpy(), out.numpy())
+
+    def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
+        norms = image.new_empty(2)
+        _residual_loops(*flat_view(image), *flat_view(target)[::2], image.new_full((1,), factor).numpy(), norms.numpy())
+        return norms[0], norms[1]
+
+
+# --- loops of `CompiledKernels`; all other passes stand in `vector_kernels` ---
+
+
+@compiled
+def _mix_loops(flat: Any, shape: Any, strides: Any, weights: Any, image: Any) -> None:
+    channels, rows, samples = image.shape
+    power = np.empty(samples, image.dtype)
+    for row in range(rows):
+        image[:, row] = 0
+        for laser in range(shape[0]):
+            for source in range(shape[1]):
+                first = laser * strides[0] + source * strides[1] + row * strides[2]
+                field = flat[first : first + 2 * samples]
+                for x in range(samples):
+                    power[x] = field[2 * x] * field[2 * x] + field[2 * x + 1] * field[2 * x + 1]
+                for channel in range(channels):
+                    weight, line = weights[laser * shape[1] + source, channel], image[channel, row]
+                    for x in range(samples):
+                        line[x] += weight * power[x]
+
+
+@compiled
+def _weight_loops(flat: Any, shape: Any, strides: Any, weights: Any, slopes: Any) -> None:
+    channels, rows, samples = slopes.shape
+    slope = np.empty(samples, slopes.dtype)
+    for row in range(rows):
+        for laser in range(shape[0]):
+            for source in range(shape[1]):
+                slope[:] = 0
+                for channel in range(channels):
+                    weight, line = weights[laser * shape[1] + source, channel], slopes[channel, row]
+                    for x in range(samples):
+                        slope[x] += weight * line[x]
+                first = laser * strides[0] + source * strides[1] + row * strides[2]
+                field = flat[first : first + 2 * samples]
+                for x in range(samples):
+                    field[2 * x] *= slope[x]
+                    field[2 * x + 1] *= -slope[x]
+
+
+@compiled
+def _residual_loops(
+    flat: Any, shape: Any, strides: Any, target_flat: Any, target_strides: Any, factor: Any, norms: Any
+) -> None:
+    samples = shape[2]
+    low, high, scale = norms.dtype.type(0), norms.dtype.type(1), factor[0]
+    residuals = errors = 0.0
+    for channel in range(shape[0]):
+        for row in range(shape[1]):
+            first = channel * strides[0] + row * strides[1]
+            image = flat[first : first + samples]
+            first = channel * target_strides[0] + row * target_strides[1]
+            target = target_flat[first : first + samples]
+            for x in range(samples):
+                residual = image[x] - target[x]
+                error = min(max(image[x], low), high) - min(max(target[x], low), high)
+                residuals += residual * residual
+                errors += error * error
+                image[x] = residual * scale
+    norms[0], norms[1] = np.sqrt(residuals), np.sqrt(errors)
+
+
+@compiled
+def _imaginary_loops(flat: Any, shape: Any, strides: Any, factors: Any, out: Any) -> None:
+    for row in range(shape[2]):
+        line = out[row]
+        line[:] = 0
+        for laser in range(shape[0]):
+            factor = factors[laser]
+            for source in range(shape[1]):
+                first = laser * strides[0] + source * strides[1] + row * strides[2]
+                field = flat[first : first + shape[3]]
+                for x in range(line.size):
+                    line[x] += factor * field[2 * x + 1]

@@ -19,7 +19,6 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.fields.field_target import FieldTarget
-from holoview.holograms.optimise.kernels import Kernels
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
     Objective,
@@ -27,6 +26,7 @@ from holoview.holograms.optimise.objective import (
     RowResult,
     beam_weights_of,
 )
+from holoview.holograms.optimise.propagation import Kernels
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.system import System

@@ -19,20 +19,33 @@ other, so that the fields of only one plane are in memory. The loss at a sample 
 only, so that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back
 while the block is in the cache. A structural loss takes a whole plane as one block.
 
-The adjoint by hand costs this file, `propagation`, `beams` and `transfer_functions`. It saves processor time and
-memory: by torch, autograd through the same bench (`autograd_model`) takes 1.2 to 1.3 times the time and 1.7 to 1.9
-times the memory (93 → 156 MiB, 278 → 520 MiB; holochrome-8, 192 × 256 and 384 × 512 pixels, 5 planes, complex64, one
-thread). Compiled passes (`compiled_model`) take less again.
+The number is computed in six files, in this order: here the plain pair (`PlainBeam`), with which tests compare the
+rest, and the model; `propagation` has its parts by torch, `beams` what they compute together; `compiled_model` has the
+same parts in the compiled passes of `vector_kernels`, around `vector_fft`. `AutogradModel` takes benches whose effects
+change the modulators' light.
+
+The adjoint by hand saves processor time and memory. In place of that of `ModulatorLight`, torch's autograd makes an
+evaluation take 1.04 times as long with one modulator and 1.24 to 1.46 times with two; with recomputation, which needs
+no more memory than now, 1.16 times and 1.5 to 1.9 times. Without recomputation it takes 1.7 to 1.9 times the memory
+(93 → 156 MiB, 278 → 520 MiB). Beside the compiled passes, which don't cover several sources, an evaluation of nine
+sources would take 1.5 times as long. (Medians of 5 evaluations side by side, 192 × 256 samples, 5 planes, complex64,
+one thread: holochrome-8, the same with one modulator and with 3 × 3 sources, time-sequential.)
 """
 
 from __future__ import annotations
 
+import json
 import math
+import platform
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import groupby
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 
@@ -41,6 +54,7 @@ from holoview.holograms.optimise.beams import (
     BeamFields,
     ColumnBlocks,
     SpectralAxis,
+    TransferFunctions,
     block_bytes,
     group_beams,
     make_beam_fields,
@@ -48,17 +62,91 @@ from holoview.holograms.optimise.beams import (
     slices,
     spectral_axes,
 )
-from holoview.holograms.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.holograms.optimise.lasers import lit_lasers
 from holoview.holograms.optimise.level_gradients import LevelSteps, secant_gradient
 from holoview.holograms.optimise.parallel import MIN_SAMPLES_FOR_THREADS, ThreadTeam
-from holoview.holograms.optimise.propagation import ModulatorLight, PlanePropagation
-from holoview.holograms.optimise.transfer_functions import TransferFunctions
+from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, ModulatorLight, PlanePropagation
 from holoview.holograms.optimise.wavelengths import BeamAdjoint, wavelength_derivative
-from holoview.light.model.plan import Plan
+from holoview.light.engine.frame import spectrum_behind_modulators
+from holoview.light.engine.torch_executor import TorchPropagation
+from holoview.light.model import preset
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.numerics.resample import upsample_nearest
+from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.optics.bench import plane_wave, pupil_with_effects, relay_response
+from holoview.light.optics.slm import phasor, sum_pool
+from holoview.light.optics.torch_effects import SampledTransmissions
+from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
+from holoview.util.files import cache_dir
+from holoview.util.packages import import_optional
 
 Tensor = torch.Tensor
 Result = TypeVar("Result")
+
+# --- the plain pair: what everything below computes -------------------------------------------------------------------
+
+
+class PlainBeam:
+    """One beam from the modulators to the planes and back, in the plainest form, complex128: the specification.
+
+    Fields (y, x) are those on the modulators' area. A relay is F⁻¹·H·F of the field in its padded grid, and its
+    transpose, since F is symmetric, F·H·F⁻¹. Effects of modulators are left out.
+    """
+
+    def __init__(self, plan: Plan, wavelength: int, source: int) -> None:
+        self.grid, self.wavelength_m = plan.grid, float(plan.system.wavelengths_m[wavelength])
+        self.illumination = plane_wave(plan, wavelength, source, torch.complex128, torch.device("cpu"))
+        self.gap = torch.empty(0) if plan.system.gap_m is None else _whole_response(plan, 0, wavelength, 0)
+        self.planes = torch.stack([_whole_response(plan, 1, wavelength, k) for k in range(len(plan.planes))])
+
+    def forward(self, opd_m: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """The fields E (plane, y, x) for optical paths (modulator, y, x), m, and those w behind each modulator."""
+        behind = [self.illumination * self.pixels(opd_m[0])]
+        for path_m in opd_m[1:]:
+            behind.append(self.relayed(behind[-1], self.gap) * self.pixels(path_m))
+        return self.relayed(behind[-1], self.planes), behind
+
+    def adjoint(self, opd_m: Tensor, behind: Sequence[Tensor], c_planes: Tensor) -> Tensor:
+        """∂L/∂opd (modulator, y, x), 1/m, from the conjugate gradients c_E (plane, y, x), with dL = Re Σ c_E·dE."""
+        c, products = self.relayed_transposed(c_planes, self.planes).sum(dim=0), []
+        for path_m, field in zip(reversed(opd_m), reversed(behind), strict=True):
+            products.append(sum_pool(c * field, self.grid.upsample))
+            if len(products) < len(behind):
+                c = self.relayed_transposed(c * self.pixels(path_m), self.gap)
+        return torch.stack(products[::-1]).imag * (-2 * math.pi / self.wavelength_m)
+
+    def pixels(self, path_m: Tensor) -> Tensor:
+        """p = exp(2πi·opd/λ) at the samples."""
+        return upsample_nearest(phasor(path_m, self.wavelength_m, torch.complex128), self.grid.upsample)
+
+    def spectrum(self, field: Tensor) -> Tensor:
+        """F of a field (…, y, x) in its padded grid."""
+        return torch.fft.fft2(self._padded(field))
+
+    def relayed(self, field: Tensor, response: Tensor) -> Tensor:
+        """A relay: F⁻¹·H·F."""
+        return torch.fft.ifft2(self.spectrum(field) * response)[..., *self.grid.inside]
+
+    def relayed_transposed(self, c: Tensor, response: Tensor) -> Tensor:
+        """Its transpose: F·H·F⁻¹."""
+        return torch.fft.fft2(torch.fft.ifft2(self._padded(c)) * response)[..., *self.grid.inside]
+
+    def _padded(self, field: Tensor) -> Tensor:
+        padded = torch.zeros(*field.shape[:-2], *self.grid.padded, dtype=torch.complex128)
+        padded[..., *self.grid.inside] = field
+        return padded
+
+
+def _whole_response(plan: Plan, relay: int, wavelength: int, plane: int) -> Tensor:
+    """H·P of a relay at all frequencies of the padded grid, (P_y, P_x) complex128."""
+    ky, kx = (torch.from_numpy(frequency_indices(count)) for count in plan.grid.padded)
+    pupil = pupil_with_effects(plan, relay, wavelength, plan.planes[plane].eye)
+    return relay_response(plan.transfer(relay, wavelength, plane), ky, kx, pupil, torch.complex128)
+
+
+# --- the model --------------------------------------------------------------------------------------------------------
+
 _SMALL_FIELDS_BYTES = 1 << 23
 _PASSES = 16  # at most, over a plane by compiled code: enough for the threads of a processor
 ProcessRows = Callable[[int, slice, Tensor], Result]
@@ -356,3 +444,202 @@ class ForwardModel:
                 )
                 derivatives.append((wavelength, wavelength_derivative(self.plan, self.transfer_functions, beam)))
         return derivatives
+
+
+# --- benches whose effects change the modulators' light: torch differentiates ----------------------------------------
+
+
+class AutogradModel(ForwardModel):
+    """Intensities and gradients of a plan whose modulators have effects, or another stroke than the nominal one.
+
+    Gradients are derivatives also for modulators with few levels (`level_steps` is ignored). There is no gradient of
+    the wavelengths.
+    """
+
+    def set_plan(self, plan: Plan) -> None:
+        """Changes to a plan of the same grid, lasers and planes."""
+        super().set_plan(plan)
+        self._patterns = _Patterns(plan, self.complex_dtype)
+        unshifted = replace(plan, grid=replace(plan.grid, offset=(0, 0)))  # where `beams` places the field
+        is_double = self.complex_dtype == torch.complex128
+        self._stages = _Stages(unshifted, self._patterns, double=is_double, device=self.device)
+        self._stages.transfer_functions = self.transfer_functions
+
+    @property
+    def is_fixed_work(self) -> bool:
+        """As there: torch's own graph of derivatives is made anew in each call."""
+        return False
+
+    def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
+        """Computes the spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
+        assert not wavelength_gradient
+        self.opd_m = opd_m.detach().requires_grad_()
+        self._graph_spectra = []
+        with torch.enable_grad():
+            self._patterns.nominal_opd_m = self.opd_m
+            for i, (frame, wavelength) in enumerate(self.lasers):
+                for source in range(self.source_count):
+                    spectrum = spectrum_behind_modulators(self._stages, wavelength, frame, source).values
+                    self._graph_spectra.append((spectrum, i, source))
+                    self.spectrum(i, source).write(slice(0, spectrum.shape[1]), spectrum.detach())
+        self._clear_adjoints(False)
+
+    def accumulate_gradients(
+        self, path_gradient: Tensor, wavelength_gradient: Tensor | None = None, level_steps: LevelSteps | None = None
+    ) -> None:
+        """Adds ∂L/∂opd to `path_gradient` (frame, modulator, y, x)."""
+        assert wavelength_gradient is None
+        for spectrum, laser, source in self._graph_spectra:
+            adjoint = self.adjoint_spectrum(laser, source).whole
+            (gradient,) = torch.autograd.grad(spectrum, self.opd_m, adjoint.conj())  # torch: ∂L/∂Re + i·∂L/∂Im
+            path_gradient += gradient
+        self._graph_spectra = []
+
+
+class _Stages(TorchPropagation):
+    """The stages up to the spectrum behind the last modulator."""
+
+    transfer_functions: TransferFunctions
+
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
+        """Transfer function × pupil of the gap."""
+        assert relay == 0
+        return self.transfer_functions.across_gap(wavelength)
+
+
+class _Patterns:
+    """The patterns of modulators with effects. nominal_opd_m: their nominal paths (frame, modulator, y, x), m."""
+
+    nominal_opd_m: Tensor
+
+    def __init__(self, plan: Plan, dtype: torch.dtype) -> None:
+        self._transmissions, self._dtype = SampledTransmissions(plan, torch.empty(0)), dtype
+        self._strokes_m = [modulator.stroke_m for modulator in plan.nominal.modulators]
+        pairs = zip(plan.system.modulators, self._strokes_m, strict=True)
+        self._factors = [modulator.stroke_m / nominal_m for modulator, nominal_m in pairs]
+
+    def path_m(self, frame: int, modulator: int) -> Tensor:
+        """Optical path (y, x) of a modulator's pixels, m, with the stroke that it really has."""
+        return self.nominal_opd_m[frame, modulator] * self._factors[modulator]
+
+    def is_sampled(self, modulator: int) -> bool:
+        """Whether an effect changes a modulator so that its transmission isn't exp(2πi·opd/λ) of its pixels."""
+        return self._transmissions.is_sampled(modulator)
+
+    def transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor | None:
+        """The transmission (y, x) of a modulator's samples; None if it is exp(2πi·opd/λ) of its pixels."""
+        if not self.is_sampled(modulator):
+            return None
+        real, stroke_m = torch.empty(0, dtype=self._dtype).real.dtype, self._strokes_m[modulator]
+        drive, before, first = ((self.nominal_opd_m[f, modulator] / stroke_m).to(real) for f in (frame, frame - 1, 0))
+        return self._transmissions.transmission_for(drive, before, first, modulator, wavelength, self._dtype)
+
+
+def make_forward_model(
+    plan: Plan, *, device: str, double: bool = False, rows_at_a_time: int | None = None, kernels: Kernels
+) -> ForwardModel:
+    """The model of a plan: an `AutogradModel` if effects change the light of its modulators. Arguments as there."""
+    strokes_m = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
+    needs_autograd = plan.nominal.effects and (
+        strokes_m[0] != strokes_m[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
+    )
+    model = AutogradModel if needs_autograd else ForwardModel
+    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time, kernels=kernels)
+
+
+# --- torch or compiled: the faster on this machine, measured once and remembered --------------------------------------
+
+_FORMAT = 2
+"""Of the file of choices; to be increased when kernels become faster or slower."""
+_FILE = "optimiser-kernels.json"
+_PRESET, _SHAPE = "holochrome-8", (96, 128)
+_ROUNDS = 5
+
+
+@cache
+def choose_kernels(device: str) -> Kernels:
+    """The faster kernels for a torch device: compiled ones only on the CPU, and where numba is installed.
+
+    Both are timed when a machine computes its first hologram, and the choice is kept in the user's cache folder.
+    """
+    if torch.device(device).type != "cpu" or find_spec("numba") is None:
+        return TORCH_KERNELS
+    chosen = _remembered_name()
+    if chosen is None:
+        chosen = _faster_name()
+        _remember(chosen)
+    return TORCH_KERNELS if chosen == TORCH_KERNELS.name else _compiled_kernels()
+
+
+def will_compile(device: str) -> bool:
+    """Whether `choose_kernels` has yet to compile and time the kernels for a torch device, which takes seconds."""
+    return torch.device(device).type == "cpu" and find_spec("numba") is not None and _remembered_name() is None
+
+
+def _compiled_kernels() -> Kernels:
+    """Raises UserError if numba can't be loaded."""
+    import_optional("numba", "compiled kernels")
+    from holoview.holograms.optimise.compiled_model import CompiledKernels
+
+    return CompiledKernels()
+
+
+def _faster_name() -> str:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in a thread of the team
+    try:
+        rivals = (TORCH_KERNELS, _compiled_kernels())
+        seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
+    except Exception:  # any failure of a compiler on an untried machine
+        return TORCH_KERNELS.name
+    finally:
+        torch.set_num_threads(threads)
+    return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
+
+
+def _seconds(kernels: Kernels) -> float:
+    """Processor time of this thread for the loss of a display and its gradient, of equal pixels."""
+    system = preset.load(_PRESET).with_(shape=_SHAPE, propagation="compact", planes=["10 mm", "11 mm"])
+    model = ForwardModel(make_plan(system), kernels=kernels)
+    opd_m = torch.zeros(1, 2, *_SHAPE)
+    target, weights = torch.ones(3, *model.plan.grid.shape), torch.ones(len(model.lasers), 3)
+
+    def evaluate_rows(plane: int, rows: slice, fields: torch.Tensor) -> None:
+        image = kernels.mix(fields, weights)
+        kernels.replace_by_residual(image, target[:, rows], 1.0)
+        kernels.replace_by_adjoint(fields, weights, image)
+
+    def evaluate_lines(plane: int, rows: slice, lines: torch.Tensor, propagation: PlanePropagation) -> None:
+        propagation.evaluate_rows(lines, rows, weights, target, 1.0, None, carry_back=True)
+
+    started = time.thread_time()
+    model.forward(opd_m)
+    model.process_planes([0, 1], evaluate_rows, evaluate_lines, carry_back=True)
+    model.accumulate_gradients(torch.zeros_like(opd_m))
+    return time.thread_time() - started
+
+
+def _key() -> str:
+    """Everything that the times depend on."""
+    versions = [version(library) for library in ("numba", "torch")]
+    return json.dumps([_FORMAT, platform.node(), platform.machine(), *versions])
+
+
+def _remembered_name() -> str | None:
+    name = _remembered().get(_key())
+    return name if name in (TORCH_KERNELS.name, "compiled") else None
+
+
+def _remembered() -> dict[str, Any]:
+    try:
+        entries = json.loads((cache_dir() / _FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return entries if isinstance(entries, dict) else {}
+
+
+def _remember(name: str) -> None:
+    path = cache_dir() / _FILE
+    with suppress(OSError, UserError):  # a folder that can't be written: the next run measures again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, json.dumps(_remembered() | {_key(): name}, indent=1, sort_keys=True), is_durable=False)

@@ -21,7 +21,7 @@ from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.checkpoint import Checkpoint, IterationState
 from holoview.holograms.optimise.eyes import StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget
-from holoview.holograms.optimise.kernel_choice import will_compile
+from holoview.holograms.optimise.forward_model import will_compile
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.named_methods import METHODS, describe_method, iterate_named
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup

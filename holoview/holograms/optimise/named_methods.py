@@ -29,9 +29,9 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.autograd_model import AutogradModel
 from holoview.holograms.optimise.beams import slices
 from holoview.holograms.optimise.checkpoint import Checkpoint, IterationState
+from holoview.holograms.optimise.forward_model import AutogradModel
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.holograms.optimise.settings import Settings

@@ -17,9 +17,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from holoview.holograms.optimise.kernels import TORCH_KERNELS, Kernels
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
-from holoview.holograms.optimise.propagation import PlanePropagation
+from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, PlanePropagation
 from holoview.holograms.optimise.settings import LossSpace, Settings, find_loss_space
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.sampling import Region, region_slices, zero_outside

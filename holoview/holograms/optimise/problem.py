@@ -12,13 +12,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.holograms.optimise.autograd_model import make_forward_model
 from holoview.holograms.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.holograms.optimise.eyes import Places
 from holoview.holograms.optimise.field_loss import ComplexTarget, FieldEvaluation, check_suits, split_target
-from holoview.holograms.optimise.forward_model import ProcessRows
-from holoview.holograms.optimise.kernel_choice import choose_kernels
-from holoview.holograms.optimise.kernels import Kernels
+from holoview.holograms.optimise.forward_model import ProcessRows, choose_kernels, make_forward_model
 from holoview.holograms.optimise.lasers import check_effects, with_only_lasers
 from holoview.holograms.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.holograms.optimise.memory import memory_guard, require_optimisation_memory
@@ -31,6 +28,7 @@ from holoview.holograms.optimise.objective import (
     make_objective,
 )
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup, limit_torch_threads, shard_lasers
+from holoview.holograms.optimise.propagation import Kernels
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
 from holoview.light.model.plan import Plan, make_plan

@@ -1,4 +1,8 @@
-"""From the modulators' pixels to the spectra behind the last one, from there to a focal plane, and back; by torch.
+"""From the modulators' pixels to the spectra behind the last one, to a focal plane, to its image, and back; by torch.
+
+`ModulatorLight`     from the pixels to the spectra
+`PlanePropagation`   from the spectra to the fields at a plane
+`Kernels`            from these fields to the image
 
 `forward_model` has the equations, `compiled_model` the same in compiled passes.
 """
@@ -17,13 +21,13 @@ from holoview.holograms.optimise.beams import (
     BeamFields,
     BeamGroup,
     SpectralAxis,
+    TransferFunctions,
     ZeroTails,
     block_bytes,
     samples_a_pixel,
     slices,
 )
 from holoview.holograms.optimise.lasers import Laser
-from holoview.holograms.optimise.transfer_functions import TransferFunctions
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.resample import upsample_nearest
 from holoview.light.optics.slm import phasor, sum_pool
@@ -274,3 +278,48 @@ class PlanePropagation:
 def _inverse_fft(values: Tensor, dim: int) -> Tensor:
     """Σ_k X_k·exp(2πi·k·n/P), which is its own transpose; no lines give no lines."""
     return torch.fft.ifft(values, dim=dim, norm="forward") if values.numel() else values.clone()
+
+
+class Kernels:
+    """From the fields of a plane (laser, source, row, x), complex, to its image and back, by torch. name: of these."""
+
+    name = "torch"
+
+    def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
+        """Whether compiled passes do the transforms along these axes, and the operations between them."""
+        return False
+
+    def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
+        """The image (channel, row, x) Σ weight·|E|². weights (beam, channel): of each laser from each source."""
+        squares = torch.view_as_real(fields.movedim(2, 0)).square().flatten(1, 2).flatten(2)
+        products = weights.T @ squares
+        pairs = products.view(*products.shape[:-1], -1, 2)
+        return (pairs[..., 0] + pairs[..., 1]).movedim(1, 0)
+
+    def replace_by_adjoint(self, fields: Tensor, weights: Tensor, slopes: Tensor) -> None:
+        """Replaces fields E by c_E = 2·g·conj(E), with g the slopes weighted for each beam.
+
+        weights (beam, channel). slopes (channel, row, x): ∂L/∂image.
+        """
+        # g·(1 − i): pairs (g, −g) for the real and the imaginary part of conj(E)
+        pairs = torch.view_as_real(slopes.movedim(1, 0).to(fields.dtype) * (1 - 1j)).flatten(2)
+        parts = torch.view_as_real(fields.movedim(2, 0))
+        parts.mul_(((2 * weights) @ pairs).view(parts.shape))
+
+    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+        """Writes Σ factor·Im(product), (y, x). products (laser, source, y, x). factors (laser,)."""
+        torch.sum(products.imag * factors[:, None, None, None], dim=(0, 1), out=out)
+
+    def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
+        """Replaces an image (channel, row, x) by factor·(image − target).
+
+        Returns two norms: of image − target, and of the same difference with both clipped to 0…1.
+        """
+        error_norm = torch.linalg.vector_norm(image.clamp(0, 1).sub_(target.clamp(0, 1)))
+        residual_norm = torch.linalg.vector_norm(image.sub_(target))
+        image.mul_(factor)
+        return residual_norm, error_norm
+
+
+TORCH_KERNELS = Kernels()
+"""The reference."""

@@ -28,7 +28,7 @@ from llvmlite import ir
 from numba import extending
 from numpy.typing import NDArray
 
-from holoview.holograms.optimise.machine_code import REORDERED, compiled
+from holoview.util.packages import REORDERED, compiled
 
 types: Any = numba.core.types
 intrinsic: Any = extending.intrinsic

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.optimise.machine_code import compiled
 from holoview.holograms.optimise.vector_fft import (
     BLOCK,
     LANES,
@@ -40,6 +39,7 @@ from holoview.holograms.optimise.vector_fft import (
     turn_picked,
 )
 from holoview.light.numerics.fourier import PrunedAxis
+from holoview.util.packages import compiled
 
 _PARTS = LANES * LANES  # numbers of a square
 _HALF = LANES // 2  # complex numbers of a row of a square

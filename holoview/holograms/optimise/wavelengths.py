@@ -23,8 +23,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from holoview.holograms.optimise.beams import TransferFunctions
 from holoview.holograms.optimise.settings import LossSpace, Settings
-from holoview.holograms.optimise.transfer_functions import TransferFunctions
 from holoview.light.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.resample import upsample_nearest

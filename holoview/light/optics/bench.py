@@ -8,8 +8,9 @@ free space over the gap and to a plane, P₁ and P₂ the pupils of the relays, 
 The elements stand here, and their order in `engine.frame.spectrum_behind_modulators`. All predictions in torch follow
 from both: those of the reference executor (`engine.torch_executor`), of the near field of captures
 (`captures.camera_model`), which diagnosis and calibration fit, and of the optimiser's model with effects
-(`optimise.autograd_model`). Each of them chooses its precision, which frequencies it computes, and which results it
-keeps. The optimiser's model without effects (`optimise.forward_model`) has its own chain with an adjoint by hand.
+(`optimise.forward_model.AutogradModel`). Each of them chooses its precision, which frequencies it computes, and which
+results it keeps. The optimiser's model without effects (`ForwardModel` there) has its own chain with an adjoint by
+hand.
 """
 
 from __future__ import annotations
