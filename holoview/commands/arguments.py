@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from holoview.light.model.effects.registry import (
     EffectValues,
     load_user_effects,
 )
+from holoview.light.model.fields import Integer, Maybe, Number, Several, Word, fields_by_key
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
@@ -30,7 +31,6 @@ from holoview.util.tables import parse_toml_value
 from holoview.util.text import plain_name, printable
 
 SAMPLING_OPTIONS = ("finer", "padding", "points")  # fields of holoview.bench.captures.predictor.SamplingConfig
-_MAX_SEED = 2**63 - 1
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -155,13 +155,6 @@ def parse_duration(text: str) -> float:
     return float(match[1]) * _SECONDS[match[2]]
 
 
-def parse_seed(text: str) -> int:
-    """The seed of a random generator, as an argparse type."""
-    if not text.strip().isdecimal() or int(text) > _MAX_SEED:
-        raise argparse.ArgumentTypeError(f"{text}; expected a whole number from 0 to {_MAX_SEED}")
-    return int(text)
-
-
 def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
     """The values that --effects states, {effect id: {parameter: value in SI units}}.
 
@@ -250,15 +243,74 @@ def whole(low: int, high: int = 1_000_000) -> Callable[[str], int]:
         except ValueError:
             value = high + 1
         if not low <= value <= high:
-            above = f"a whole number of at least {low}, at most {high}"
-            raise argparse.ArgumentTypeError(f"{_short(text)}; expected {above}")
+            range = f"of at least {low}, at most {high}" if low else f"from 0 to {high}"
+            raise argparse.ArgumentTypeError(f"{_short(text)}; expected a whole number {range}")
         return value
 
     return parse
 
 
+parse_seed = whole(0, 2**63 - 1)
+"""An argparse type: the seed of a random generator."""
+
+
 def _short(text: str) -> str:
     return repr(text) if len(text) <= _LONGEST else f"{text[:20]!r}… of {len(text)} characters"
+
+
+# --- flags of a description's fields: their types, sentences and defaults stand there ---
+
+
+def add_fields(
+    group: argparse._ActionsContainer,
+    description: type[Any],
+    *keys: str,
+    more_words: tuple[str, ...] = (),
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Adds a flag for each of some fields; its value is None where it isn't given. `given_fields` makes the values.
+
+    more_words: that a flag takes beside those of its field. notes: for the end of a flag's help.
+    """
+    known = fields_by_key(description)
+    for key in keys:
+        field = known[key]
+        options: dict[str, Any] = {"metavar": "TEXT"}
+        kind: Any = field.metadata["kind"]
+        kind = kind.item if isinstance(kind, Maybe) else kind
+        item = kind.item if isinstance(kind, Several) else kind
+        unit = getattr(item, "unit", "")
+        if isinstance(kind, Several):
+            measured = {"nargs": kind.count, "type": _in_unit(unit), "metavar": unit.upper()} if unit else None
+            options = measured or {"metavar": "A,B,…"}
+        elif isinstance(kind, Word):
+            options = {"choices": (*kind.options, *more_words)}
+        elif isinstance(kind, Integer):
+            options = {"type": whole(kind.low, kind.high), "metavar": "N"}
+        elif isinstance(kind, Number):
+            metavar = (unit or field.name[len(key) + 1 :] or key).upper()
+            options = {"type": _in_unit(unit) if unit else number(), "metavar": metavar}
+        text = f"{field.metadata['doc']} {_default_text(field.default, unit)}{(notes or {}).get(key, '')}".strip()
+        group.add_argument(f"--{key.replace('_', '-')}", **options, help=text.replace("%", "%%"))
+
+
+def _in_unit(unit: str) -> Callable[[str], float]:
+    """An argparse type: a number of some unit, in SI units."""
+    scale, parse = units.parse(f"1 {unit}", "unit", units.quantity_of(unit)), number()
+    return lambda text: parse(text) * scale
+
+
+def _default_text(default: Any, unit: str) -> str:
+    """A default in parentheses; "" for none."""
+    values = default if isinstance(default, tuple) else (default,)
+    shown = [units.format_rounded(value, unit) if unit else str(value) for value in values if value not in (None, "")]
+    return f"(default {', '.join(shown)})" if shown else ""
+
+
+def given_fields(args: argparse.Namespace, description: type[Any]) -> dict[str, Any]:
+    """The values of the flags of `add_fields` that were given, by the names of their fields."""
+    values = {field.name: getattr(args, key, None) for key, field in fields_by_key(description).items()}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 # --- the file that a command writes when none is named; its name comes from a bench, which may be a stranger's ---

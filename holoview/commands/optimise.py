@@ -32,12 +32,13 @@ from holoview.bench.experiment.camera_problem import require_camera_settings
 from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
 from holoview.bench.rig import read_rig
 from holoview.commands.arguments import (
+    add_fields,
     add_system,
     default_output,
+    given_fields,
     number,
     parse_duration,
     parse_region,
-    parse_seed,
     system_from_args,
     warn_of_camera_effects,
     warn_of_limits,
@@ -60,7 +61,7 @@ from holoview.holograms.load_field import is_field_file, open_hologram
 from holoview.holograms.metrics.image_quality import PLACE_SCORES, render_for_score, score_hologram, score_places
 from holoview.holograms.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores
 from holoview.holograms.optimise.checkpoint import IterationState, load_checkpoint
-from holoview.holograms.optimise.eyes import CHROMATIC, OptimisedEyes, PupilPlaces, StacksAt, target_at_places
+from holoview.holograms.optimise.eyes import OptimisedEyes, PupilPlaces, StacksAt, target_at_places
 from holoview.holograms.optimise.field_loss import ComplexTarget
 from holoview.holograms.optimise.film import FilmJob, optimise_film
 from holoview.holograms.optimise.hologram_job import (
@@ -80,11 +81,9 @@ from holoview.holograms.optimise.parallel import (
 )
 from holoview.holograms.optimise.settings import (
     FIELD_LOSS,
+    FIELD_LOSS_DOC,
     FIRST_ITERATIONS,
-    INITIAL_PATTERNS,
-    LOSS_SPACES,
     NEXT_ITERATIONS,
-    VARIABLES,
     Settings,
 )
 from holoview.holograms.targets.focal_stack import Film, is_video
@@ -139,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     check_suffix(output, ".safetensors")
     check_files(args, {"-o": [output], "--resume": [args.resume] if args.resume and not args.checkpoint else []})
     require_optimisation_memory(system)
-    eyes = OptimisedEyes.from_text(args.pupils, args.chromatic)
+    eyes = OptimisedEyes(**given_fields(args, OptimisedEyes))
     pupils = eyes.places_in(system)
     settings, options = _settings(args, system, pupils), _run_options(args)
     options.check_method(settings)
@@ -248,48 +247,13 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_objective(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--loss",
-        choices=(*LOSS_SPACES, FIELD_LOSS),
-        help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items())
-        + f"; {FIELD_LOSS}: the complex field of each laser, of a target that is one",
-    )
-    group.add_argument(
-        "--free",
-        metavar="A,B",
-        default=",".join(_DEFAULTS.free),
-        help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)",
-    )
-    group.add_argument(
-        "--eyebox", metavar="WEIGHT", type=number(), default=0.0, help="even out the eyebox, e.g. 0.01 (0)"
-    )
-    group.add_argument(
-        "--pupils",
-        metavar="ROWSxCOLUMNS:SPACING",
-        help="places of the eye's pupil from each of which the target counts, e.g. 3x3:0.8mm; random:4:0.8mm: four "
-        "places within this radius, drawn anew in each iteration",
-    )
-    group.add_argument(
-        "--drawn-planes",
-        metavar="N",
-        type=whole(0),
-        help="so many planes, drawn anew, count in an iteration but for the last 30 %% (40 at least, half at most), "
-        "which takes less time; 0: all (1 of four or more in runs of 80 iterations or more, else all)",
-    )
-    group.add_argument(
-        "--chromatic",
-        choices=CHROMATIC,
-        default=CHROMATIC[0],
-        help="ignore: optimise as if the eye had no chromatic aberration; the score is always what the eye sees",
-    )
-    group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
+    notes = {"loss": f" {FIELD_LOSS}: {FIELD_LOSS_DOC}"}
+    add_fields(group, Settings, "loss", more_words=(FIELD_LOSS,), notes=notes)
+    add_fields(group, Settings, "free", "eyebox", "drawn_planes", "plane_weights", "region")
+    add_fields(group, Settings, "wavelength_range", "wavelength_spacing")
+    add_fields(group, OptimisedEyes, "pupils", "chromatic")
     group.add_argument(
         "--margin", metavar="N", type=whole(0), default=0, help="samples at every border that don't count"
-    )
-    group.add_argument("--plane-weights", metavar="A,B,…", help="how much each plane counts; equal if absent")
-    group.add_argument("--wavelength-range", metavar="NM", nargs=2, type=number(), default=(440.0, 660.0))
-    group.add_argument(
-        "--wavelength-spacing", metavar="NM", type=number(), default=4.0, help="least, of free wavelengths"
     )
 
 
@@ -300,16 +264,8 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         default=METHODS[0],
         help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
     )
-    group.add_argument(
-        "--iterations", type=whole(1), help=f"{_DEFAULTS.iterations}; of a film's first picture {FIRST_ITERATIONS}"
-    )
-    group.add_argument(
-        "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
-    )
-    group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
-    group.add_argument(
-        "--begin", choices=INITIAL_PATTERNS, default="random", help="smooth: less speckle, an emptier eyebox"
-    )
+    notes = {"iterations": f"; {FIRST_ITERATIONS} of a film's first picture", "step": f"; {STEP_RAD} with the camera"}
+    add_fields(group, Settings, "iterations", "step", "seed", "begin", notes=notes)
     add_input(group, "--start", metavar="FILE", help="a hologram file whose patterns to begin with")
     group.add_argument(
         "--grid",
@@ -406,23 +362,8 @@ def _settings(
 
     iterations: where the arguments don't say how many.
     """
-    low, high = args.wavelength_range
-    weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
-    settings = Settings(
-        iterations=args.iterations or iterations,
-        step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
-        seed=args.seed,
-        free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
-        loss=None if args.loss == FIELD_LOSS else args.loss,
-        region=_region_or_margin(args, system),
-        plane_weights=weights,
-        eyebox=args.eyebox,
-        drawn_planes=args.drawn_planes,
-        begin=args.begin,
-        wavelength_range_m=(low * 1e-9, high * 1e-9),
-        wavelength_spacing_m=args.wavelength_spacing * 1e-9,
-    )
-    return pupils.in_settings(settings)
+    given = {"iterations": iterations, **given_fields(args, Settings), "region": _region_or_margin(args, system)}
+    return pupils.in_settings(Settings(**given | ({"loss": None} if args.loss == FIELD_LOSS else {})))
 
 
 def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None:
@@ -436,14 +377,6 @@ def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None
         raise UserError("--margin", str(args.margin), expected=f"0 to {(min(rows, columns) - 1) // 2} samples")
     margin = args.margin
     return (margin, margin, columns - 2 * margin, rows - 2 * margin) if margin else None
-
-
-def _parse_numbers(text: str, flag: str) -> list[float]:
-    """Numbers that are separated by commas. flag: for the error message."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise UserError(flag, f'"{text}"', expected="numbers with commas between them") from error
 
 
 def _run_options(args: argparse.Namespace) -> RunOptions:
@@ -729,7 +662,7 @@ def _print_result(
         print_json(table | scores)
         return
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
-    if "wavelengths" in args.free:
+    if "wavelengths" in (args.free or ""):
         print(f"wavelengths {', '.join(f'{λ:.1f}' for λ in wavelengths)} nm")
     for line in [*_format_scores(scores, system), *_format_place_scores(scores)]:
         print(line)

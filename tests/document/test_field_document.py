@@ -28,7 +28,7 @@ from holoview.viewer.document.archive import SessionArchive, SessionData, read_s
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.file_loader import FileLoader, most_samples_for, read_content
 from holoview.viewer.document.focus_edits import focus_at, focus_range_m, look_on_other_side
-from holoview.viewer.document.optimisation_job import RestOfOptimisation, chosen_optimisation, start_optimisation
+from holoview.viewer.document.optimisation_job import chosen_optimisation, read_rest, start_optimisation
 from holoview.viewer.document.target_builder import TargetSpec, example_target
 from holoview.viewer.render.page_images import phase_turns
 from tests.document.conftest import small_system
@@ -242,8 +242,8 @@ def test_the_complex_field_of_a_target_is_found_in_the_background(tmp_path: Path
     # of independent speckle 1 − |⟨T, E⟩|²/… is 1 but for 1/n of n modes; each step follows the gradient
     assert losses[0] > 0.9 and losses[-1] < 0.9 * losses[0]
     assert "optimised, 12 iterations" in session.document.origin
-    rest = RestOfOptimisation(json.dumps(dataclasses.asdict(job.request.settings)), compares_fields=True)
-    assert rest.request().compares_fields
+    rest = read_rest({"settings": json.dumps(dataclasses.asdict(job.request.settings)), "compares_fields": True})
+    assert rest is not None and rest.compares_fields and rest.settings == job.request.settings
     session.edit("Picture", target_spec=example_target())
     with pytest.raises(UserError, match='"field" with still life'):
         start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))

@@ -19,7 +19,8 @@ from holoview.holograms.optimise.solve import iterate
 from holoview.util.errors import UserError
 from holoview.viewer.document.archive import SESSION_FILE
 from holoview.viewer.document.document import Document
-from holoview.viewer.document.optimisation_job import RestOfOptimisation, read_rest, running_optimisation
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.optimisation_job import UnfinishedOptimisation, read_rest, running_optimisation
 from holoview.viewer.document.session_store import SessionStore
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
@@ -113,9 +114,10 @@ def test_a_damaged_rest_leaves_the_result(killed: tuple[Path, int]) -> None:
 
 
 @pytest.mark.parametrize("pupils", ["", "3x3:0.6 mm", "random:4:0.8 mm"])
-def test_it_goes_on_for_the_same_eyes(pupils: str) -> None:
-    rest = RestOfOptimisation("{}", pupils=pupils, chromatic="ignore")
-    eyes = rest.request().eyes
-    assert eyes == OptimisedEyes.from_text(pupils or None, "ignore")
-    again = RestOfOptimisation("{}", pupils="" if eyes.pupils is None else str(eyes.pupils), chromatic=eyes.chromatic)
-    assert again.request().eyes == eyes
+def test_the_rest_of_an_optimisation_is_read_as_it_was_written(pupils: str, session: EditingSession) -> None:
+    table = {"settings": '{"seed": 3}', "only_plane_m": 0.01, "device": "cpu", "compares_fields": True, "done": 7}
+    rest = read_rest(table | {"pupils": pupils, "chromatic": "ignore"})
+    assert rest is not None and rest.start_patterns == "now" and rest.settings == Settings(seed=3)
+    assert (rest.only_plane_m, rest.device, rest.compares_fields, rest.done) == (0.01, "cpu", True, 7)
+    assert rest.eyes == OptimisedEyes.from_text(pupils or None, "ignore")
+    assert read_rest(UnfinishedOptimisation(session.document, rest).rest_table()) == rest

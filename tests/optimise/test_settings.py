@@ -36,8 +36,11 @@ from holoview.util.errors import UserError
         ({"plane_weights": (1.0, float("nan"))}, "plane weights"),
         ({"wavelength_range_m": (600e-9, 500e-9)}, "wavelength range: 600 to 500 nm"),
         ({"wavelength_range_m": (440.0, 660.0)}, "wavelength range"),
-        ({"wavelength_spacing_m": -1e-9}, "wavelength range: .* spacing -1 nm"),
-        ({"wavelength_step_m": 0.0}, "wavelength range"),
+        ({"wavelength_range_m": (440e-9,)}, "wavelength range: .* expected 2 of them, each between 1 nm"),
+        ({"loss": "beauty"}, 'loss: "beauty"; expected linear-srgb, srgb'),
+        ({"seed": -1}, "seed: -1; expected a whole number from 0"),
+        ({"wavelength_spacing_m": -1e-9}, "wavelength spacing: -1 nm is out of range"),
+        ({"wavelength_step_m": 0.0}, "wavelength step: 0 nm is out of range"),
     ],
     ids=str,
 )

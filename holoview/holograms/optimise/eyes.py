@@ -12,13 +12,14 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.eye import Eye
+from holoview.light.model.fields import Word, described_field, validate
 from holoview.light.model.focus import required_eye, with_pupil_at
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import positions
@@ -51,15 +52,36 @@ class SeenTarget(Protocol):
 
 
 @dataclass(frozen=True)
+class PupilsField:
+    """Field type of places of the pupil, given as they are or as text; "" and None are none."""
+
+    def parse(self, value: Any, where: str) -> PupilChoice | None:
+        if value is None or value == "":
+            return None
+        return value if isinstance(value, PupilGrid | PupilDraw) else parse_pupils(str(value))
+
+    def to_toml(self, value: PupilChoice | None) -> str | None:
+        return None if value is None else str(value)
+
+
+@dataclass(frozen=True)
 class OptimisedEyes:
     """Places of the pupil, None for the eye's own alone; chromatic: one of CHROMATIC. Raises UserError for another."""
 
-    pupils: PupilChoice | None = None
-    chromatic: str = CHROMATIC[0]
+    pupils: PupilChoice | None = described_field(
+        PupilsField(),
+        "Places of the eye's pupil from each of which the target counts, about where it is, e.g. 3x3:0.8mm; "
+        "random:4:0.8mm: four places within this radius, drawn anew in each iteration.",
+        default=None,
+    )
+    chromatic: str = described_field(
+        Word(CHROMATIC),
+        "ignore: optimise as if the eye had no chromatic aberration; picture and score are always what the eye sees.",
+        default=CHROMATIC[0],
+    )
 
     def __post_init__(self) -> None:
-        if self.chromatic not in CHROMATIC:
-            raise UserError("chromatic", f'"{self.chromatic}"', expected=" or ".join(CHROMATIC))
+        validate(self)
 
     @classmethod
     def from_text(cls, pupils: str | None, chromatic: str) -> OptimisedEyes:

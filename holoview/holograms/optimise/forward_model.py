@@ -74,7 +74,7 @@ from holoview.light.model.plan import Plan, make_plan
 from holoview.light.numerics.resample import upsample_nearest
 from holoview.light.numerics.sampling import frequency_indices
 from holoview.light.optics.bench import plane_wave, pupil_with_effects, relay_response
-from holoview.light.optics.slm import phasor, sum_pool
+from holoview.light.optics.slm import sum_pool
 from holoview.light.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -118,7 +118,7 @@ class PlainBeam:
 
     def pixels(self, path_m: Tensor) -> Tensor:
         """p = exp(2πi·opd/λ) at the samples."""
-        return upsample_nearest(phasor(path_m, self.wavelength_m, torch.complex128), self.grid.upsample)
+        return upsample_nearest(torch.exp((2j * math.pi / self.wavelength_m) * path_m), self.grid.upsample)
 
     def spectrum(self, field: Tensor) -> Tensor:
         """F of a field (…, y, x) in its padded grid."""

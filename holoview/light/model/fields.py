@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util import units
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
 from holoview.util.tables import ValueType, check_keys, is_required
 
 
@@ -45,12 +45,14 @@ class Number:
     unit: in which text is written, such as "mm", "mrad" or "D"; "" for a plain number.
     low, high: inclusive bounds, in SI units.
     optional: whether None is allowed.
+    words: the range in an error's words; "" for those of `format_range`.
     """
 
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     optional: bool = False
+    words: str = ""
 
     def parse(self, value: Any, where: str) -> float | None:
         if value is None and self.optional:
@@ -62,7 +64,8 @@ class Number:
         else:
             number = units.to_float(value)
         if not (math.isfinite(number) and self.low <= number <= self.high):
-            raise UserError(where, f"{self._show(number)} is out of range", expected=self.format_range())
+            found = str(number) if self.words and not self.unit else f"{self._show(number)} is out of range"
+            raise UserError(where, found, expected=self.format_range())
         return number
 
     def to_toml(self, value: float | None) -> Any:
@@ -70,6 +73,8 @@ class Number:
 
     def format_range(self) -> str:
         """The range in words, for error messages."""
+        if self.words:
+            return self.words
         if math.isinf(self.low) and math.isinf(self.high):
             return "a finite number" + (f" in {self.unit}" if self.unit else "")
         if math.isinf(self.high):
@@ -139,18 +144,23 @@ class Array:
 
 @dataclasses.dataclass(frozen=True)
 class Integer:
-    """A whole number from `low` to `high`, both included."""
+    """A whole number from `low` to `high`, both included. words: the range in an error's words; "" for the usual."""
 
     low: int = 1
     high: int = 1 << 20
+    words: str = ""
 
     def parse(self, value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not self.low <= value <= self.high:
-            raise UserError(where, f"{value!r}", expected=f"a whole number from {self.low} to {self.high}")
+            raise UserError(where, f"{value!r}", expected=self.format_range())
         return int(value)
 
     def to_toml(self, value: int) -> int:
         return value
+
+    def format_range(self) -> str:
+        """The range in words, for error messages."""
+        return self.words or f"a whole number from {self.low} to {self.high}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -229,6 +239,86 @@ class Choice:
 
     def to_toml(self, value: str) -> str | None:
         return None if value == self.unwritten else value
+
+
+@dataclasses.dataclass(frozen=True)
+class Word:
+    """One of the words in `options`, of which "" is nothing; the error suggests similar ones."""
+
+    options: tuple[str, ...]
+
+    def parse(self, value: Any, where: str) -> str:
+        if value not in self.options:
+            found = f'"{value}"' if isinstance(value, str) else repr(value)
+            remedy = suggest_matches(str(value), self.options)
+            raise UserError(where, found, expected=self.format_range(), remedy=remedy)
+        return str(value)
+
+    def to_toml(self, value: str) -> str:
+        return value
+
+    def format_range(self) -> str:
+        """The words, for error messages."""
+        return (" or " if len(self.options) == 2 else ", ").join(option or "nothing" for option in self.options)
+
+
+@dataclasses.dataclass(frozen=True)
+class Several:
+    """A tuple of values of one type, also given as text with commas between them.
+
+    item: type of each. count: how many; None for any number. words: what is expected where one of them is wrong; "" for
+    what its own type says.
+    """
+
+    item: Any
+    count: int | None = None
+    words: str = ""
+
+    def parse(self, value: Any, where: str) -> tuple[Any, ...]:
+        if isinstance(value, str):
+            value = self._parts(value, where)
+        if not isinstance(value, Iterable) or (self.count is not None and len(list(value)) != self.count):
+            raise UserError(where, f"{value!r}", expected=self.format_range())
+        try:
+            return tuple(self.item.parse(entry, where) for entry in value)
+        except UserError as error:
+            raise error if not self.words else UserError(where, str(value), expected=self.words) from error
+
+    def to_toml(self, value: tuple[Any, ...]) -> list[Any]:
+        return [self.item.to_toml(entry) for entry in value]
+
+    def format_range(self) -> str:
+        """What is expected, for error messages."""
+        count = "any number" if self.count is None else self.count
+        return self.words or f"{count} of them, each {self.item.format_range()}"
+
+    def _parts(self, text: str, where: str) -> list[Any]:
+        """The values in a text, which are numbers where their type has no unit."""
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        if not isinstance(self.item, Integer | Number) or (isinstance(self.item, Number) and self.item.unit):
+            return parts
+        try:
+            return [int(part) if isinstance(self.item, Integer) else float(part) for part in parts]
+        except ValueError as error:
+            raise UserError(where, f'"{text}"', expected="numbers with commas between them") from error
+
+
+@dataclasses.dataclass(frozen=True)
+class Maybe:
+    """A value of some type, or None."""
+
+    item: Any
+
+    def parse(self, value: Any, where: str) -> Any:
+        return None if value is None else self.item.parse(value, where)
+
+    def to_toml(self, value: Any) -> Any:
+        return None if value is None else self.item.to_toml(value)
+
+    def format_range(self) -> str:
+        """What is expected, for error messages."""
+        found: str = self.item.format_range()
+        return found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -353,6 +443,19 @@ def described_field(field_type: ValueType, doc: str, **kwargs: Any) -> Any:
     return dataclasses.field(metadata={"kind": field_type, "doc": doc}, **kwargs)
 
 
+def same_field(description: type[Any], name: str) -> Any:
+    """A field as another description declares it: type, sentence and default."""
+    (field,) = [field for field in dataclasses.fields(description) if field.name == name]
+    return dataclasses.field(metadata=field.metadata, default=field.default)
+
+
+def with_field_docs(description: type[Any]) -> type[Any]:
+    """A class decorator: the docstring ends with the sentence of each field."""
+    sentences = [f"{field.name}: {field.metadata['doc']}" for field in dataclasses.fields(description)]
+    description.__doc__ = "\n    ".join([(description.__doc__ or "").rstrip(), "", *sentences]) + "\n    "
+    return description
+
+
 def key_without_unit(name: str) -> str:
     """A field's key in tables: its name without the unit."""
     for unit in ("_m", "_s", "_rad", "_dpt", "_deg"):
@@ -372,10 +475,14 @@ def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
     return known[key]
 
 
-def validate(instance: Any) -> None:
-    """Replaces every field of a frozen description by what its type parses from it; called first in `__post_init__`."""
+def validate(instance: Any, *, spaced: bool = False) -> None:
+    """Replaces every field of a frozen description by what its type parses from it; called first in `__post_init__`.
+
+    spaced: whether errors name "plane weights" in place of "plane_weights".
+    """
     for key, field in fields_by_key(type(instance)).items():
-        object.__setattr__(instance, field.name, field.metadata["kind"].parse(getattr(instance, field.name), key))
+        where = key.replace("_", " ") if spaced else key
+        object.__setattr__(instance, field.name, field.metadata["kind"].parse(getattr(instance, field.name), where))
 
 
 def from_mapping(description: type[Any], table: Mapping[str, Any]) -> Any:

@@ -9,7 +9,6 @@ history.
 
 from __future__ import annotations
 
-import math
 import time
 import traceback
 from collections import deque
@@ -22,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.optimise.eyes import CHROMATIC, OptimisedEyes
-from holoview.holograms.optimise.settings import FIELD_LOSS, LOSS_SPACES
+from holoview.holograms.optimise.eyes import OptimisedEyes
+from holoview.holograms.optimise.settings import FIELD_LOSS, FIELD_LOSS_DOC, INITIAL_PATTERNS, LOSS_SPACES, Settings
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
+from holoview.light.model.fields import Choice, Word, described_field, field_for, same_field, validate
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.text import printable
@@ -553,45 +553,37 @@ SCHEMES = (
     *("simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3", "holochrome-16"),
     "holochrome-8+multisource-3x3",
 )
-START_PATTERNS = ("now", "random", "smooth")
-MOST_ITERATIONS = 100_000
 
 
 @dataclass(frozen=True)
 class OptimisationChoices:
-    """Choices for an optimisation.
+    """Choices for an optimisation: those of its `Settings` and `OptimisedEyes` that a panel offers, and three more.
 
-    scheme: one of SCHEMES, "" for the bench as it is. loss: one of LOSS_SPACES, "" for that of the observer,
-    or FIELD_LOSS.
-    start_patterns: "now" for the present patterns, "random", or "smooth". iterations: number of them. eyebox: weight of
-    an evenly lit one. pupils: places of the eye's pupil, as `--pupils` has them; "" for its own. chromatic: whether its
-    chromatic aberration is compensated or ignored.
-
-    Raises UserError for a choice that isn't offered.
+    pupils: as text; "" for the eye's own place. Raises UserError for a choice that isn't offered.
     """
 
-    scheme: str = ""
-    loss: str = ""
-    start_patterns: str = START_PATTERNS[1]
-    iterations: int = 60
-    eyebox: float = 0.0
-    pupils: str = ""
-    chromatic: str = CHROMATIC[0]
+    scheme: str = described_field(
+        Word(("", *SCHEMES)),
+        "How the lasers are driven: which wavelengths, together or in turn, in how many frames; as they are if absent.",
+        default="",
+    )
+    loss: str = described_field(
+        Word(("", *LOSS_SPACES, FIELD_LOSS)),
+        f"{field_for(Settings, 'loss').metadata['doc']} {FIELD_LOSS}: {FIELD_LOSS_DOC}",
+        default="",
+    )
+    start_patterns: str = described_field(
+        Word(("now", *INITIAL_PATTERNS)),
+        f"{field_for(Settings, 'begin').metadata['doc']} now: go on from what is shown.",
+        default=Settings.begin,
+    )
+    iterations: int = same_field(Settings, "iterations")
+    eyebox: float = same_field(Settings, "eyebox")
+    pupils: str = described_field(Choice(), field_for(OptimisedEyes, "pupils").metadata["doc"], default="")
+    chromatic: str = same_field(OptimisedEyes, "chromatic")
 
     def __post_init__(self) -> None:
-        options_of = {
-            "scheme": ("", *SCHEMES),
-            "loss": ("", *LOSS_SPACES, FIELD_LOSS),
-            "start_patterns": START_PATTERNS,
-        }
-        for key, options in options_of.items():
-            if getattr(self, key) not in options:
-                expected = ", ".join(option or "nothing" for option in options)
-                raise UserError(key, f'"{getattr(self, key)}"', expected=expected)
-        if not 1 <= self.iterations <= MOST_ITERATIONS:
-            raise UserError("iterations", str(self.iterations), expected=f"1 to {MOST_ITERATIONS}")
-        if not 0 <= self.eyebox < math.inf:
-            raise UserError("eyebox", f"{self.eyebox:g}", expected="a weight of 0 or more")
+        validate(self)
         OptimisedEyes.from_text(self.pupils or None, self.chromatic)
 
     def eyes_for(self, system: System) -> OptimisedEyes:

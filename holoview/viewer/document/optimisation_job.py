@@ -24,19 +24,20 @@ from numpy.typing import NDArray
 
 from holoview.holograms.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.holograms.optimise.checkpoint import IterationState
-from holoview.holograms.optimise.eyes import CHROMATIC, OptimisedEyes, target_at_places
+from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.settings import FIELD_LOSS, NEXT_ITERATIONS, Settings
 from holoview.holograms.targets.live_pictures import LivePictures, open_live_pictures
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.view import random_drive
+from holoview.light.model.fields import Choice, Integer, Number, Truth, field_for, fields_by_key, to_mapping
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.tables import read_record, record_from_table
+from holoview.util.tables import ValueType, read_record, read_table
 from holoview.viewer.document.document import Document
-from holoview.viewer.document.editing_session import START_PATTERNS, EditingSession, OptimisationChoices
+from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
 from holoview.viewer.document.measurements import luminance_of, measure_region
 from holoview.viewer.document.target_builder import TargetSpec
@@ -74,8 +75,7 @@ class OptimisationRequest:
     done: int = 0
 
     def __post_init__(self) -> None:
-        if self.start_patterns not in START_PATTERNS:
-            raise UserError("begin", f'"{self.start_patterns}"', expected=", ".join(START_PATTERNS))
+        field_for(OptimisationChoices, "start_patterns").metadata["kind"].parse(self.start_patterns, "begin")
         for key, count in (("every", self.preview_every), ("coarse", self.superpixel)):
             if count < 1:
                 raise UserError(key, str(count), expected="at least 1")
@@ -411,59 +411,40 @@ def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Dr
 
 
 _WHAT = "the rest of an optimisation"
-
-
-@dataclass(frozen=True)
-class RestOfOptimisation:
-    """The rest of an optimisation that was interrupted.
-
-    settings: of the whole optimisation, as JSON. done: how many of its iterations were made. pupils, chromatic: of its
-    eyes, as text; no pupils for the own place alone. Other fields as of its request.
-
-    Raises UserError for settings that can't be.
-    """
-
-    settings: str
-    only_plane_m: float | None = None
-    device: str = "auto"
-    pupils: str = ""
-    chromatic: str = CHROMATIC[0]
-    compares_fields: bool = False
-    done: int = 0
-
-    def __post_init__(self) -> None:
-        self.request()
-
-    def request(self) -> OptimisationRequest:
-        """The request that goes on from the present patterns."""
-        settings = read_record(Settings, self.settings, "settings", _WHAT)
-        eyes = OptimisedEyes.from_text(self.pupils or None, self.chromatic)
-        return OptimisationRequest(
-            settings,
-            start_patterns="now",
-            eyes=eyes,
-            only_plane_m=self.only_plane_m,
-            device=self.device,
-            compares_fields=self.compares_fields,
-            done=self.done,
-        )
+_KEPT: dict[str, ValueType] = {
+    "only_plane_m": Number("mm", optional=True),
+    "device": Choice(),
+    "compares_fields": Truth(),
+    "done": Integer(0),
+}
+"""What else is kept of its request."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnfinishedOptimisation:
-    """The best result so far, and the rest of the optimisation; None where it can't go on from that result."""
+    """The best result so far, and the request that goes on from it; None where it can't go on."""
 
     best: Document
-    rest: RestOfOptimisation | None = None
+    rest: OptimisationRequest | None = None
 
     def rest_table(self) -> dict[str, Any] | None:
-        """The rest as a table."""
-        return None if self.rest is None else dataclasses.asdict(self.rest)
+        """The rest as a table: settings as JSON, the eyes as text, and what else the request keeps."""
+        if self.rest is None:
+            return None
+        settings = json.dumps(dataclasses.asdict(self.rest.settings))
+        return {"settings": settings, **to_mapping(self.rest.eyes)} | {key: getattr(self.rest, key) for key in _KEPT}
 
 
-def read_rest(table: Mapping[str, Any] | None) -> RestOfOptimisation | None:
-    """The rest of an optimisation from its table. Raises UserError for another table."""
-    return None if table is None else record_from_table(RestOfOptimisation, table, "unfinished: ", expected=_WHAT)
+def read_rest(table: Mapping[str, Any] | None) -> OptimisationRequest | None:
+    """The request that goes on from the present patterns, from its table. Raises UserError for another table."""
+    if table is None:
+        return None
+    eyes = {key: field.metadata["kind"] for key, field in fields_by_key(OptimisedEyes).items()}
+    kinds = {"settings": Choice(), **eyes, **_KEPT}
+    found = read_table(table, kinds, "unfinished: ", required=["settings"], expected=_WHAT)
+    settings = read_record(Settings, found.pop("settings"), "unfinished: settings", _WHAT)
+    seen = OptimisedEyes(**{key: found.pop(key) for key in eyes if key in found})
+    return OptimisationRequest(settings, start_patterns="now", eyes=seen, **found)
 
 
 def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation | None:
@@ -476,13 +457,10 @@ def unfinished_optimisation(session: EditingSession) -> UnfinishedOptimisation |
         return None
     if job is None or job.latest is None or job.request.superpixel > 1 or isinstance(job, LiveOptimisationJob):
         return UnfinishedOptimisation(best)
-    eyes, request, done = job.request.eyes, job.request, job.latest.iteration
+    request, done = job.request, job.latest.iteration
     if done >= request.settings.iterations:
         return UnfinishedOptimisation(best)
-    rest = json.dumps(dataclasses.asdict(request.settings))
-    pupils = "" if eyes.pupils is None else str(eyes.pupils)
-    own = request.only_plane_m, request.device, pupils, eyes.chromatic, request.compares_fields, done
-    return UnfinishedOptimisation(best, RestOfOptimisation(rest, *own))
+    return UnfinishedOptimisation(best, replace(request, start_patterns="now", done=done))
 
 
 def continue_optimisation(session: EditingSession, unfinished: UnfinishedOptimisation) -> None:
@@ -490,7 +468,7 @@ def continue_optimisation(session: EditingSession, unfinished: UnfinishedOptimis
     if unfinished.rest is None or session.target_spec is None or running_optimisation(session) is not None:
         return
     best = unfinished.best
-    job = OptimisationJob(session, unfinished.rest.request(), session.document, best.system, start_drive=best.drive)
+    job = OptimisationJob(session, unfinished.rest, session.document, best.system, start_drive=best.drive)
     session.messages.post("The optimisation goes on from the best patterns so far.")
     run_optimisation(session, job)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
 
 from holoview.holograms.optimise.eyes import (
-    CHROMATIC,
     MOST_ALONG_AXIS,
     MOST_DRAWN,
     PupilChoice,
@@ -18,9 +18,8 @@ from holoview.holograms.optimise.eyes import (
     PupilGrid,
     parse_pupils,
 )
-from holoview.holograms.optimise.settings import FIELD_LOSS, LOSS_SPACES
 from holoview.holograms.targets.target import Placement
-from holoview.light.model.fields import Number
+from holoview.light.model.fields import Integer, Number, Word, field_for
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 from holoview.viewer.app import plots, theme
@@ -28,7 +27,7 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
 from holoview.viewer.app.widgets import combo, command_button, share_of_width, tooltip
-from holoview.viewer.document.editing_session import MOST_ITERATIONS, SCHEMES, START_PATTERNS, EditingSession
+from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.focus_edits import focus_range_m
 from holoview.viewer.document.optimisation_job import (
     LiveOptimisationJob,
@@ -42,15 +41,9 @@ from holoview.viewer.document.optimisation_job import (
 from holoview.viewer.document.target_builder import TargetSpec
 
 _KEEP, _PAUSE, _CANCEL = "Keep the best so far", "Pause or go on", "Cancel the optimisation"
-_AS_IT_IS, _BY_OBSERVER = "the bench as it is", "by the observer"
+_NOTHING = {"scheme": "the bench as it is", "loss": "by the observer"}
+_LABELS = {"start_patterns": "begin", "chromatic": "colour error"}
 _TIPS = {
-    "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
-    "loss": "In which space the image is compared with the target; field: the complex field of each laser with that of "
-    "the target.",
-    "begin": "Patterns to begin with. Random: speckle, a filled eyebox. Smooth: less speckle, an almost empty eyebox. "
-    "Now: go on from what is shown.",
-    "iterations": "More make a better image; what was found so far can be kept at any time.",
-    "eyebox": "Weight of an evenly filled eyebox in the loss; 0 leaves it free.",
     "at": "From the last modulator to the plane of the target's field.",
     "brightness": "A factor on the target's linear light.",
 }
@@ -115,23 +108,25 @@ class OptimisePanel(Panel):
 def _draw_settings(session: EditingSession) -> None:
     """Draws scheme, loss, start, iterations and the weight of the eyebox, and keeps what is chosen."""
     choices = session.optimisation_choices
-    scheme = combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES), _TIPS["scheme"])
-    loss = combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES, FIELD_LOSS), _TIPS["loss"])
-    start_patterns = combo("begin", choices.start_patterns, START_PATTERNS, _TIPS["begin"])
-    _, iterations = imgui.input_int("iterations", choices.iterations, 10, 100)
-    tooltip(_TIPS["iterations"])
-    is_weighed, weight = imgui.input_float("eyebox", choices.eyebox, 0.005, 0.05, "%.3g")
-    tooltip(_TIPS["eyebox"])
-    session.choose_optimisation(
-        replace(
-            choices,
-            scheme="" if scheme == _AS_IT_IS else scheme,
-            loss="" if loss == _BY_OBSERVER else loss,
-            start_patterns=start_patterns,
-            iterations=min(max(iterations, 1), MOST_ITERATIONS),
-            eyebox=max(float(f"{weight:.6g}"), 0.0) if is_weighed else choices.eyebox,
-        )
-    )
+    keys = ("scheme", "loss", "start_patterns", "iterations", "eyebox")
+    session.choose_optimisation(replace(choices, **{key: _edit_choice(choices, key) for key in keys}))
+
+
+def _edit_choice(choices: OptimisationChoices, key: str) -> Any:
+    """Draws the widget of a choice, by its type; returns its value after the edit, within its range."""
+    field, name, value = field_for(OptimisationChoices, key), _LABELS.get(key, key), getattr(choices, key)
+    kind, doc = field.metadata["kind"], field.metadata["doc"]
+    if isinstance(kind, Word):
+        nothing = _NOTHING.get(key, "")
+        chosen = combo(name, value or nothing, tuple(option or nothing for option in kind.options), doc)
+        return "" if chosen == nothing else chosen
+    if isinstance(kind, Integer):
+        value = imgui.input_int(name, value, 10, 100)[1]
+    else:
+        is_entered, entered = imgui.input_float(name, value, 0.005, 0.05, "%.3g")
+        value = float(f"{entered:.6g}") if is_entered else value
+    tooltip(doc)
+    return min(max(value, kind.low), kind.high)
 
 
 def _draw_target(context: AppContext) -> None:
@@ -218,13 +213,6 @@ def _quick_optimisation(context: AppContext) -> None:
 
 _KINDS = {"where it is": None, "on a grid": PupilGrid(3, 3, 0.6e-3), "drawn anew": PupilDraw(4, 0.8e-3)}
 _LEAST_MM, _MOST_MM = 0.1, 2.0
-_EYE_TIPS = {
-    "pupil": "Places of the pupil from each of which the target counts, about where it is. Drawn anew: other ones in "
-    "each iteration, within a radius.",
-    "colour error": "Ignore: patterns as for an eye without chromatic aberration; the picture is always what the eye "
-    "sees.",
-    "no eye": "An eye (Y) has these choices.",
-}
 
 
 def draw_eye_fields(context: AppContext) -> None:
@@ -233,11 +221,11 @@ def draw_eye_fields(context: AppContext) -> None:
     has_eye = session.system.eye is not None
     imgui.separator_text("the eye")
     if not has_eye:
-        imgui.text_disabled(_EYE_TIPS["no eye"])
+        imgui.text_disabled("An eye (Y) has these choices.")
     imgui.begin_disabled(not has_eye)
     choices = session.optimisation_choices
     pupils = _edit_pupils(parse_pupils(choices.pupils) if choices.pupils else None)
-    chromatic = combo("colour error", choices.chromatic, CHROMATIC, _EYE_TIPS["colour error"])
+    chromatic = _edit_choice(choices, "chromatic")
     imgui.end_disabled()
     text = "" if pupils is None else str(pupils)
     session.choose_optimisation(replace(choices, pupils=text, chromatic=chromatic))
@@ -246,7 +234,7 @@ def draw_eye_fields(context: AppContext) -> None:
 def _edit_pupils(pupils: PupilChoice | None) -> PupilChoice | None:
     """Draws where the pupil is; returns that as it is after the edit."""
     kind = next(name for name, usual in _KINDS.items() if type(usual) is type(pupils))
-    chosen = combo("pupil", kind, tuple(_KINDS), _EYE_TIPS["pupil"])
+    chosen = combo("pupil", kind, tuple(_KINDS), field_for(OptimisationChoices, "pupils").metadata["doc"])
     if chosen != kind:
         return _KINDS[chosen]
     if isinstance(pupils, PupilGrid):
