@@ -30,7 +30,6 @@ from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
 from holoview.util.text import plain_name, printable
 
-SAMPLING_OPTIONS = ("finer", "padding", "points")  # fields of holoview.bench.captures.predictor.SamplingConfig
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -48,21 +47,6 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effec
     add_changes(parser)
     if effects:
         add_effects(parser, dest="switched_on")
-
-
-def add_bench_sampling(parser: argparse._ActionsContainer) -> None:
-    """Adds how finely predictions of captures sample the bench. `bench_sampling` gives what was chosen."""
-    for option, low, high, help in (
-        ("finer", 1, 8, "samples each way for each of the model's own (default 1)"),
-        ("padding", 2, 8, "size of the grid in sizes of the modulators (default 2)"),
-        ("points", 1, 16, "points each way that a camera pixel averages (default: its samples)"),
-    ):
-        parser.add_argument(f"--{option}", metavar="N", type=whole(low, high), help=help)
-
-
-def bench_sampling(args: argparse.Namespace) -> dict[str, int]:
-    """The fields of a `SamplingConfig` that were chosen."""
-    return {name: value for name in SAMPLING_OPTIONS if (value := getattr(args, name)) is not None}
 
 
 def add_changes(parser: argparse.ArgumentParser) -> None:

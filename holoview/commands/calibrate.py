@@ -22,11 +22,11 @@ from holoview.bench.calibrate.lut_table import (
     with_lut,
 )
 from holoview.bench.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
-from holoview.bench.calibrate.train import TrainingState, load_checkpoint
+from holoview.bench.calibrate.train import CalibrationSettings, TrainingState, load_checkpoint
 from holoview.bench.captures import read_captures
 from holoview.bench.captures.count_bits import with_clipped_as_saturated
 from holoview.bench.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
-from holoview.commands.arguments import SAMPLING_OPTIONS, add_bench_sampling, bench_sampling, number, parse_seed, whole
+from holoview.commands.arguments import add_fields, given_fields, number, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.holograms.optimise.parallel import limit_torch_threads
@@ -74,23 +74,17 @@ def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], 
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_SETTINGS = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
-_CAPTURES_OPTIONS = (*_SETTINGS.values(), *SAMPLING_OPTIONS, "pixels_a_node", "pictures", "checkpoint", "resume")
+_SETTINGS = ("epochs", "batch", "rate", "seed", "finer", "padding", "points")
+_CAPTURES_OPTIONS = (*_SETTINGS, "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
 
 
 def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options for a calibration from captures."""
-    group.add_argument(
-        "--epochs", type=whole(1), help="how often every capture is seen (default: 300 steps, at least 40)"
-    )
-    group.add_argument("--batch", type=whole(1), help="captures a step (default 4)")
-    group.add_argument("--rate", type=number(), help="factor of all steps (default 1)")
-    group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
+    add_fields(group, CalibrationSettings, *_SETTINGS)
     group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
     group.add_argument(
         "--pixels-a-node", type=whole(1, 1000), metavar="N", help="how coarse the source's maps are (default 8)"
     )
-    add_bench_sampling(group)
     add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
     add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
     add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
@@ -128,8 +122,7 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
 
 def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
-    settings = {name: value for name, option in _SETTINGS.items() if (value := getattr(args, option)) is not None}
-    settings |= bench_sampling(args)
+    settings = given_fields(args, CalibrationSettings) | ({} if args.held_out is None else {"share": args.held_out})
     start = None if args.preset is None else preset.load(args.preset)
     captures = with_clipped_as_saturated(read_captures(file), lambda text: print_stderr(f"note: {text}"))
     task = plan_calibration(captures, start, args.output.stem, settings, args.pixels_a_node)

@@ -29,7 +29,7 @@ from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
 from holoview.bench.experiment.rig_bench import KnownEffects
 from holoview.bench.rig.registration import read_registration
-from holoview.commands.arguments import add_bench_sampling, bench_sampling, number, parse_duration, parse_effects, whole
+from holoview.commands.arguments import add_fields, given_fields, number, parse_duration, parse_effects, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.light.model import preset
@@ -91,7 +91,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "much work as two cores do in about a minute, up to five for large modulators)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
-    add_bench_sampling(parser)
+    add_fields(parser, SamplingConfig, "finer", "padding", "points")
     parser.add_argument(
         "--workers",
         metavar="N",
@@ -213,7 +213,11 @@ def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _
 def _search_options(args: argparse.Namespace) -> dict[str, Any]:
     """How a diagnosis searches, in the options of `diagnose`."""
     is_thorough = args.thorough or args.time is not None
-    return {"workers": args.workers, "thorough": is_thorough, "sampling": SamplingConfig(**bench_sampling(args))}
+    return {
+        "workers": args.workers,
+        "thorough": is_thorough,
+        "sampling": SamplingConfig(**given_fields(args, SamplingConfig)),
+    }
 
 
 def _source(args: argparse.Namespace) -> str:

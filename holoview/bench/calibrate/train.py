@@ -80,6 +80,7 @@ from holoview.light.model.effects.learned_maps import (
     read_layout,
 )
 from holoview.light.model.effects.registry import EffectValues
+from holoview.light.model.fields import Integer, Number, described_field, same_field, validate
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import ArraySchema, read_record
@@ -113,34 +114,34 @@ def default_epochs(captures: int, batch: int) -> int:
     return max(_MIN_EPOCHS, math.ceil(_MIN_STEPS / math.ceil(captures / batch)))
 
 
+_SHARE = Number(low=np.nextafter(0, 1), high=np.nextafter(0.8, 0), words="between 0 and 0.8")
+
+
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How to train. The field names are keys of checkpoints and appear in error messages.
+    """How to train. The field names are keys of checkpoints and appear in error messages."""
 
-    epochs: number of passes over the training captures.
-    batch: captures per step.
-    rate: factor on all LEARNING_RATES.
-    seed: of the order of the captures and of the choice of validation captures.
-    share: of the captures that is held out for validation, see `split_captures`.
-    finer, padding, points: of the predictions, see `SamplingConfig`.
-    """
-
-    epochs: int = 40
-    batch: int = 4
-    rate: float = 1.0
-    seed: int = 0
-    share: float = 0.2
-    finer: int = PLAIN.finer
-    padding: int = PLAIN.padding
-    points: int | None = PLAIN.points
+    epochs: int = described_field(
+        Integer(1, 100_000),
+        "Passes over the training captures; by `holoview calibrate` as many as make 300 steps, at least 40.",
+        default=40,
+    )
+    batch: int = described_field(Integer(1, 10_000), "Captures a step.", default=4)
+    rate: float = described_field(
+        Number(low=np.nextafter(0, 1), high=100, words="above 0, at most 100"), "Factor of all steps.", default=1.0
+    )
+    seed: int = described_field(
+        Integer(0, 2**63 - 1), "Of what is held out and of the order of the captures.", default=0
+    )
+    share: float = described_field(
+        Number(words=_SHARE.words), "Of the captures that only judge; `split_captures` checks it.", default=0.2
+    )
+    finer: int = same_field(SamplingConfig, "finer")
+    padding: int = same_field(SamplingConfig, "padding")
+    points: int | None = same_field(SamplingConfig, "points")
 
     def __post_init__(self) -> None:
-        for name, low, high in (("epochs", 1, 100_000), ("batch", 1, 10_000)):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise UserError(name, str(value), expected=f"{low} to {high}")
-        if not 0 < self.rate <= 100:
-            raise UserError("rate", f"{self.rate:g}", expected="above 0, at most 100")
+        validate(self)
 
     @property
     def sampling(self) -> SamplingConfig:
@@ -196,8 +197,7 @@ def split_captures(captures: Captures, held_out_share: float = 0.2, seed: int = 
 
     Raises UserError for fewer than four captures or a share outside its range.
     """
-    if not 0 < held_out_share < 0.8:
-        raise UserError("held-out share", f"{held_out_share:g}", expected="between 0 and 0.8")
+    _SHARE.parse(held_out_share, "held-out share")
     if len(captures) < _MIN_CAPTURES:
         found = f"{len(captures)} capture{'s' if len(captures) > 1 else ''}"
         raise UserError(

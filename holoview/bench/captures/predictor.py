@@ -33,6 +33,7 @@ from holoview.bench.captures.dataset import Captures
 from holoview.light.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.light.model.effects.hook_contexts import CameraContext
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues, unmet_by_data
+from holoview.light.model.fields import Integer, Maybe, described_field
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.torch_effects import TorchEffects
@@ -87,15 +88,15 @@ class Prediction:
 
 @dataclass(frozen=True)
 class SamplingConfig:
-    """How finely a `Predictor` samples a bench.
+    """How finely a `Predictor` samples a bench. The ranges are those of a user's choice."""
 
-    finer: samples on each axis for every one of the model's own. padding: sides of the grid over the modulators'.
-    points: points on each axis that a camera pixel averages; None: one for each sample on it.
-    """
-
-    finer: int = 1
-    padding: int = 2
-    points: int | None = None
+    finer: int = described_field(Integer(1, 8), "Samples each way for each of the model's own.", default=1)
+    padding: int = described_field(Integer(2, 8), "Sides of the grid over those of the modulators.", default=2)
+    points: int | None = described_field(
+        Maybe(Integer(1, 16)),
+        "Points each way that a camera pixel averages; one for each sample on it if absent.",
+        default=None,
+    )
 
     @property
     def samples_factor(self) -> int:

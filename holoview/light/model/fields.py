@@ -289,8 +289,8 @@ class Several:
 
     def format_range(self) -> str:
         """What is expected, for error messages."""
-        count = "any number" if self.count is None else self.count
-        return self.words or f"{count} of them, each {self.item.format_range()}"
+        count = "several" if self.count is None else f"{self.count} of them"
+        return self.words or f"{count}, each {self.item.format_range()}"
 
     def _parts(self, text: str, where: str) -> list[Any]:
         """The values in a text, which are numbers where their type has no unit."""
