@@ -28,8 +28,9 @@ The adjoint by hand saves processor time and memory. In place of that of `Modula
 evaluation take 1.04 times as long with one modulator and 1.24 to 1.46 times with two; with recomputation, which needs
 no more memory than now, 1.16 times and 1.5 to 1.9 times. Without recomputation it takes 1.7 to 1.9 times the memory
 (93 → 156 MiB, 278 → 520 MiB). Beside the compiled passes, which don't cover several sources, an evaluation of nine
-sources would take 1.5 times as long. (Medians of 5 evaluations side by side, 192 × 256 samples, 5 planes, complex64,
-one thread: holochrome-8, the same with one modulator and with 3 × 3 sources, time-sequential.)
+sources would take 1.5 times as long. (Medians of 5 evaluations side by side, modulators of 96 × 128 or 192 × 256
+pixels, 5 planes, complex64, one thread: holochrome-8, the same with one modulator and with 3 × 3 sources,
+time-sequential.)
 """
 
 from __future__ import annotations
