@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.holograms.metrics.speckle import retinal_contrast
+from holoview.holograms.metrics.speckle import retinal_contrast, target_luminance
 from holoview.holograms.view import simulate
 from holoview.util.errors import UserError
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.focus_edits import move_pupil, toggle_eye
-from holoview.viewer.document.measurements import luminance_of, measure_image
+from holoview.viewer.document.measurements import measure_image
 from holoview.viewer.document.optimisation_job import RetinalCurves
 from holoview.viewer.document.target_builder import TargetSpec
 from tests.document.conftest import small_system
@@ -41,7 +41,7 @@ def test_each_contrast_is_that_of_what_is_seen_through_its_pupil(watcher: Editin
         system = watcher.system.edit({"eye.pupil": pupil_m})
         luminance = simulate(system, watcher.drive, [plane_m], "torch64").xyz[0, ..., 1]
         assert watcher.target_spec is not None
-        target = luminance_of(watcher.target_spec.build(system, np.array([plane_m])).stack[0], region)
+        target = target_luminance(watcher.target_spec.build(system, np.array([plane_m])).stack[0], region)
         known = retinal_contrast(system, luminance, region, target)
         assert found.pupil_m == pupil_m
         assert (found.contrast, found.cone_contrast) == pytest.approx((known.contrast, known.cone_contrast), rel=1e-4)

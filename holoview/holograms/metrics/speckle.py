@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.light.colour import observer_weights
+from holoview.light.colour import SRGB_TO_XYZ, observer_weights
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.eye import PUPIL, sample_degrees
 from holoview.light.model.plan import Plan, make_plan
@@ -32,6 +32,8 @@ from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
+
+Floats = NDArray[np.float64]
 
 _DIRECTIONS = 64  # along each side of the first order
 TARGET_FLOOR = 0.05
@@ -51,35 +53,79 @@ class SpeckleContrast:
     n_pixels: int
 
 
+@dataclass(frozen=True, eq=False)
+class SpecklePattern:
+    """A region of an image without the structure of what it shows: the speckle alone.
+
+    values: (y, x) of the intensity, or of its ratio to the target. usable: (y, x), where they count. unit: intensity
+    for which a value is 1; (y, x), or one for all.
+    """
+
+    values: Floats
+    usable: NDArray[np.bool_]
+    unit: Floats | float = 1.0
+
+    @property
+    def counted(self) -> Floats:
+        """The values that count, (n,)."""
+        return self.values[self.usable]
+
+    @cached_property
+    def contrast(self) -> SpeckleContrast:
+        """Contrast σ/μ of the values that count.
+
+        Raises UserError when fewer than two pixels with light remain.
+        """
+        values = self.counted
+        mean = float(values.mean()) if values.size > 1 else 0.0
+        if not mean > 0.0:
+            raise UserError(
+                "region",
+                f"{values.size} usable pixels of mean {mean:g}",
+                expected="two or more pixels with light on them",
+                remedy="choose a larger or brighter region",
+            )
+        std = float(values.std())
+        return SpeckleContrast(contrast=std / mean, mean=mean, std=std, n_pixels=values.size)
+
+
+def speckle_pattern(
+    intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
+) -> SpecklePattern:
+    """The speckle of an intensity image (y, x) in a region, relative to a target (y, x) if given.
+
+    Raises UserError for an image that isn't (y, x), a region that is empty or outside, and a target of another shape.
+    """
+    image = np.asarray(intensity, dtype=np.float64)
+    if image.ndim != 2 or image.size == 0:
+        raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
+    window = _checked_slices(region, image.shape[1], image.shape[0])
+    values = image[window]
+    if target is None:
+        return SpecklePattern(values, np.ones(values.shape, dtype=bool))
+    target_image = np.asarray(target, dtype=np.float64)
+    if target_image.shape != image.shape:
+        raise UserError("target", f"shape {target_image.shape}", expected=f"the image's shape, {image.shape}")
+    return _ratio_to_target(values, target_image[window])
+
+
 def speckle_contrast(
     intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
 ) -> SpeckleContrast:
     """Speckle contrast of an intensity image (y, x), in a region if given, relative to a target (y, x) if given.
 
     Pixels inside one speckle grain are correlated: the estimate is noisier than n_pixels suggests, and too low in a
-    region of few grains. Raises UserError for an image that isn't (y, x), a region that is empty or outside, a target
-    of another shape, and when fewer than two pixels with light remain.
+    region of few grains; `grains.estimate_contrast` says how sure it is. Raises UserError as `speckle_pattern` does,
+    and when fewer than two pixels with light remain.
     """
-    image = np.asarray(intensity, dtype=np.float64)
-    if image.ndim != 2 or image.size == 0:
-        raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
-    window = _checked_slices(region, image.shape[1], image.shape[0])
-    values = image[window].ravel()
-    if target is not None:
-        target_image = np.asarray(target, dtype=np.float64)
-        if target_image.shape != image.shape:
-            raise UserError("target", f"shape {target_image.shape}", expected=f"the image's shape, {image.shape}")
-        values = _ratio_to_target(values, target_image[window].ravel())
-    mean = float(values.mean()) if values.size > 1 else 0.0
-    if not mean > 0.0:
-        raise UserError(
-            "region",
-            f"{values.size} usable pixels of mean {mean:g}",
-            expected="two or more pixels with light on them",
-            remedy="choose a larger or brighter region",
-        )
-    std = float(values.std())
-    return SpeckleContrast(contrast=std / mean, mean=mean, std=std, n_pixels=values.size)
+    return speckle_pattern(intensity, region, target).contrast
+
+
+def target_luminance(target: NDArray[np.floating], region: Region | None = None) -> Floats | None:
+    """Luminance (y, x) of a target (y, x, 3) in linear sRGB; None if it is black in the region."""
+    luminance: Floats = np.asarray(target, dtype=np.float64) @ SRGB_TO_XYZ[1]
+    part = luminance if region is None else luminance[region_slices(region)]
+    return luminance if np.any(part > 0) else None
 
 
 def independent_patterns(contrast: float) -> float:
@@ -106,12 +152,14 @@ def _checked_slices(region: Region | None, width: int, height: int) -> tuple[sli
     return region_slices(region)
 
 
-def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The ratio I/(g·T) of the pixels whose target isn't too dark; empty when there are none."""
+def _ratio_to_target(values: Floats, target: Floats) -> SpecklePattern:
+    """The ratio I/(g·T) (y, x), which counts where the target isn't too dark; nowhere when there are no such pixels."""
     bright = (target > 0.0) & (target >= TARGET_FLOOR * target.mean())
-    values, target = values[bright], target[bright]
-    gain = values.sum() / target.sum() if values.size else 0.0
-    return values / (gain * target) if gain > 0.0 else np.zeros(0)
+    gain = values[bright].sum() / target[bright].sum() if bright.any() else 0.0
+    if not gain > 0.0:
+        return SpecklePattern(np.zeros(values.shape), np.zeros(values.shape, dtype=bool))
+    unit = np.where(bright, gain * target, 1.0)
+    return SpecklePattern(np.where(bright, values / unit, 0.0), bright, unit)
 
 
 # --- histogram --------------------------------------------------------------------------------------------------------
@@ -119,9 +167,6 @@ def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -
 # Fully developed, polarised speckle of one laser is exponentially distributed: p(s) = exp(−s) for s = I/Ī. The sum of N
 # independent patterns of equal mean has a gamma distribution of shape N; that of patterns with unequal means m has
 # nearly the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

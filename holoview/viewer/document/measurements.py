@@ -24,8 +24,9 @@ from holoview.holograms.metrics.speckle import (
     retinal_contrast,
     speckle_contrast,
     speckle_histogram,
+    target_luminance,
 )
-from holoview.light.colour import SRGB_TO_XYZ, gamut_map, xyz_to_linear_srgb
+from holoview.light.colour import gamut_map, xyz_to_linear_srgb
 from holoview.light.engine.light_share import luminance_share
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
@@ -88,14 +89,8 @@ def _structure_free(
     luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating], otherwise: float
 ) -> float:
     """Contrast of the luminance divided by the target's; `otherwise` if the target is black in the region."""
-    reference = luminance_of(target, region)
+    reference = target_luminance(target, region)
     return otherwise if reference is None else speckle_contrast(luminance, region, reference).contrast
-
-
-def luminance_of(target: NDArray[np.floating], region: Region) -> Floats | None:
-    """Luminance (y, x) of a target (y, x, 3) in linear sRGB; None if it is black in the region."""
-    reference: Floats = np.asarray(target, dtype=np.float64) @ SRGB_TO_XYZ[1]
-    return reference if np.any(crop(reference, region) > 0) else None
 
 
 def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
@@ -268,7 +263,7 @@ def measure_image(
         patterns = independent_pattern_count(document.system, plane_m)
         histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
         if document.system.eye is not None:
-            known = None if target is None else luminance_of(target, document.measured_region)
+            known = None if target is None else target_luminance(target, document.measured_region)
             retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
         if luminance is not None:
             curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region, plane_m)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve
+from holoview.holograms.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve, target_luminance
 from holoview.holograms.optimise.checkpoint import IterationState
 from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.holograms.optimise.memory import with_compact_grid
@@ -39,7 +39,7 @@ from holoview.util.tables import ValueType, read_record, read_table
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
-from holoview.viewer.document.measurements import luminance_of, measure_region
+from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.document.target_builder import TargetSpec
 from holoview.viewer.render.planes import render_each, render_planes
 from holoview.viewer.render.scene import Drive
@@ -565,7 +565,7 @@ def _target_luminance(document: Document, system: System) -> NDArray[np.floating
         return None
     target = spec.build(system, np.array([plane_m]))
     at = np.flatnonzero(np.asarray(target.planes_m) == plane_m)
-    return luminance_of(target.stack[at[0]], document.measured_region) if len(at) else None
+    return target_luminance(target.stack[at[0]], document.measured_region) if len(at) else None
 
 
 # --- two ways to make colours ---

@@ -1,0 +1,347 @@
+"""All that a reviewer asks of the speckle of a region: of the luminance, of each laser, of groups, and their colours.
+
+In the manner of IEC 62906-5-2:2016 (contrast) and IEC 62906-5-4:2018 (colour speckle), which are standards for laser
+projection: a near-eye display has no screen, so that nothing here conforms to them.
+
+The contrast of the luminance is that of `speckle.speckle_contrast`, which the viewer shows: of I/(g·T), the structure
+of a target T being divided out. The structure of the light of one laser is the mixture of the target's red, green and
+blue, none of them negative, that fits it best.
+
+With the mean luminance m of each laser, its contrast C and the correlations ρ between the lasers' patterns
+
+    (a) one by one, taken as independent   C² = Σ (m·C)²/(Σm)²
+    (b) together                           C² = ΣΣ m_i·m_j·C_i·C_j·ρ_ij/(Σm)², which is measured as it stands
+    N_eff from powers                      (Σm)²/Σm²
+    N_eff from the correlations            (Σm)²/ΣΣ m_i·m_j·ρ_ij
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
+from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, contrast_estimate
+from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern, target_luminance
+from holoview.light.numerics.sampling import Region, region_slices
+from holoview.util.errors import UserError
+
+GROUPS = {"blue": (0.0, 500e-9), "green": (500e-9, 590e-9), "red": (590e-9, math.inf)}
+"""Ranges of wavelength (m) of the groups of lasers; the lower end is included."""
+
+STILL_THRESHOLD = 0.03
+"""Contrast below which speckle of a still picture isn't seen (Roelandt et al., Opt. Express 22, 23965 (2014))."""
+
+MOVING_THRESHOLDS = {"red": 0.069, "green": 0.060, "blue": 0.048}
+"""The same of moving pictures (Verschaffelt et al., Sci. Rep. 5, 14105 (2015))."""
+
+STILL_SOURCE = "Roelandt et al., Opt. Express 22, 23965 (2014), 40 observers"
+MOVING_SOURCE = "Verschaffelt et al., Sci. Rep. 5, 14105 (2015), 186 observers"
+
+
+@dataclass(frozen=True, eq=False)
+class LaserImages:
+    """The light of each laser in an image, or of each channel of a camera.
+
+    names: of the lasers or channels. groups: to which of `GROUPS` each belongs. colours: (laser, 3) XYZ of unit
+    intensity; None where a camera doesn't tell. intensity: (laser, y, x). wavelengths_m: (laser,); None of channels.
+    """
+
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    colours: Floats | None
+    intensity: NDArray[np.floating]
+    wavelengths_m: Floats | None = None
+
+    @property
+    def luminances(self) -> Floats:
+        """(laser,): luminance of unit intensity; 1 where a camera doesn't tell."""
+        return np.ones(len(self.names)) if self.colours is None else np.maximum(self.colours[:, 1], 0.0)
+
+
+def images_of_lasers(wavelengths_m: Floats, colours: Floats | None, intensity: NDArray[np.floating]) -> LaserImages:
+    """The light of lasers of these wavelengths. Arguments as of `LaserImages`."""
+    names = tuple(f"{λ * 1e9:.4g} nm" for λ in wavelengths_m)
+    groups = tuple(
+        next(name for name, (low, high) in GROUPS.items() if low <= λ < high) for λ in wavelengths_m.tolist()
+    )
+    return LaserImages(names, groups, colours, intensity, wavelengths_m)
+
+
+@dataclass(frozen=True)
+class LaserContrast:
+    """The contrast of one laser or channel, and its share of the luminance of the region."""
+
+    name: str
+    wavelength_m: float | None
+    luminance_share: float
+    estimate: ContrastEstimate
+
+
+@dataclass(frozen=True, eq=False)
+class SpeckleMeasurement:
+    """What `measure_speckle` finds in a region.
+
+    region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
+    count. raw_contrast: with the structure of the picture. has_target: whether that was divided out of the others.
+    lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
+    colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
+    dark and of an image without colours. notes: what limits the numbers, as sentences.
+    """
+
+    region: Region
+    luminance: ContrastEstimate
+    mean: float
+    pixels: int
+    raw_contrast: float
+    has_target: bool
+    lasers: tuple[LaserContrast, ...] = ()
+    groups: dict[str, ContrastEstimate] = field(default_factory=dict)
+    correlation: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    colour: ColourSpeckle | None = None
+    independent_colour: ColourSpeckle | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def _shares(self) -> Floats:
+        return np.array([laser.luminance_share for laser in self.lasers])
+
+    @property
+    def patterns_of_powers(self) -> float:
+        """N_eff from powers: independent patterns that lasers of these luminances could be at most."""
+        return float(self._shares.sum() ** 2 / np.square(self._shares).sum())
+
+    @property
+    def patterns_of_correlation(self) -> float:
+        """N_eff from the correlations between the lasers' patterns."""
+        return float(self._shares.sum() ** 2 / (self._shares @ self.correlation @ self._shares))
+
+    @property
+    def one_by_one(self) -> float:
+        """Contrast of the luminance by way (a): from single contrasts, the lasers taken as independent."""
+        contrasts = np.array([laser.estimate.contrast for laser in self.lasers])
+        return float(np.linalg.norm(self._shares * contrasts) / self._shares.sum())
+
+    @property
+    def one_by_one_error(self) -> float:
+        """Standard error of `one_by_one` by those of the lasers' contrasts."""
+        terms = [
+            laser.luminance_share**2 * laser.estimate.contrast * laser.estimate.standard_error for laser in self.lasers
+        ]
+        return float(np.linalg.norm(terms) / (self._shares.sum() ** 2 * max(self.one_by_one, 1e-30)))
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        found: dict[str, Any] = {
+            "standard_error": self.luminance.standard_error,
+            **_grains_json(self.luminance),
+            "raw_contrast": self.raw_contrast,
+            "structure_removed": self.has_target,
+            "visibility": [statement.as_json() for statement in visibility(self)],
+        }
+        if self.lasers:
+            found |= {
+                "lasers": [
+                    {"name": laser.name, "wavelength_nm": _nm(laser.wavelength_m)}
+                    | {"luminance_share": laser.luminance_share, **_estimate_json(laser.estimate)}
+                    for laser in self.lasers
+                ],
+                "groups": {name: _estimate_json(estimate) for name, estimate in self.groups.items()},
+                "correlation": self.correlation.tolist(),
+                "n_eff_powers": self.patterns_of_powers,
+                "n_eff_correlation": self.patterns_of_correlation,
+                "one_by_one_contrast": self.one_by_one,
+                "one_by_one_standard_error": self.one_by_one_error,
+            }
+        for name, colour in (("colour_speckle", self.colour), ("colour_speckle_one_by_one", self.independent_colour)):
+            if colour is not None:
+                found[name] = colour.as_json()
+        return found
+
+
+def _nm(wavelength_m: float | None) -> float | None:
+    return None if wavelength_m is None else round(wavelength_m * 1e9, 6)
+
+
+def _estimate_json(estimate: ContrastEstimate) -> dict[str, Any]:
+    return {"contrast": estimate.contrast, "standard_error": estimate.standard_error, **_grains_json(estimate)}
+
+
+def _grains_json(estimate: ContrastEstimate) -> dict[str, Any]:
+    widths = [None if math.isnan(width) else width for width in estimate.grains.width_px]
+    return {"independent_grains": estimate.grains.count, "grain_px": widths}
+
+
+# --- visibility -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """A contrast beside a threshold of seeing it.
+
+    what: of which contrast, and of what picture. verdict: "visible", "not visible", or "undecided" within two standard
+    errors. source: of the threshold.
+    """
+
+    what: str
+    contrast: float
+    standard_error: float
+    threshold: float
+    source: str
+
+    @property
+    def verdict(self) -> str:
+        """Whether the contrast is above the threshold, beyond two standard errors."""
+        if abs(self.contrast - self.threshold) <= 2 * self.standard_error:
+            return "undecided"
+        return "visible" if self.contrast > self.threshold else "not visible"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "what": self.what,
+            "contrast": self.contrast,
+            "threshold": self.threshold,
+            "verdict": self.verdict,
+            "source": self.source,
+        }
+
+
+def visibility(found: SpeckleMeasurement) -> list[Visibility]:
+    """The luminance beside the threshold of a still picture, and each group beside that of a moving one."""
+    rows = [("luminance, still picture", found.luminance, STILL_THRESHOLD, STILL_SOURCE)]
+    rows += [
+        (f"{name}, moving picture", found.groups[name], MOVING_THRESHOLDS[name], MOVING_SOURCE) for name in found.groups
+    ]
+    return [Visibility(what, own.contrast, own.standard_error, limit, source) for what, own, limit, source in rows]
+
+
+# --- measuring --------------------------------------------------------------------------------------------------------
+
+
+def measure_speckle(
+    luminance: NDArray[np.floating],
+    region: Region,
+    target: NDArray[np.floating] | None = None,
+    lasers: LaserImages | None = None,
+    noise: PixelNoise | None = None,
+) -> SpeckleMeasurement:
+    """Measures a region of an image.
+
+    luminance: (y, x). target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black there.
+    lasers: of the same image; without them, the luminance alone is measured. noise: of a camera's pixels, of each of
+    the images; it is taken off.
+    Raises UserError for a region that is outside, dark or a single pixel: a contrast isn't defined there.
+    """
+    known = None if target is None else target_luminance(target, region)
+    raw = speckle_pattern(luminance, region).contrast
+    pattern = speckle_pattern(luminance, region, known)
+    estimate, notes = contrast_estimate(pattern, noise), list[str]()
+    if target is not None and known is None:
+        notes.append("the target is black in the region: its structure isn't divided out")
+    if estimate.noise_share > 0 and estimate.contrast == 0:
+        notes.append("the camera's noise explains all of the variance: no speckle is left")
+    if estimate.has_few_grains:
+        notes.append(
+            f"the region holds {estimate.grains.count:.0f} independent grains only: its contrast and the standard "
+            "error are rough, and come out too low; choose a larger region"
+        )
+    plain = SpeckleMeasurement(
+        region, estimate, raw.mean, pattern.contrast.n_pixels, raw.contrast, known is not None, notes=tuple(notes)
+    )
+    return plain if lasers is None else _with_lasers(plain, lasers, None if known is None else target, noise)
+
+
+def _with_lasers(
+    plain: SpeckleMeasurement,
+    lasers: LaserImages,
+    target: NDArray[np.floating] | None,
+    noise: PixelNoise | None,
+) -> SpeckleMeasurement:
+    """Adds what is known of each laser."""
+    window = region_slices(plain.region)
+    parts = np.asarray(lasers.intensity[:, *window], dtype=np.float64)
+    powers = parts.mean(axis=(1, 2))
+    luminances = powers * lasers.luminances
+    lit = [int(i) for i in np.flatnonzero(luminances > 0)]
+    if not lit:
+        return plain
+    basis = None if target is None else np.clip(np.asarray(target[window], dtype=np.float64), 0.0, None)
+    patterns = [_pattern(parts[i], basis) for i in lit]
+    estimates = [contrast_estimate(pattern, noise) for pattern in patterns]
+    shares = luminances[lit] / luminances[lit].sum()
+    usable = reduce(np.logical_and, (pattern.usable for pattern in patterns))
+    if usable.sum() < 2:
+        raise UserError("region", "lasers that share no lit pixels", expected="a region that all of them light")
+    relative = np.stack([pattern.values[usable] / pattern.values[usable].mean() for pattern in patterns])
+    contrasts = np.array([estimate.contrast for estimate in estimates])
+    colour, independent_colour = None, None
+    if lasers.colours is not None:
+        means = powers[lit, None] * lasers.colours[lit]
+        colour = colour_speckle(relative.T @ means, plain.luminance.grains.count)
+        independent_colour = colour_speckle(independent_colours(means, contrasts))
+    dark = len(powers) - len(lit)
+    notes = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
+    wavelengths = [None] * len(powers) if lasers.wavelengths_m is None else lasers.wavelengths_m.tolist()
+    return replace(
+        plain,
+        lasers=tuple(
+            LaserContrast(lasers.names[i], wavelengths[i], float(share), estimate)
+            for i, share, estimate in zip(lit, shares, estimates, strict=True)
+        ),
+        groups=_groups([lasers.groups[i] for i in lit], shares, patterns, noise),
+        correlation=_correlation(relative, contrasts),
+        colour=colour,
+        independent_colour=independent_colour,
+        notes=(*plain.notes, *notes),
+    )
+
+
+def _pattern(intensity: Floats, basis: Floats | None) -> SpecklePattern:
+    """The speckle of one laser (y, x) beside the mixture of the channels of a target (y, x, 3) that fits it best."""
+    if basis is None:
+        return speckle_pattern(intensity)
+    q, r = np.linalg.qr(basis.reshape(-1, 3))
+    mixture, _ = nnls(r, q.T @ intensity.ravel())
+    structure = basis @ mixture
+    return speckle_pattern(intensity, target=structure if structure.max() > 0 else None)
+
+
+def _groups(
+    groups: Sequence[str], shares: Floats, patterns: Sequence[SpecklePattern], noise: PixelNoise | None
+) -> dict[str, ContrastEstimate]:
+    """The contrast of the luminance of the lasers of each group that has any; groups: of each laser.
+
+    Of one laser it is that laser's; of several, a camera's noise isn't taken off their sum.
+    """
+    found = {}
+    for name in GROUPS:
+        own = [i for i, group in enumerate(groups) if group == name]
+        if len(own) == 1:
+            found[name] = contrast_estimate(patterns[own[0]], noise)
+        elif own:
+            usable = reduce(np.logical_and, (patterns[i].usable for i in own))
+            values = sum(shares[i] * patterns[i].values / patterns[i].contrast.mean for i in own)
+            found[name] = contrast_estimate(SpecklePattern(np.asarray(values), usable))
+    return found
+
+
+def _correlation(relative: Floats, contrasts: Floats) -> Floats:
+    """Correlations (laser, laser) of patterns (laser, n) of mean 1, their contrasts free of a camera's noise.
+
+    An even pattern correlates with itself alone.
+    """
+    difference = relative - 1.0
+    covariance = difference @ difference.T / relative.shape[1]
+    scale = np.outer(contrasts, contrasts)
+    found: Floats = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0)
+    found = np.clip(found, -1.0, 1.0)
+    np.fill_diagonal(found, 1.0)
+    return found
