@@ -1,16 +1,22 @@
-"""`holoview contrast WHAT`: measures the speckle contrast σ/μ of a picture, a hologram, or a preset's own speckle."""
+"""`holoview contrast WHAT`: measures speckle, σ/μ and its standard error, of a hologram, captures or photographs.
+
+Of the luminance, of each laser and of blue, green and red, with the colour speckle, in the manner of IEC 62906-5-2 and
+-5-4. A preset shows its own speckle, of random patterns.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args
+from holoview.bench.captures.capture_file import is_capture_file, read_captures
+from holoview.commands.arguments import number, parse_lengths, parse_region, parse_seed, system_from_args
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import (
     add_field_options,
@@ -20,24 +26,39 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import add_input, add_output
-from holoview.evidence.study.charts import make_figure, retinal_figure, speckle_figure
+from holoview.commands.speckle_options import add_meter, add_target, meter_from_args, speckle_lines, target_from_args
+from holoview.evidence.study.charts import make_figure, retinal_figure, scatter_figure, speckle_figure
 from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.files.image_reader import file_format
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.metrics.image_quality import (
-    central_region,
-    contrast_by_pupil,
-    hologram_luminance,
-    picture_luminance,
+from holoview.holograms.metrics.capture_speckle import capture_noise, contrast_of_captures, mean_by_laser
+from holoview.holograms.metrics.image_quality import central_region, contrast_by_pupil, picture_luminance
+from holoview.holograms.metrics.photograph import (
+    MOST_SATURATED,
+    SATURATION,
+    CameraStatements,
+    censored_estimate,
+    check_saturation,
+    photographs_of_lasers,
+    read_photograph,
+    require_picture_of_camera,
 )
-from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_contrast
+from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_pattern, target_luminance
+from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
+from holoview.holograms.metrics.speckle_meter import MeterReading, measure_hologram
+from holoview.holograms.targets.picture import read_picture
+from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import random_drive
-from holoview.light.model.focus import parse_plane
+from holoview.light.model.focus import parse_plane, plane_label
+from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib
 from holoview.util.file_writer import write_file
 from holoview.viewer.page.page import export_html
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _HOLOGRAM_SUFFIX = ".safetensors"
 
@@ -64,6 +85,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
     )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
+    add_target(parser)
+    add_meter(parser)
+    _add_camera(parser)
+    add_output(
+        parser,
+        "--scatter",
+        metavar="PNG",
+        suffix=".png",
+        help="the scatter of the colours in u'v' and in Jzazbz, with the 95 %% ellipses",
+    )
     add_output(
         parser,
         "--plot",
@@ -82,6 +113,49 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_field_options(parser)
 
 
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    """Adds what is known of the camera of a photograph."""
+    group = parser.add_argument_group("photographs of a bench (any of these says that the pictures are)")
+    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
+    add_input(group, "--dark", metavar="PICTURE", **several, help="pictures without light: black level and read noise")
+    group.add_argument("--black", metavar="COUNTS", type=number(), help="the black level, in place of --dark")
+    group.add_argument("--gain", metavar="N", type=number(1e-9, 1e9), help="electrons a count; estimated if absent")
+    group.add_argument("--read-noise", metavar="N", type=number(0, 1e9), help="electrons r.m.s.; of --dark if absent")
+    add_input(group, "--repeat", metavar="PICTURE", help="the same light once more, from which the gain is estimated")
+    group.add_argument("--encoded", action="store_true", help="its numbers are an sRGB signal, which is undone")
+    group.add_argument(
+        "--saturation",
+        choices=SATURATION,
+        help="of more than 0.1 %% of the region: refuse it, keep it, or undo it by the law that fits the rest",
+    )
+    group.add_argument("--lasers", metavar="LIST", help="a photograph of each laser: their wavelengths, 638,532,450nm")
+    add_input(group, "--together", metavar="PICTURE", help="with --lasers: a photograph of all lasers together")
+    parser.add_argument("--jpeg", action="store_true", help="measure a JPEG all the same, whose blocks change speckle")
+
+
+_CAMERA_OPTIONS = ("dark", "black", "gain", "read_noise", "repeat", "encoded", "saturation", "lasers", "together")
+
+
+def _is_photograph(args: argparse.Namespace) -> bool:
+    """Whether an option says that the pictures are photographs."""
+    return any(getattr(args, name) not in (None, False) for name in _CAMERA_OPTIONS)
+
+
+def camera_statements(args: argparse.Namespace) -> CameraStatements:
+    """What the options say of a camera."""
+    return CameraStatements(
+        dark=tuple(Path(name) for name in args.dark or ()),
+        black=args.black,
+        electrons_per_count=args.gain,
+        read_noise_electrons=args.read_noise,
+        repeat=None if args.repeat is None else Path(args.repeat),
+        is_linear=args.linear,
+        is_encoded=args.encoded,
+        saturation=args.saturation or "refuse",
+        accepts_jpeg=args.jpeg,
+    )
+
+
 @dataclass(frozen=True)
 class _ShownHologram:
     """Patterns on a bench, seen at a plane. name: of the patterns, for people."""
@@ -91,56 +165,211 @@ class _ShownHologram:
     name: str
 
 
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """What is measured, of any source.
+
+    what: in words. image: luminance (y, x). found: of its region. clipped: share of saturated pixels, clipped_at: from
+    which number. notes: remarks. reading: of the instrument, where one is chosen.
+    """
+
+    what: str
+    image: NDArray[np.floating]
+    found: SpeckleMeasurement
+    clipped: float = 0.0
+    clipped_at: str = ""
+    notes: tuple[str, ...] = ()
+    reading: MeterReading | None = None
+
+
 def run(args: argparse.Namespace) -> int:
     """Measures and prints the contrast of a region, and plots it with its histogram if asked."""
-    if args.plot is not None:
-        require_matplotlib("--plot")
-    shown = _shown_hologram(args)
+    for flag in ("plot", "scatter"):
+        if getattr(args, flag) is not None:
+            require_matplotlib(f"--{flag}")
+    if is_capture_file(Path(args.names[0])):
+        return _measure_captures(args)
+    shown = None if _is_photograph(args) else _shown_hologram(args)
     if args.live is not None and shown is None:
         raise UserError(
             "--live", f"with the picture {args.names[0]}", expected="a hologram or a preset, to compute again"
         )
     pupils_m = _parse_pupils(args.pupils, shown)
+    region = None if args.region is None else parse_region(args.region)
+    target: TargetSource | None = None
     if shown is None:
         _check_picture_options(args)
-        image = picture_luminance(Path(args.names[0]), is_linear=args.linear)
+        measured = _measured_photograph(args, region) if _is_photograph(args) else _measured_picture(args, region)
     else:
-        image = hologram_luminance(shown.hologram, shown.plane_m, shown.name)
-    region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
-    speckle = speckle_contrast(image.luminance, region)
-    patterns = independent_patterns(speckle.contrast)
-    result: dict[str, Any] = {
-        "what": image.description,
-        "region": list(region),
-        "contrast": speckle.contrast,
-        "mean": speckle.mean,
-        "std": speckle.std,
-        "pixels": speckle.n_pixels,
-        "clipped": image.clipped_share,
-        "clipped_at": image.clipped_at,
-        "notes": list(image.notes),
-        "independent_patterns": patterns if np.isfinite(patterns) else None,
-    }
-    draw = speckle_figure(image.luminance, region, speckle.contrast)
+        target = target_from_args(args, shown.hologram.system)
+        measured = _measured_hologram(args, shown, region, target)
+    result = _as_json(measured)
+    draw = speckle_figure(measured.image, measured.found.region, measured.found.raw_contrast)
     if shown is not None and pupils_m:
         with progress_bar("pupils") as progress:
-            curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region, progress)
+            curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, measured.found.region, progress)
         result |= {"pupils": [found.as_json() for found in curve.contrasts], "independent_contrast": curve.independent}
         draw = retinal_figure(curve)
-    if args.plot is not None:
-        write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
-        result["plot"] = str(args.plot)
+    for flag, figure in (("plot", draw), ("scatter", _scatter(args, measured.found))):
+        if (path := getattr(args, flag)) is not None:
+            drawn = make_figure(StudyFigure("contrast", measured.what, figure))
+            write_file(path, figure_bytes(drawn, dpi=150))
+            result[flag] = str(path)
     if args.live is not None and shown is not None:
-        export_html(args.live, {shown.name: shown.hologram}, plane_m=shown.plane_m, region=region)
+        built = None if target is None else target.build(None if target.is_stack else np.array([shown.plane_m]))
+        holograms = {shown.name: shown.hologram}
+        export_html(args.live, holograms, plane_m=shown.plane_m, region=measured.found.region, target=built)
         result["live"] = str(args.live)
     if args.json:
         print_json(result)
     else:
-        print(_format_result(result))
+        print(_format_result(result, measured))
     return 0
 
 
-def _format_result(result: dict[str, Any]) -> str:
+def _as_json(measured: _Measured) -> dict[str, Any]:
+    """The numbers for programs."""
+    found = measured.found
+    contrast = found.luminance.contrast
+    patterns = independent_patterns(contrast)
+    return {
+        "what": measured.what,
+        "region": list(found.region),
+        "contrast": contrast,
+        "mean": found.mean,
+        "std": found.raw_contrast * found.mean,
+        "pixels": found.pixels,
+        "clipped": measured.clipped,
+        "clipped_at": measured.clipped_at,
+        "notes": [*measured.notes, *found.notes],
+        "independent_patterns": patterns if np.isfinite(patterns) else None,
+        **found.as_json(),
+        **({} if measured.reading is None else {"meter": measured.reading.as_json()}),
+    }
+
+
+def _scatter(args: argparse.Namespace, found: SpeckleMeasurement) -> Callable[[Figure], None]:
+    """A function that draws the scatter of colours; only called where one is asked for."""
+    if args.scatter is not None and found.colour is None:
+        raise UserError("--scatter", "an image without colours", expected="a hologram, or a photograph in colour")
+    return scatter_figure(found)
+
+
+def _measured_hologram(
+    args: argparse.Namespace, shown: _ShownHologram, region: Region | None, target: TargetSource | None
+) -> _Measured:
+    meter = meter_from_args(args)
+    if meter.name and args.pupils:
+        raise UserError("--pupils", f"with --meter {meter.name}", expected="one of them")
+    rows, columns = (n * shown.hologram.system.sampling.upsample for n in shown.hologram.system.modulators[0].shape)
+    chosen = region or central_region((rows, columns))
+    measured = measure_hologram(shown.hologram, shown.plane_m, chosen, target, meter)
+    system = shown.hologram.system
+    place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
+    notes = measured.reading.notes if meter.name else ()
+    reading = measured.reading if meter.name else None
+    return _Measured(
+        f"luminance of {shown.name} at {place}", measured.image, measured.found, notes=notes, reading=reading
+    )
+
+
+def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measured:
+    path = Path(args.names[0])
+    require_picture_of_camera(path, args.jpeg)
+    image = picture_luminance(path, is_linear=args.linear)
+    chosen = region or central_region(image.luminance.shape)
+    found = measure_speckle(image.luminance, chosen, _picture_target(args, image.luminance.shape))
+    own = image.clipped_share, image.clipped_at, image.notes
+    return _Measured(image.description, image.luminance, found, *own)
+
+
+def _picture_target(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
+    """The picture of --target, linear sRGB. Raises UserError for another size than that of what is measured."""
+    if args.target is None:
+        return None
+    rgb = read_picture(args.target).rgb
+    if rgb.shape[:2] != shape[:2]:
+        found = f"a target of {rgb.shape[1]} × {rgb.shape[0]} pixels"
+        expected = f"{shape[1]} × {shape[0]}, as the picture, pixel on pixel"
+        raise UserError(str(args.target), found, expected=expected)
+    return rgb
+
+
+def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Measured:
+    """Photographs of a bench: one of all lasers, or one of each with --lasers, perhaps one of all with --together."""
+    statements = camera_statements(args)
+    photographs = [read_photograph(Path(name), statements) for name in args.names]
+    wavelengths_m = [] if args.lasers is None else parse_lengths(args.lasers, "--lasers")
+    if not wavelengths_m:
+        if len(photographs) > 1:
+            remedy = "--lasers 638,532,450nm says which laser each shows"
+            raise UserError("photographs", f"{len(photographs)}", expected="one", remedy=remedy)
+        if args.together is not None:
+            raise UserError("--together", "without --lasers", expected="both, or neither")
+        whole, lasers = photographs[0], photographs[0].channels
+        light, noise = whole.luminance, whole.luminance_noise
+    else:
+        lasers = photographs_of_lasers(photographs, wavelengths_m)
+        if args.together is not None:
+            whole = read_photograph(args.together, statements)
+            if whole.light.shape != photographs[0].light.shape:
+                raise UserError(str(args.together), "another size than the others", expected="the same camera, unmoved")
+            light, noise = whole.luminance, whole.luminance_noise
+        else:
+            whole, light, noise = photographs[0], np.tensordot(lasers.luminances, lasers.intensity, axes=1), None
+    chosen = region or central_region(light.shape)
+    saturated = {note: None for photo in {id(p): p for p in (*photographs, whole)}.values() for note in (
+        check_saturation(photo, chosen, statements)
+    )}  # fmt: skip
+    target = _picture_target(args, light.shape)
+    found = measure_speckle(light, chosen, target, lasers, noise)
+    share = float(whole.saturated[region_slices(chosen)].mean())
+    if statements.saturation == "undo" and share > MOST_SATURATED and whole.level is not None:
+        pattern = speckle_pattern(light, chosen, None if target is None else target_luminance(target, chosen))
+        found = replace(found, luminance=censored_estimate(pattern, whole.level))
+    notes = [note for photo in photographs for note in photo.notes]
+    added = ()
+    if wavelengths_m and args.together is None:
+        added = ("the luminance is that of the photographs added pixel by pixel, the camera responding alike to all",)
+    told = tuple(dict.fromkeys((*notes, *saturated, *added)))
+    level = "" if whole.level is None else f"{whole.level:.6g} counts above black"
+    names = ", ".join(Path(name).name for name in args.names)
+    return _Measured(f"counts of {names}", light, found, float(whole.saturated.mean()), level, told)
+
+
+def _measure_captures(args: argparse.Namespace) -> int:
+    """Prints the contrast of each capture of a file, and the mean of each laser."""
+    if len(args.names) > 1:
+        raise UserError(str(args.names[1]), "beside a capture file", expected="one capture file")
+    captures = read_captures(args.names[0])
+    region = central_region(captures.images.shape[1:]) if args.region is None else parse_region(args.region)
+    x, y, width, height = region
+    rows, columns = captures.images.shape[1:]
+    if width < 1 or height < 1 or x + width > columns or y + height > rows:
+        raise UserError("--region", args.region, expected=f"inside the pictures of {columns} × {rows} pixels")
+    noise, notes = capture_noise(captures)
+    found = contrast_of_captures(captures, region, noise)
+    if clipped := sum(of.saturated > MOST_SATURATED for of in found):
+        notes += (f"{clipped} of {len(found)} captures are saturated in the region: theirs comes out too low",)
+    notes += ("structure of the light counts as speckle: choose a region that should be even",)
+    means = mean_by_laser(found)
+    if args.json:
+        overall = float(np.mean([of.estimate.contrast for of in found]))
+        table = {"what": f"captures of {args.names[0]}", "region": list(region), "contrast": overall}
+        rows_of = {"captures": [of.as_json() for of in found], "lasers": [of.as_json() for of in means]}
+        print_json(table | rows_of | {"notes": list(notes)})
+        return 0
+    print(f"captures of {args.names[0]}, {width} x {height} pixels at ({x}, {y})")
+    for of in means:
+        print(
+            f"{of.wavelength_m * 1e9:.4g} nm: speckle contrast {of.contrast:.4f} +- {of.standard_error:.2g}, mean of "
+            f"{of.count} captures"
+        )
+    print("\n".join(f"note: {note}" for note in notes))
+    return 0
+
+
+def _format_result(result: dict[str, Any], measured: _Measured) -> str:
     x, y, width, height = result["region"]
     patterns = result["independent_patterns"]
     equivalent = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
@@ -149,8 +378,10 @@ def _format_result(result: dict[str, Any]) -> str:
         f"speckle contrast {result['contrast']:.4f} ({equivalent})",
         f"mean {result['mean']:.4g}, standard deviation {result['std']:.4g}, {result['pixels']} pixels: "
         f"{width} x {height} at ({x}, {y})",
-        "structure of a picture counts as speckle here: choose a region that should be even",
     ]
+    if not measured.found.has_target:
+        lines.append("structure of a picture counts as speckle here: choose a region that should be even, or --target")
+    lines += speckle_lines(measured.found, measured.reading)
     if result["clipped"] > 0:
         lines.append(
             f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low (clipped at "
@@ -159,7 +390,7 @@ def _format_result(result: dict[str, Any]) -> str:
     lines += [f"note: {note}" for note in result["notes"]]
     if "pupils" in result:
         lines += _format_rows(result["pupils"], result["independent_contrast"])
-    return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "live") if name in result)])
+    return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "scatter", "live") if name in result)])
 
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
@@ -198,6 +429,10 @@ def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
 def _check_picture_options(args: argparse.Namespace) -> None:
     if args.scheme or args.changes or args.plane:
         raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
+    if args.meter is not None:
+        raise UserError("--meter", "with a picture", expected="a preset or a hologram: a picture has its instrument")
+    if args.depth is not None:
+        raise UserError("--depth", "with a picture", expected="--target alone, pixel on pixel")
 
 
 def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]:

@@ -126,6 +126,14 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
     return captures
 
 
+def is_capture_file(path: Path) -> bool:
+    """Whether a file is HDF5 with the format of captures; False for a file that is missing."""
+    if path.suffix.lower() not in (".h5", ".hdf5") or not path.is_file():
+        return False
+    with open_plain_hdf5(path, "a capture file (HDF5)", "") as h5:
+        return _decode_attribute(read_attribute(h5, "format")) == FORMAT_NAME
+
+
 def write_captures(
     path: str | os.PathLike[str],
     captures: Captures,

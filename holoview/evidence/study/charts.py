@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.evidence.study.study import StudyFigure
+from holoview.holograms.metrics.colour_speckle import INSIDE_95
 from holoview.holograms.metrics.speckle import RetinalCurve, independent_patterns, speckle_density, speckle_histogram
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.figures import figure_bytes, new_figure
@@ -17,6 +18,8 @@ from holoview.util.figures import figure_bytes, new_figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement
 
 
 _SIZE = (6.4, 4.0)
@@ -160,6 +163,7 @@ def _double_logarithmic(axes: Axes) -> None:
 
 
 _HIGHEST_QUANTILE = 0.999
+_MOST_POINTS = 8000  # of a scatter that are drawn
 _MIN_CONTRAST = 1e-3
 """Contrast below which the gamma distribution is too narrow to be drawn."""
 
@@ -192,6 +196,47 @@ def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: fl
         right.legend(fontsize=8)
 
     return draw
+
+
+def scatter_figure(found: SpeckleMeasurement) -> Callable[[Figure], None]:
+    """A function that draws the scatter of the colours of a measurement in (u′, v′) and in (az, bz).
+
+    With the 95 % ellipse as measured, and dashed that of independent lasers of the same contrasts.
+    """
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, 2)
+        together, apart = found.colour, found.independent_colour
+        if together is None:
+            return
+        step = max(1, len(together.uv) // _MOST_POINTS)
+        for axes, points, names in (
+            (panels[0], together.uv, ("u\u2032", "v\u2032")),
+            (panels[1], together.jzazbz[:, 1:], ("az", "bz")),
+        ):
+            axes.plot(*points[::step].T, ".", markersize=1, color="0.6", alpha=0.5, rasterized=True)
+            axes.set_xlabel(names[0])
+            axes.set_ylabel(names[1])
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.grid(alpha=0.3)
+        for colour, style, name in ((together, "-", "together"), (apart, "--", "independent")):
+            if colour is None:
+                continue
+            uv = _ellipse(colour.mean_uv, colour.covariance_uv)
+            panels[0].plot(*uv, "k" + style, label=f"{name}: {colour.area:.2e}")
+            panels[1].plot(*_ellipse(colour.mean_jzazbz[1:], colour.covariance_jzazbz[1:, 1:]), "k" + style, label=name)
+        panels[0].legend(fontsize=_SMALL_FONT_PT, title="95 % ellipse", title_fontsize=_SMALL_FONT_PT)
+
+    return draw
+
+
+def _ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (2, n) of the ellipse that holds 95 % of a normal law."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0, 2 * np.pi, 121)
+    radii = np.sqrt(INSIDE_95 * np.maximum(values, 0.0))
+    points: NDArray[np.float64] = mean[:, None] + vectors @ (radii[:, None] * np.stack([np.cos(angle), np.sin(angle)]))
+    return points
 
 
 def retinal_figure(curve: RetinalCurve) -> Callable[[Figure], None]:

@@ -35,7 +35,7 @@ from holoview.holograms.view import View, simulate
 from holoview.light.colour import SRGB_TO_XYZ
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
-from holoview.light.model.focus import focused_planes, plane_label, with_pupil_at
+from holoview.light.model.focus import focused_planes, with_pupil_at
 from holoview.light.model.plan import make_plan
 from holoview.light.numerics.sample_bits import find_clipping
 from holoview.light.numerics.sampling import Region, region_slices
@@ -361,14 +361,6 @@ def _clipped(raster: Raster) -> tuple[float, str]:
     share = float(np.mean((raster.values >= levels).any(axis=-1)))
     scale = (raster.white or 255) if raster.encoded else 1
     return share, f"{min(levels) * scale:.6g}" if share else ""
-
-
-def hologram_luminance(hologram: Hologram, plane_m: float, name: str) -> LuminanceImage:
-    """The luminance of a hologram at a plane, with an eye on its retina. name: of the hologram, for people."""
-    system = hologram.system
-    view = simulate(system, hologram.drive, [plane_m], backend="torch")
-    place = plane_label(system, plane_m) + ("" if system.eye is None else ", on the retina")
-    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {place}")
 
 
 def contrast_by_pupil(

@@ -1,7 +1,7 @@
 """All that a reviewer asks of the speckle of a region: of the luminance, of each laser, of groups, and their colours.
 
 In the manner of IEC 62906-5-2:2016 (contrast) and IEC 62906-5-4:2018 (colour speckle), which are standards for laser
-projection: a near-eye display has no screen, so that nothing here conforms to them.
+projection: a near-eye display has no screen, so that they are followed as far as that allows.
 
 The contrast of the luminance is that of `speckle.speckle_contrast`, which the viewer shows: of I/(g·T), the structure
 of a target T being divided out. The structure of the light of one laser is the mixture of the target's red, green and
@@ -52,6 +52,7 @@ class LaserImages:
 
     names: of the lasers or channels. groups: to which of `GROUPS` each belongs. colours: (laser, 3) XYZ of unit
     intensity; None where a camera doesn't tell. intensity: (laser, y, x). wavelengths_m: (laser,); None of channels.
+    noise: of a camera's pixels, in each image.
     """
 
     names: tuple[str, ...]
@@ -59,6 +60,7 @@ class LaserImages:
     colours: Floats | None
     intensity: NDArray[np.floating]
     wavelengths_m: Floats | None = None
+    noise: PixelNoise | None = None
 
     @property
     def luminances(self) -> Floats:
@@ -236,8 +238,8 @@ def measure_speckle(
     """Measures a region of an image.
 
     luminance: (y, x). target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black there.
-    lasers: of the same image; without them, the luminance alone is measured. noise: of a camera's pixels, of each of
-    the images; it is taken off.
+    lasers: of the same image; without them, the luminance alone is measured. noise: of a camera's pixels in the
+    luminance; it is taken off.
     Raises UserError for a region that is outside, dark or a single pixel: a contrast isn't defined there.
     """
     known = None if target is None else target_luminance(target, region)
@@ -256,14 +258,13 @@ def measure_speckle(
     plain = SpeckleMeasurement(
         region, estimate, raw.mean, pattern.contrast.n_pixels, raw.contrast, known is not None, notes=tuple(notes)
     )
-    return plain if lasers is None else _with_lasers(plain, lasers, None if known is None else target, noise)
+    return plain if lasers is None else _with_lasers(plain, lasers, None if known is None else target)
 
 
 def _with_lasers(
     plain: SpeckleMeasurement,
     lasers: LaserImages,
     target: NDArray[np.floating] | None,
-    noise: PixelNoise | None,
 ) -> SpeckleMeasurement:
     """Adds what is known of each laser."""
     window = region_slices(plain.region)
@@ -275,7 +276,7 @@ def _with_lasers(
         return plain
     basis = None if target is None else np.clip(np.asarray(target[window], dtype=np.float64), 0.0, None)
     patterns = [_pattern(parts[i], basis) for i in lit]
-    estimates = [contrast_estimate(pattern, noise) for pattern in patterns]
+    estimates = [contrast_estimate(pattern, lasers.noise) for pattern in patterns]
     shares = luminances[lit] / luminances[lit].sum()
     usable = reduce(np.logical_and, (pattern.usable for pattern in patterns))
     if usable.sum() < 2:
@@ -296,7 +297,7 @@ def _with_lasers(
             LaserContrast(lasers.names[i], wavelengths[i], float(share), estimate)
             for i, share, estimate in zip(lit, shares, estimates, strict=True)
         ),
-        groups=_groups([lasers.groups[i] for i in lit], shares, patterns, noise),
+        groups=_groups([lasers.groups[i] for i in lit], shares, patterns, lasers.noise),
         correlation=_correlation(relative, contrasts),
         colour=colour,
         independent_colour=independent_colour,

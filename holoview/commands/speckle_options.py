@@ -1,0 +1,152 @@
+"""What `contrast` and `report` share: which hologram, region, target and instrument, and what was found, as text."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from holoview.commands.arguments import number, whole
+from holoview.commands.console import print_stderr
+from holoview.commands.output_files import add_input
+from holoview.holograms.metrics.colour_speckle import ColourSpeckle
+from holoview.holograms.metrics.grains import ContrastEstimate
+from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
+from holoview.holograms.metrics.speckle_meter import METERS, CameraLens, Meter, MeterReading
+from holoview.holograms.targets.target import Placement
+from holoview.holograms.targets.target_source import TargetFile, TargetSource
+from holoview.light.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError
+
+_MOST_SHOWN = 12  # lasers in a matrix of text
+
+
+def add_target(parser: argparse._ActionsContainer) -> None:
+    """Adds --target and --depth; see `target_from_args`."""
+    add_input(parser, "--target", metavar="PICTURE", help="what it should show: its structure is divided out")
+    add_input(parser, "--depth", metavar="PICTURE", help="its depth map: black is nearest to the viewer")
+
+
+def target_from_args(args: argparse.Namespace, system: System) -> TargetSource | None:
+    """The target of --target for a bench; None without one. Raises UserError for --depth alone, and for bad files."""
+    if args.target is None:
+        if args.depth is not None:
+            raise UserError("--depth", "without --target", expected="both, or neither")
+        return None
+
+    def tell(text: str) -> None:
+        print_stderr(f"note: {text}")
+
+    file = TargetFile(str(args.target), Placement(depth=None if args.depth is None else Path(args.depth)))
+    return TargetSource(system, file, tell)
+
+
+def add_meter(parser: argparse.ArgumentParser) -> None:
+    """Adds --meter and what a camera needs; see `meter_from_args`."""
+    group = parser.add_argument_group("the instrument; the samples of the simulation if absent")
+    group.add_argument(
+        "--meter",
+        choices=METERS,
+        help="eye: 3 mm and cones; iec: 1.2 mm without aberrations; camera: a lens and pixels",
+    )
+    group.add_argument(
+        "--f-number", metavar="N", type=number(0.1, 1e4), help="of the camera, working, at magnification 1"
+    )
+    group.add_argument("--pixel", metavar="LENGTH", help="width of its pixels, e.g. 3.45um")
+    group.add_argument("--bits", metavar="N", type=whole(4, 16), help="of its counts (12)")
+    group.add_argument(
+        "--exposure", metavar="SHARE", type=number(1e-4, 1.0), help="mean of the region over the full scale (0.05)"
+    )
+
+
+def meter_from_args(args: argparse.Namespace) -> Meter:
+    """The instrument of --meter. Raises UserError for a camera without lens or pixel, and these without a camera."""
+    given = {name: getattr(args, name) for name in ("f_number", "pixel", "bits", "exposure")}
+    if args.meter != "camera":
+        for name, value in given.items():
+            if value is not None:
+                raise UserError(f"--{name.replace('_', '-')}", "without --meter camera", expected="both, or neither")
+        return Meter(args.meter or "")
+    if args.f_number is None or args.pixel is None:
+        raise UserError(
+            "--meter camera", "without --f-number and --pixel", expected="e.g. --f-number 16 --pixel 3.45um"
+        )
+    pixel_m = units.parse(args.pixel, "--pixel")
+    if not 1e-7 <= pixel_m <= 1e-3:
+        raise UserError("--pixel", args.pixel, expected="0.1 um to 1 mm")
+    further = {name: given[name] for name in ("bits", "exposure") if given[name] is not None}
+    return Meter("camera", CameraLens(args.f_number, pixel_m, **further))
+
+
+def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None) -> list[str]:
+    """All that was found beyond the contrast of the luminance, a line each."""
+    grains = found.luminance.grains
+    width = " x ".join(f"{w:.2g}" for w in reversed(grains.width_px))
+    lines = [
+        f"standard error {found.luminance.standard_error:.2g}, from {grains.count:.0f} independent grains, {width} "
+        "samples wide (autocorrelation)"
+    ]
+    if found.has_target:
+        lines.append(f"structure of the target divided out; with it the contrast is {found.raw_contrast:.4f}")
+    if reading is not None:
+        lines += _reading_lines(reading)
+    lines += _laser_lines(found) if found.lasers else []
+    lines += ["", "visible?"]
+    for row in visibility(found):
+        lines.append(f"{row.what}: {row.contrast:.1%}, threshold {row.threshold:.1%}: {row.verdict} ({row.source})")
+    return lines
+
+
+def _reading_lines(reading: MeterReading) -> list[str]:
+    parts = [f"instrument: {reading.description}", *([reading.grain] if reading.grain else [])]
+    if reading.pixels_a_grain is not None:
+        parts.append(f"{reading.pixels_a_grain:.2g} pixels a grain")
+    if reading.full_scale_sigma is not None:
+        parts.append(f"full scale {reading.full_scale_sigma:.3g} standard deviations")
+    return ["; ".join(parts)]
+
+
+def _laser_lines(found: SpeckleMeasurement) -> list[str]:
+    names = [laser.name for laser in found.lasers]
+    lines = ["", f"{'laser':<9} {'luminance':>9}  contrast"]
+    lines += [f"{of.name:<9} {of.luminance_share:>9.1%}  {_estimate(of.estimate)}" for of in found.lasers]
+    lines += [f"{name:<9} {'':>9}  {_estimate(estimate)}" for name, estimate in found.groups.items()]
+    count, equal = found.patterns_of_powers, len(names)
+    lines += [
+        "",
+        f"N_eff from powers {count:.2f}, from the correlation between lasers {found.patterns_of_correlation:.2f}; "
+        f"{equal} equal ones have 1/sqrt(N) = {equal**-0.5:.4f}, these 1/sqrt(N_eff) = {count**-0.5:.4f}",
+    ]
+    if 1 < equal <= _MOST_SHOWN:
+        lines.append("correlation between the lasers' patterns:")
+        lines += [
+            f"{name:<9}" + "".join(f"{value:6.2f}" for value in row)
+            for name, row in zip(names, found.correlation, strict=True)
+        ]
+    together, apart = found.luminance, found.one_by_one
+    lines += [
+        "",
+        "in the manner of IEC 62906-5-4, a standard for laser projection:",
+        f"(a) one by one, taken as independent: {apart:.4f} +- {found.one_by_one_error:.2g}",
+        f"(b) together: {together.contrast:.4f} +- {together.standard_error:.2g}; (a) is off by "
+        f"{(apart - together.contrast) / together.contrast:+.1%}"
+        if together.contrast
+        else "(b) together: 0",
+    ]
+    for name, colour in (("(b) colour", found.colour), ("(a) colour", found.independent_colour)):
+        lines += [] if colour is None else [f"{name}: {colour_line(colour)}"]
+    return lines
+
+
+def colour_line(colour: ColourSpeckle) -> str:
+    """Colour speckle in a line."""
+    (uu, uv), (_, vv) = colour.covariance_uv
+    error = "" if colour.area_error is None else f" +- {colour.area_error:.1e}"
+    return (
+        f"mean u'v' ({colour.mean_uv[0]:.4f}, {colour.mean_uv[1]:.4f}), covariance ({uu:.2e}, {uv:.2e}; {vv:.2e}), "
+        f"95 % ellipse {colour.area:.2e}{error}; r.m.s. {colour.jzazbz_scatter:.4f} in Jzazbz"
+    )
+
+
+def _estimate(estimate: ContrastEstimate) -> str:
+    return f"{estimate.contrast:.4f} +- {estimate.standard_error:.4f}"
