@@ -1,6 +1,6 @@
 """`holoview info PRESET|FILE…`: the known properties of a hologram's file, and numbers that follow from its bench.
 
-Cut-offs, sampling, diffraction angles, limits of the model, memory.
+Cut-offs, sampling, diffraction angles, limits of the model, memory; of a hologram, where its light went.
 """
 
 from __future__ import annotations
@@ -10,19 +10,24 @@ import math
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+
 from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json
 from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
+from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
 from holoview.light.model import preset
 from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.focus import focused_planes
+from holoview.light.model.plan import make_plan
 from holoview.light.model.validity import Light
 
 _MOST_SUMMED = 1 << 24  # samples of all wavelengths and frames: about ten seconds
+_LEAST_TOLD = 5e-5  # a share that would be printed as 0.00 %
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,13 +48,15 @@ def run(args: argparse.Namespace) -> int:
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
-    light = _light(shown)
+    light, went = _light(shown), _budget(shown)
     rows = info_rows(system, None if system.is_field else peak_bytes(system), light)
     if args.json:
         table: dict[str, Any] = {}
         if shown.read:
             share = None if light.in_picture is None else round(light.in_picture, 9)
             table = {"read": shown.read, "light_in_picture": share}
+        if went is not None:
+            table["light_budget"] = went.as_json()
         for row in rows:
             table.setdefault(row.heading, {})[row.name] = row.text
         print_json(table)
@@ -63,7 +70,21 @@ def run(args: argparse.Namespace) -> int:
         print(f"\n{heading}")
         for row in group:
             print(f"  {row.name:<32}  {row.text}")
+    if went is not None:
+        print("\nwhere the light went (middle plane)")
+        for words, share in zip(PLACES.values(), went.total.tolist(), strict=True):
+            if share > _LEAST_TOLD:
+                print(f"  {words:<46}  {share:.2%}")
     return 0
+
+
+def _budget(shown: Shown) -> LightBudget | None:
+    """Where the light of a hologram goes at its middle plane; None of a preset, without light, or where it is large."""
+    if shown.drive is None or shown.drive.size > _MOST_SUMMED:
+        return None
+    planes_m = focused_planes(shown.system)
+    went = light_budget(make_plan(shown.system, planes_m[len(planes_m) // 2 :][:1]), shown.drive)
+    return went if np.isfinite(went.total).all() else None
 
 
 def _light(shown: Shown) -> Light:

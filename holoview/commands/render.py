@@ -54,8 +54,10 @@ from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.view import View, field_at, random_drive, simulate
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
+from holoview.light.engine.light_budget import light_budget
 from holoview.light.model import preset
 from holoview.light.model.focus import focused_planes, parse_plane, plane_label, views_along
+from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -197,6 +199,8 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
         shares = _light_shares(view, shown)
         for entry, share in zip(files, shares, strict=False):  # not of pictures of the other side
             entry["light_in_picture"] = share
+        for entry, budget in zip(files, _light_budgets(system, drive, planes_m), strict=False):
+            entry["light_budget"] = budget
         result |= {"light_in_picture": min((s for s in shares if s is not None), default=None)}
         result |= {"exposure_stops": round(stops, 3), "notes": view.notes, "guesses": shown.guesses}
         report(result | ({"read": shown.read} if shown.read else {}))
@@ -219,6 +223,20 @@ def _light_shares(view: View, shown: Shown) -> list[float | None]:
     """
     shares = [] if view.light is None else view.light.by_plane.tolist()
     return [None if math.isnan(share) else round(share * shown.light, 9) for share in shares]
+
+
+_MOST_FOLLOWED = 1 << 24  # samples of all wavelengths, frames and planes whose light is followed: some seconds
+
+
+def _light_budgets(
+    system: System, drive: NDArray[np.float32], planes_m: NDArray[np.float64]
+) -> list[dict[str, float] | None]:
+    """Where the light of each plane went; None without light and where following it would take long."""
+    if drive.size * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED:
+        return [None] * len(planes_m)
+    plan = make_plan(system, planes_m)
+    budgets = [light_budget(plan, drive, plane) for plane in range(len(planes_m))]
+    return [budget.as_json() if np.isfinite(budget.total).all() else None for budget in budgets]
 
 
 def _simulated(

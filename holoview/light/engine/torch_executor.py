@@ -222,9 +222,9 @@ class TorchExecutor(TorchPropagation):
         """`transfer` without its cache, which would hold every plane of a long series."""
         return self._response(self.plan.transfer(relay, wavelength, plane), relay, wavelength)
 
-    def stops(self, wavelength: int) -> torch.Tensor:
-        """Stops × pupil of the last relay at its frequencies, (rows, columns); of an eye its pupil's function alone."""
-        return self._response(self.plan.stops(1, wavelength), 1, wavelength)
+    def stops(self, wavelength: int, relay: int = 1) -> torch.Tensor:
+        """Stops × pupil of a relay at its frequencies, (rows, columns); of an eye its pupil's function alone."""
+        return self._response(self.plan.stops(relay, wavelength), relay, wavelength)
 
     def passed_amplitude(self, wavelength: int) -> torch.Tensor | None:
         """|Amplitude| that the last relay's stops and an eye's pupil pass at its frequencies, (rows, columns); None

@@ -1,0 +1,206 @@
+"""Contrast ratio and sharpness: black beside white, sequential and checkerboard contrast, MTF of edges and line pairs.
+
+The words are those of IEC TR 63145-1-1. Sequential contrast is the luminance of a white picture over that of a black
+one; checkerboard contrast that of the white fields over that of the black ones in one picture, so that light that
+strays from white to black counts. The modulation transfer function (MTF) is the contrast of a wave in the image over
+that in what it should be, by spatial frequency; that of a slanted edge (ISO 12233) is the spectrum of the edge's
+derivative, sampled more finely than the image because each row crosses the edge elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.numerics.sampling import Region, region_slices
+from holoview.util.errors import UserError
+
+Floats = NDArray[np.float64]
+
+_DARK, _BRIGHT, _LEAST_SAMPLES = 0.01, 0.5, 64
+_BINS = 4  # of an edge's profile a sample
+_LEAST_SIDE = 16
+_PASSES = 3  # of finding the edge
+_FLATTEST, _STEEPEST = np.tan(np.deg2rad(1.0)), np.tan(np.deg2rad(40.0))
+
+
+@dataclass(frozen=True)
+class BlackBesideWhite:
+    """Mean luminances where a target is bright and where it is dark in one image. samples: of the dark part."""
+
+    white: float
+    black: float
+    samples: int
+
+    @property
+    def ratio(self) -> float:
+        """Luminance of white over that of black; inf where black has none."""
+        return self.white / self.black if self.black > 0 else float("inf")
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        ratio = self.ratio if np.isfinite(self.ratio) else None
+        return {"white": self.white, "black": self.black, "ratio": ratio, "dark_samples": self.samples}
+
+
+def black_beside_white(luminance: NDArray[np.floating], target: NDArray[np.floating]) -> BlackBesideWhite | None:
+    """Of an image (y, x) and the luminance (y, x) of its target: dark is below 1 %, bright above 50 % of its maximum.
+
+    None where the target has fewer than 64 samples of either.
+    """
+    most = float(target.max())
+    dark, bright = target <= _DARK * most, target >= _BRIGHT * most
+    if not most > 0 or min(dark.sum(), bright.sum()) < _LEAST_SAMPLES:
+        return None
+    values = np.asarray(luminance, dtype=np.float64)
+    return BlackBesideWhite(float(values[bright].mean()), float(values[dark].mean()), int(dark.sum()))
+
+
+def checkerboard(shape: tuple[int, int], fields: int = 4) -> Floats:
+    """A checkerboard (y, x) of `fields` × `fields` fields of 0 and 1; the field at the upper left is white."""
+    y, x = (np.arange(n) * fields // n for n in shape)
+    return ((y[:, None] + x[None, :] + 1) % 2).astype(np.float64)
+
+
+def checkerboard_contrast(luminance: NDArray[np.floating], fields: int = 4) -> float:
+    """Mean luminance of the white fields over that of the black ones, in the middle halves of the fields.
+
+    luminance: (y, x) of an image of `checkerboard`. Raises UserError for one that is dark, or without black light.
+    """
+    middle = np.ones(luminance.shape, dtype=bool)
+    for axis, n in enumerate(luminance.shape):
+        place = (np.arange(n) + 0.5) * fields / n % 1
+        middle &= np.expand_dims((place > 0.25) & (place < 0.75), 1 - axis)
+    white = checkerboard((luminance.shape[0], luminance.shape[1]), fields) > 0.5
+    return contrast_ratio(luminance[white & middle], luminance[~white & middle])
+
+
+def contrast_ratio(white: NDArray[np.floating], black: NDArray[np.floating]) -> float:
+    """Mean luminance of white over that of black. Raises UserError where either has no light: it isn't defined."""
+    means = float(np.mean(white, dtype=np.float64)), float(np.mean(black, dtype=np.float64))
+    if not min(means) > 0:
+        raise UserError("contrast ratio", f"luminances {means[0]:g} and {means[1]:g}", expected="both above 0")
+    return means[0] / means[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Mtf:
+    """A modulation transfer function.
+
+    cycles: (n,) spatial frequencies, cycles a sample. values: (n,), 1 at frequency 0. angle_deg: of the edge from the
+    rows or columns.
+    """
+
+    cycles: Floats
+    values: Floats
+    angle_deg: float
+
+    def at(self, cycles: float) -> float:
+        """The MTF at a frequency in cycles a sample, interpolated."""
+        return float(np.interp(cycles, self.cycles, self.values))
+
+    @property
+    def half(self) -> float:
+        """Lowest frequency at which it falls to a half; NaN where it doesn't."""
+        below = np.flatnonzero(self.values < 0.5)
+        if not below.size or below[0] == 0:
+            return float("nan")
+        i = int(below[0])
+        step = (self.values[i - 1] - 0.5) / (self.values[i - 1] - self.values[i])
+        return float(self.cycles[i - 1] + step * (self.cycles[i] - self.cycles[i - 1]))
+
+
+def slanted_edge_mtf(image: NDArray[np.floating], region: Region) -> Mtf:
+    """The MTF across a slanted edge that divides a region (x, y, width, height) of an image (y, x).
+
+    The edge is found row by row as the centroid of the derivative around a line that is fitted three times; the profile
+    across it is averaged in bins of a quarter of a sample, whose width and derivative are corrected. Raises UserError
+    for a region that is too small, and for one without an edge at 1 to 40 degrees from its rows or columns.
+    """
+    values = np.asarray(image[region_slices(region)], dtype=np.float64)
+    if min(values.shape) < _LEAST_SIDE:
+        raise UserError(
+            "--edge", f"{region[2]} × {region[3]} samples", expected=f"{_LEAST_SIDE} × {_LEAST_SIDE} or more"
+        )
+    slopes = [abs(float(np.diff(values, axis=axis).mean(axis=axis).mean())) for axis in (0, 1)]
+    values = values if slopes[1] >= slopes[0] else values.T
+    rows, columns = np.indices(values.shape)
+    slope, start = _edge_line(values)
+    distance = (columns - start - slope * rows) / np.hypot(1.0, slope)
+    return _mtf_of_profile(values, distance, float(np.degrees(np.arctan(abs(slope)))))
+
+
+def _edge_line(values: Floats) -> tuple[float, float]:
+    """Slope and start of the edge x = start + slope·y in an image (y, x). Raises UserError without one."""
+    derivative = np.diff(values, axis=1)
+    if abs(derivative.sum()) < 0.2 * np.abs(derivative.mean(axis=0)).sum() or not derivative.any():
+        raise UserError("--edge", "no edge between two tones", expected="a region that a slanted edge divides")
+    derivative = derivative * np.sign(derivative.sum())
+    x, y = np.arange(derivative.shape[1]) + 0.5, np.arange(len(values))
+    slope, start, width = 0.0, float(x @ derivative.sum(axis=0) / derivative.sum()), float(values.shape[1])
+    for _ in range(_PASSES):
+        away = x[None, :] - (start + slope * y[:, None])
+        weights = derivative * np.where(np.abs(away) < width / 2, np.cos(np.pi * away / width) ** 2, 0.0)
+        sums = weights.sum(axis=1)
+        clear = sums > 0.1 * np.median(np.maximum(sums, 0.0))
+        if clear.sum() < len(values) / 2:
+            raise UserError("--edge", "no edge in most rows", expected="a region that a slanted edge divides")
+        centroids = (weights @ x)[clear] / sums[clear]
+        slope, start = (float(of) for of in np.polyfit(y[clear], centroids, 1))
+        width = max(width / 2, 12.0)
+    if not _FLATTEST <= abs(slope) <= _STEEPEST:
+        found = f"an edge at {np.degrees(np.arctan(abs(slope))):.2g} degrees"
+        raise UserError("--edge", found, expected="1 to 40 degrees from the rows or columns")
+    return slope, start
+
+
+def _mtf_of_profile(values: Floats, distance: Floats, angle_deg: float) -> Mtf:
+    """The spectrum of the derivative of the profile of an image (y, x) at distances (y, x) from its edge."""
+    half = int(min(-distance.min(), distance.max(), values.shape[1] / 2)) * _BINS
+    bins = np.floor(distance * _BINS).astype(int) + half
+    inside = (bins >= 0) & (bins < 2 * half)
+    counts = np.bincount(bins[inside], minlength=2 * half)
+    sums = np.bincount(bins[inside], values[inside], minlength=2 * half)
+    known = counts > 0
+    profile = np.interp(np.arange(2 * half), np.flatnonzero(known), sums[known] / counts[known])
+    spread = np.diff(profile) * np.hanning(2 * half + 1)[1:-1]
+    spectrum = np.abs(np.fft.rfft(spread))
+    cycles = np.fft.rfftfreq(len(spread), 1 / _BINS)
+    kept = cycles <= 1.0
+    found = spectrum[kept] / spectrum[0] / np.sinc(cycles[kept] / _BINS) ** 2  # width of a bin, and difference of two
+    return Mtf(cycles[kept], found, angle_deg)
+
+
+def line_pair_transfer(
+    image: NDArray[np.floating], target: NDArray[np.floating], cycles: float, axis: int = 1
+) -> float:
+    """The MTF of line pairs of a frequency (cycles a sample) along an axis: contrast of the image over the target's.
+
+    Both are (y, x), cut to whole periods along the axis.
+    """
+    n = round(int(image.shape[axis] * cycles) / cycles)
+    wave = np.exp(-2j * np.pi * cycles * np.arange(n))
+
+    def contrast(of: NDArray[np.floating]) -> float:
+        line = np.asarray(of, dtype=np.float64).mean(axis=1 - axis)[:n]
+        return float(abs(wave @ line) / max(float(line.sum()), 1e-300))
+
+    known = contrast(target)
+    if not known > 0:
+        raise UserError("line pairs", "none of this frequency in the target", expected="a target that holds them")
+    return contrast(image) / known
+
+
+def circular_pupil_mtf(relative: NDArray[np.floating]) -> Floats:
+    """The MTF of incoherent light through a circular pupil, at frequencies over the cut-off D/λ (Goodman, *Introduction
+    to Fourier Optics*, 2005, section 6.3)."""
+    ν = np.clip(np.asarray(relative, dtype=np.float64), 0.0, 1.0)
+    return np.asarray(2 / np.pi * (np.arccos(ν) - ν * np.sqrt(1 - ν**2)))
+
+
+def square_pupil_mtf(relative: NDArray[np.floating]) -> Floats:
+    """The MTF of incoherent light through a square pupil along its sides, at frequencies over the cut-off."""
+    return np.clip(1.0 - np.asarray(relative, dtype=np.float64), 0.0, 1.0)
