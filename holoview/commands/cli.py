@@ -39,6 +39,7 @@ COMMANDS = {
     "point": "show the light at a point, along the axis, and where it is from",
     "compare": "score a hologram and its views beside a reference, as JPEG Pleno does",
     "contrast": "measure the speckle contrast of a picture or bench",
+    "report": "write a report on holograms for a reviewer, with its numbers",
     "demo": "make and show a hologram of the shipped picture",
 }
 """Each command, which is a module of `holoview.commands`, with its line in the help."""

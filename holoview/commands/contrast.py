@@ -216,9 +216,9 @@ def run(args: argparse.Namespace) -> int:
             write_file(path, figure_bytes(drawn, dpi=150))
             result[flag] = str(path)
     if args.live is not None and shown is not None:
-        built = None if target is None else target.build(None if target.is_stack else np.array([shown.plane_m]))
-        holograms = {shown.name: shown.hologram}
-        export_html(args.live, holograms, plane_m=shown.plane_m, region=measured.found.region, target=built)
+        built = None if target is None else target.with_plane(shown.plane_m)
+        region = None if args.meter else measured.found.region  # a page measures without an instrument
+        export_html(args.live, {shown.name: shown.hologram}, plane_m=shown.plane_m, region=region, target=built)
         result["live"] = str(args.live)
     if args.json:
         print_json(result)

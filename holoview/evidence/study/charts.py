@@ -198,6 +198,24 @@ def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: fl
     return draw
 
 
+def correlation_figure(names: Sequence[str], correlation: NDArray[np.float64]) -> Callable[[Figure], None]:
+    """A function that draws the correlations (laser, laser) between the patterns of lasers."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        image = axes.imshow(correlation, cmap="magma", vmin=0, vmax=1)
+        axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=_SMALL_FONT_PT - 1)
+        axes.set_yticks(range(len(names)), names, fontsize=_SMALL_FONT_PT - 1)
+        for (y, x), value in np.ndenumerate(correlation):
+            if len(names) <= _MAX_TWO_DECIMAL_BARS:
+                colour = "w" if value < 0.6 else "k"
+                text = f"{value:.2f}".replace("-0.00", "0.00").replace("0.", ".")
+                axes.text(x, y, text, ha="center", va="center", fontsize=_SMALL_FONT_PT - 2, color=colour)
+        figure.colorbar(image)
+
+    return draw
+
+
 def scatter_figure(found: SpeckleMeasurement) -> Callable[[Figure], None]:
     """A function that draws the scatter of the colours of a measurement in (u′, v′) and in (az, bz).
 
@@ -219,13 +237,14 @@ def scatter_figure(found: SpeckleMeasurement) -> Callable[[Figure], None]:
             axes.set_ylabel(names[1])
             axes.set_aspect("equal", adjustable="datalim")
             axes.grid(alpha=0.3)
+            axes.locator_params(nbins=_MAX_LEVEL_LABELS)
         for colour, style, name in ((together, "-", "together"), (apart, "--", "independent")):
             if colour is None:
                 continue
             uv = _ellipse(colour.mean_uv, colour.covariance_uv)
             panels[0].plot(*uv, "k" + style, label=f"{name}: {colour.area:.2e}")
             panels[1].plot(*_ellipse(colour.mean_jzazbz[1:], colour.covariance_jzazbz[1:, 1:]), "k" + style, label=name)
-        panels[0].legend(fontsize=_SMALL_FONT_PT, title="95 % ellipse", title_fontsize=_SMALL_FONT_PT)
+        panels[0].legend(fontsize=_SMALL_FONT_PT - 1, title="95 % ellipse", title_fontsize=_SMALL_FONT_PT - 1)
 
     return draw
 

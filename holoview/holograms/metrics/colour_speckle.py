@@ -27,7 +27,8 @@ WHITE_CD_M2 = 100.0
 DRAWN = 100_000
 """Samples that are drawn of independent lasers."""
 
-_DRAW_SEED = 62906
+DRAW_SEED = 62906
+"""Seed of the colours that are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ def independent_covariance(laser_xyz: ArrayLike, contrasts: ArrayLike) -> Floats
 
 
 def independent_colours(
-    laser_xyz: ArrayLike, contrasts: ArrayLike, count: int = DRAWN, seed: int = _DRAW_SEED
+    laser_xyz: ArrayLike, contrasts: ArrayLike, count: int = DRAWN, seed: int = DRAW_SEED
 ) -> Floats:
     """XYZ (n, 3) of independent lasers whose intensities follow gamma laws of their contrasts, drawn.
 

@@ -89,6 +89,10 @@ class Meter:
         return system.with_(eye=Eye(eyepiece_m=_CAMERA_PUPIL_M * f_number, pupil_m=_CAMERA_PUPIL_M, chromatic=False))
 
 
+NO_METER = Meter()
+"""The samples of the simulation themselves."""
+
+
 @dataclass(frozen=True)
 class MeterReading:
     """What an instrument resolves.
@@ -132,7 +136,7 @@ class MeasuredHologram:
 
 
 def measure_hologram(
-    hologram: Hologram, plane_m: float, region: Region, target: TargetSource | None = None, meter: Meter = Meter()
+    hologram: Hologram, plane_m: float, region: Region, target: TargetSource | None = None, meter: Meter = NO_METER
 ) -> MeasuredHologram:
     """Measures the speckle of a hologram at a plane.
 

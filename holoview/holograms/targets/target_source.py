@@ -178,6 +178,13 @@ class TargetSource:
             self._tell_once(self._built[key].notes)
         return self._built[key]
 
+    def with_plane(self, plane_m: float) -> Target:
+        """The target at the system's planes and at one more, where they don't hold it; a focal stack as it is."""
+        own_m = focused_planes(self._system)
+        if self.is_stack or np.isclose(own_m, plane_m, rtol=0, atol=1e-9).any():
+            return self.build()
+        return self.build(np.sort(np.append(own_m, plane_m)))
+
     def stack_for(self, system: System) -> NDArray[np.float32]:
         """The focal stack (plane, y, x, 3) that the eye of a system is to see."""
         return self.build(system=system).stack

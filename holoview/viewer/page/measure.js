@@ -7,14 +7,34 @@ const linearRgb = (matrix, x, y, z) => matrix.map(row => row[0] * x + row[1] * y
 const srgbDecode = code => (code <= 0.04045 ? code / 12.92 : ((code + 0.055) / 1.055) ** 2.4)
 const DECODED = Float64Array.from({ length: 256 }, (_, code) => srgbDecode(code / 255))
 
-// Mean, standard deviation and contrast σ/μ of the luminance in a region, with a histogram of
-// Y/mean in 32 bins of 1/8, the last of which takes all that is brighter.
-function speckle(xyz, width, region) {
-    const values = new Float64Array(region.width * region.height)
-    let at = 0
+const TARGET_FLOOR = 0.05 // of a target's mean in the region, below which its samples don't count
+
+// Luminance Y of a region, divided by that of a target of 8-bit sRGB codes (y, x, 4) where one is given and has light:
+// Y/(g·T) where T is at least TARGET_FLOOR of its mean, g = ΣY/ΣT there. luminance: row of the matrix sRGB to XYZ.
+function structureFree(xyz, width, region, target, luminance) {
+    const values = [], wanted = []
     for (let y = region.y; y < region.y + region.height; y++) {
-        for (let x = region.x; x < region.x + region.width; x++) values[at++] = xyz[4 * (y * width + x) + 1]
+        for (let x = region.x; x < region.x + region.width; x++) {
+            const i = 4 * (y * width + x)
+            values.push(xyz[i + 1])
+            if (target) wanted.push(luminance.reduce((sum, weight, c) => sum + weight * DECODED[target[i + c]], 0))
+        }
     }
+    const total = of => of.reduce((sum, value) => sum + value, 0)
+    if (!target || total(wanted) === 0) return { values: Float64Array.from(values), divided: false }
+    const floor = (TARGET_FLOOR * total(wanted)) / wanted.length
+    const kept = wanted.map(value => value > 0 && value >= floor)
+    const gain = total(values.filter((_, k) => kept[k])) / total(wanted.filter((_, k) => kept[k]))
+    return { values: Float64Array.from(values.map((value, k) => value / (gain * wanted[k])).filter((_, k) => kept[k])), divided: true }
+}
+
+// Mean, standard deviation and contrast σ/μ of the luminance in a region, the structure of a target divided out where
+// one is given (`structureFree`), with a histogram of Y/mean in 32 bins of 1/8, the last of which takes all that is
+// brighter. The mean is that of the luminance.
+function speckle(xyz, width, region, target = null, luminance = null) {
+    const plain = structureFree(xyz, width, region).values
+    const { values, divided } = target ? structureFree(xyz, width, region, target, luminance) : { values: plain, divided: false }
+    const luminous = plain.reduce((sum, value) => sum + value, 0) / plain.length
     let sum = 0
     for (const value of values) sum += value
     const mean = sum / values.length
@@ -25,7 +45,7 @@ function speckle(xyz, width, region) {
         histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
     }
     const std = Math.sqrt(squares / values.length)
-    return { mean, std, contrast: std / mean, samples: values.length, histogram }
+    return { mean: luminous, std: (std / mean) * luminous, contrast: std / mean, samples: values.length, histogram, divided }
 }
 
 // PSNR in dB, peak 1, of linear sRGB clipped to 0…1 against a target of 8-bit sRGB codes (y, x, 4).

@@ -330,9 +330,9 @@ class Viewer {
             throw new Refusal(`The region must lie inside the image of ${width} × ${height} samples.`)
         }
         const xyz = await full.readXyz()
-        const found = speckle(xyz, width, r)
+        if (PAGE.target) await this.loadTarget()
+        const found = PAGE.target ? speckle(xyz, width, r, this.targetCodes, PAGE.srgb_luminance) : speckle(xyz, width, r)
         if (PAGE.target) {
-            await this.loadTarget()
             found.psnr_db = psnr(xyz, this.targetCodes, width, r, PAGE.xyz_to_srgb)
         }
         return found
@@ -341,7 +341,7 @@ class Viewer {
     async report() {
         const found = await this.measure(this.selection)
         const where = this.selection ? "In the region" : "In the whole image"
-        const parts = [`${where}: speckle contrast ${found.contrast.toFixed(3)}, mean luminance ${found.mean.toPrecision(3)}`]
+        const parts = [`${where}: ${found.divided ? "" : "raw "}speckle contrast ${found.contrast.toFixed(3)}, mean luminance ${found.mean.toPrecision(3)}`]
         if (found.psnr_db !== undefined) parts.push(`PSNR to the target ${found.psnr_db.toFixed(2)} dB`)
         $("region").textContent = `${parts.join(", ")}.`
         drawHistogram(found)
@@ -394,7 +394,7 @@ function connect(viewer) {
             viewer.state = changed(viewer.state, bench, changes)
             update()
             await viewer.refresh()
-            history.replaceState(null, "", toHash(viewer.state, bench))
+            if (location.protocol !== "about:") history.replaceState(null, "", toHash(viewer.state, bench)) // not within a report
         } catch (error) {
             $("message").textContent = error instanceof Refusal ? error.message : `The device failed: ${error.message}`
         }
@@ -832,7 +832,7 @@ window.holoview = {
         for (let i = 0; i < width * height; i++) srgb8.set(rgba.subarray(4 * i, 4 * i + 3), 3 * i)
         return { width, height, srgb8 }
     },
-    // {contrast, mean, std, samples, histogram, psnr_db} of a region {x, y, width, height}, or of the whole image.
+    // {contrast, mean, std, samples, histogram, divided, psnr_db} of a region {x, y, width, height}, or of the whole image.
     async measure(region) {
         const viewer = await opened
         await viewer.busy

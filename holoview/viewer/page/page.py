@@ -26,10 +26,10 @@ from PIL import Image
 
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
-from holoview.holograms.metrics.speckle import speckle_contrast
+from holoview.holograms.metrics.speckle import speckle_contrast, target_luminance
 from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.view import View, simulate
-from holoview.light.colour import COLOUR_SPACES, XYZ_TO_SRGB, fitting_stops, to_srgb8
+from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, XYZ_TO_SRGB, fitting_stops, to_srgb8
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
@@ -87,6 +87,32 @@ def export_html(
     >>> hv.export_html("speckle.html", speckle, backend="torch").name
     'speckle.html'
     """
+    text = page_html(
+        holograms,
+        target=target,
+        title=title,
+        note=note,
+        plane_m=plane_m,
+        region=region,
+        backend=backend,
+        progress=progress,
+    )
+    write_file(path, text)
+    return Path(path)
+
+
+def page_html(
+    holograms: Hologram | Mapping[str, Hologram],
+    *,
+    target: Target | None = None,
+    title: str = "",
+    note: str = "",
+    plane_m: float | None = None,
+    region: Region | None = None,
+    backend: str = "auto",
+    progress: StepCallback | None = None,
+) -> str:
+    """The text of the page that `export_html` writes. Arguments and errors as of that."""
     holograms = {holograms.system.name or "hologram": holograms} if isinstance(holograms, Hologram) else holograms
     if not holograms:
         raise UserError("holograms", "none", expected="at least one")
@@ -111,8 +137,7 @@ def export_html(
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }
-    write_file(path, _html(page, documents, title or " and ".join(holograms), note))
-    return Path(path)
+    return _html(page, documents, title or " and ".join(holograms), note)
 
 
 def _colours() -> dict[str, Any]:
@@ -122,6 +147,7 @@ def _colours() -> dict[str, Any]:
         "version": VERSION,
         "holoview": __version__,
         "xyz_to_srgb": XYZ_TO_SRGB.tolist(),
+        "srgb_luminance": SRGB_TO_XYZ[1].tolist(),
         "xyz_to_p3": COLOUR_SPACES["p3"].from_xyz.tolist(),
         "cones": observer_table("eye"),
     }
@@ -178,13 +204,20 @@ def _claims(
     xyz, rgb = view.xyz[near[0]], view.rgb[near[0]]
     claims: list[dict[str, Any]] = []
     if region is not None:
-        contrast = speckle_contrast(xyz[..., 1], region).contrast
-        claims.append(_claim("contrast", "Speckle contrast in the marked region", f"{contrast:.3f}", _box(region)))
+        wanted = None if target is None else target_luminance(_nearest(target, plane_m), region)
+        contrast = speckle_contrast(xyz[..., 1], region, wanted).contrast
+        how = "with the structure of the picture" if wanted is None else "the structure of the target divided out"
+        text = f"Speckle contrast in the marked region, {how}"
+        claims.append(_claim("contrast", text, f"{contrast:.3f}", _box(region)))
     if target is not None:
-        nearest = int(np.argmin(np.abs(np.array(target.planes_m) - plane_m)))
-        score = psnr_linear_srgb(rgb, target.stack[nearest]).mean_db
+        score = psnr_linear_srgb(rgb, _nearest(target, plane_m)).mean_db
         claims.append(_claim("psnr", "PSNR to the target", f"{score:.1f} dB", None))
     return claims
+
+
+def _nearest(target: Target, plane_m: float) -> NDArray[np.floating]:
+    """The picture (y, x, 3) of a target that is nearest to a plane."""
+    return target.stack[int(np.argmin(np.abs(np.array(target.planes_m) - plane_m)))]
 
 
 def _claim(quantity: str, text: str, value: str, region: dict[str, int] | None) -> dict[str, Any]:

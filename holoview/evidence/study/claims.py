@@ -1,0 +1,87 @@
+"""Claims on numbers, such as "C < 0.4", and whether a measurement bears them out."""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from holoview.util.errors import UserError
+
+QUANTITIES = {
+    "C": "speckle contrast of the luminance",
+    "C_red": "speckle contrast of the red lasers",
+    "C_green": "speckle contrast of the green lasers",
+    "C_blue": "speckle contrast of the blue lasers",
+    "N_eff": "independent patterns, from the correlation between lasers",
+    "colour_area": "area of the 95 % ellipse of u'v'",
+    "PSNR": "PSNR to the target, dB",
+    "CR": "white over the black beside it",
+    "uniformity": "uniformity of the eyebox, darkest over mean",
+    "picture_light": "share of the light in the picture",
+}
+"""What can be claimed, with words for it."""
+
+_OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    "≤": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "≥": operator.ge,
+}
+_CLAIM = re.compile(r"\s*([A-Za-z_]+)\s*(<=|>=|<|>|≤|≥)\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(%|dB)?\s*")
+_LONGEST = 60
+SIGMAS = 2.0
+"""Standard errors within which a claim is undecided."""
+
+
+@dataclass(frozen=True)
+class NumberClaim:
+    """A claim: a quantity of `QUANTITIES`, an operator and a limit. text: as it was given."""
+
+    text: str
+    quantity: str
+    comparison: str
+    limit: float
+
+
+@dataclass(frozen=True)
+class JudgedClaim:
+    """A claim beside a measurement. value: None where it couldn't be measured. error: standard error, if one is known.
+
+    verdict: "holds", "doesn't hold", "undecided" within two standard errors, or "not measured".
+    """
+
+    claim: NumberClaim
+    value: float | None
+    error: float | None
+    verdict: str
+
+
+def parse_claim(text: str) -> NumberClaim:
+    """The claim of a text. Raises UserError for one that isn't QUANTITY < NUMBER, and an unknown quantity."""
+    match = _CLAIM.fullmatch(text) if len(text) <= _LONGEST else None
+    expected = f'such as "C < 0.4", with {", ".join(QUANTITIES)}'
+    if match is None or match[1] not in QUANTITIES:
+        raise UserError("--claim", f'"{text[:_LONGEST]}"', expected=expected)
+    try:
+        limit = float(match[3])
+    except ValueError:
+        limit = math.nan
+    if not math.isfinite(limit):
+        raise UserError("--claim", f'"{text}"', expected=expected)
+    return NumberClaim(text.strip(), match[1], match[2], limit / 100 if match[4] == "%" else limit)
+
+
+def judge_claim(claim: NumberClaim, values: Mapping[str, tuple[float, float | None]]) -> JudgedClaim:
+    """A claim beside measured values and their standard errors, by quantity."""
+    if claim.quantity not in values:
+        return JudgedClaim(claim, None, None, "not measured")
+    value, error = values[claim.quantity]
+    if error is not None and abs(value - claim.limit) <= SIGMAS * error:
+        return JudgedClaim(claim, value, error, "undecided")
+    holds = _OPERATORS[claim.comparison](value, claim.limit)
+    return JudgedClaim(claim, value, error, "holds" if holds else "doesn't hold")

@@ -1,0 +1,417 @@
+"""A report on holograms for a reviewer: one page for the screen that prints to two sheets of A4, and the same as JSON.
+
+Pictures, all numbers with their standard errors and methods, claims with verdicts, instrument, observer, bench, seeds,
+versions and the command that makes it again. The page loads nothing; with a live hologram it holds that page too.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from holoview.evidence.study.charts import correlation_figure, data_uri, scatter_figure, speckle_figure
+from holoview.evidence.study.claims import QUANTITIES, JudgedClaim, NumberClaim, judge_claim
+from holoview.evidence.study.report import version_summary
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.colour_speckle import WHITE_CD_M2
+from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.metrics.image_quality import EyeboxUniformity, eyebox_uniformity_of
+from holoview.holograms.metrics.sharpness import BlackBesideWhite, black_beside_white
+from holoview.holograms.metrics.speckle import target_luminance
+from holoview.holograms.metrics.speckle_measurement import visibility
+from holoview.holograms.metrics.speckle_meter import NO_METER, MeasuredHologram, Meter, measure_hologram
+from holoview.holograms.targets.target_source import TargetSource
+from holoview.light.colour import fitting_stops, to_srgb8
+from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
+from holoview.light.model.derived_numbers import info_rows
+from holoview.light.model.focus import plane_label
+from holoview.light.model.plan import make_plan
+from holoview.light.numerics.sampling import Region
+from holoview.util.figures import figure_bytes, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMAT, VERSION = "holoview-report", 1
+
+_WIDEST_PX = 900
+_BENCH_HEADINGS = ("bench", "eye", "effects")
+_FURTHER_ROWS = ("étendue", "square stop of relay 1", "square stop of relay 2", "iris of relay 1", "iris of relay 2")
+_CHART_DPI = 170
+
+
+@dataclass(frozen=True, eq=False)
+class ReviewedHologram:
+    """What is reported of a hologram.
+
+    name, digest: of its file. measured: of a region, by the chosen instrument. plane: in words. picture: (y, x, 3)
+    8-bit sRGB of what an observer sees without the instrument, brightened by `stops`; wanted: of its target. psnr_db:
+    of the same; black: beside white. eyebox, light: of the bench.
+    """
+
+    name: str
+    digest: str
+    measured: MeasuredHologram
+    plane: str
+    picture: NDArray[np.uint8]
+    stops: float
+    wanted: NDArray[np.uint8] | None
+    psnr_db: float | None
+    black: BlackBesideWhite | None
+    eyebox: EyeboxUniformity | None
+    light: LightBudget
+    region: Region
+
+    @property
+    def values(self) -> dict[str, tuple[float, float | None]]:
+        """The values of `QUANTITIES` that were measured, with their standard errors where they are known."""
+        found = self.measured.found
+        values: dict[str, tuple[float, float | None]] = {
+            "C": (found.luminance.contrast, found.luminance.standard_error)
+        }
+        values |= {f"C_{name}": (of.contrast, of.standard_error) for name, of in found.groups.items()}
+        if found.lasers:
+            values["N_eff"] = (found.patterns_of_correlation, None)
+        if found.colour is not None:
+            values["colour_area"] = (found.colour.area, found.colour.area_error)
+        if self.psnr_db is not None:
+            values["PSNR"] = (self.psnr_db, None)
+        if self.black is not None:
+            values["CR"] = (self.black.ratio, None)
+        if self.eyebox is not None:
+            values["uniformity"] = (self.eyebox.uniformity, None)
+        if np.isfinite(self.light.total).all():
+            values["picture_light"] = (float(self.light.total[list(PLACES).index("picture")]), None)
+        return values
+
+    def as_json(self, claims: Sequence[NumberClaim]) -> dict[str, Any]:
+        """For programs."""
+        found = self.measured.found
+        eyebox = None
+        if self.eyebox is not None:
+            eyebox = {"uniformity": self.eyebox.uniformity, "variation": self.eyebox.coefficient_of_variation}
+        return {
+            "name": self.name,
+            "sha256": self.digest,
+            "plane": self.plane,
+            "region": list(self.region),
+            "contrast": found.luminance.contrast,
+            "mean_luminance": found.mean,
+            "pixels": found.pixels,
+            **found.as_json(),
+            "meter": self.measured.reading.as_json(),
+            "notes": list(found.notes),
+            "psnr_db": self.psnr_db,
+            "black_beside_white": None if self.black is None else self.black.as_json(),
+            "eyebox": eyebox,
+            "light_budget": self.light.as_json() if np.isfinite(self.light.total).all() else None,
+            "claims": [
+                {"claim": of.claim.text, "value": of.value, "standard_error": of.error, "verdict": of.verdict}
+                for of in (judge_claim(claim, self.values) for claim in claims)
+            ],
+        }
+
+
+def review_hologram(
+    name: str,
+    digest: str,
+    hologram: Hologram,
+    plane_m: float,
+    region: Region,
+    target: TargetSource | None = None,
+    meter: Meter = NO_METER,
+) -> ReviewedHologram:
+    """Measures a hologram for a report. Arguments and errors as of `measure_hologram`.
+
+    name, digest: of its file.
+    """
+    measured = measure_hologram(hologram, plane_m, region, target, meter)
+    plain = measured if not meter.name else measure_hologram(hologram, plane_m, region, target)
+    system, view = hologram.system, plain.view
+    stops = round(fitting_stops(view.xyz), 1) if system.is_field else 0.0
+    wanted, psnr_db, black = None, None, None
+    if plain.target is not None:
+        wanted = to_srgb8(plain.target)
+        psnr_db = float(psnr_linear_srgb(view.rgb[0], plain.target).mean_db)
+        known = target_luminance(plain.target)
+        black = None if known is None else black_beside_white(view.xyz[0, ..., 1], known)
+    return ReviewedHologram(
+        name=name,
+        digest=digest,
+        measured=measured,
+        plane=plane_label(system, plane_m),
+        picture=view.exposed(stops).srgb8[0],
+        stops=stops,
+        wanted=wanted,
+        psnr_db=psnr_db,
+        black=black,
+        eyebox=None if system.is_field else eyebox_uniformity_of(hologram),
+        light=light_budget(make_plan(system, [plane_m]), hologram.drive),
+        region=region,
+    )
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+
+def report_html(
+    reviewed: Sequence[ReviewedHologram],
+    claims: Sequence[NumberClaim],
+    *,
+    title: str,
+    command: str,
+    seeds: Mapping[str, int],
+    live: str = "",
+) -> str:
+    """The page of a report.
+
+    command: that makes it again. seeds: of everything that is drawn, in words. live: a page with the holograms to
+    embed.
+    """
+    folder = files(__package__)
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    template = environment.from_string(folder.joinpath("hologram_report.html").read_text(encoding="utf-8"))
+    style = folder.joinpath("hologram_report.css").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode("ascii")
+    policy = f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; base-uri 'none'; form-action 'none'"
+    return template.render(
+        title=title,
+        policy="" if live else policy,  # a live page brings its own
+        style=Markup(style),
+        holograms=[_hologram_context(one) for one in reviewed],
+        names=[one.name for one in reviewed],
+        rows=_number_rows(reviewed),
+        claims=_claim_rows(reviewed, claims),
+        bench=_bench_rows(reviewed[0]),
+        instrument=reviewed[0].measured.reading,
+        seeds=", ".join(f"{what} {seed}" for what, seed in seeds.items()),
+        command=command,
+        versions=version_summary(),
+        live=live,
+    )
+
+
+def report_json(
+    reviewed: Sequence[ReviewedHologram],
+    claims: Sequence[NumberClaim],
+    *,
+    title: str,
+    command: str,
+    seeds: Mapping[str, int],
+) -> dict[str, Any]:
+    """The report for programs."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "title": title,
+        "holograms": [one.as_json(claims) for one in reviewed],
+        "bench": {row["name"]: row["text"] for row in _bench_rows(reviewed[0])},
+        "seeds": dict(seeds),
+        "command": command,
+        "versions": version_summary(),
+    }
+
+
+def _hologram_context(one: ReviewedHologram) -> dict[str, Any]:
+    """What the template shows of a hologram by itself."""
+    found = one.measured.found
+    histogram = speckle_figure(one.measured.image, found.region, found.raw_contrast)
+    charts = [("Region, and its histogram beside the laws of speckle", histogram, (6.0, 2.7))]
+    if found.colour is not None:
+        charts.append(("Colours of the region, with the 95 % ellipses", partial(_draw_scatter, one), (6.0, 2.7)))
+    if len(found.lasers) > 1:
+        draw = correlation_figure([laser.name for laser in found.lasers], found.correlation)
+        charts.append(("Correlation between the lasers' patterns", draw, (3.4, 2.9)))
+    return {
+        "name": one.name,
+        "digest": one.digest,
+        "plane": one.plane,
+        "stops": f"{one.stops:+.1f} stops" if one.stops else "",
+        "picture": _picture_uri(one.picture, one.region),
+        "wanted": "" if one.wanted is None else _picture_uri(one.wanted, one.region),
+        "region": "{2} × {3} samples at ({0}, {1})".format(*one.region),
+        "charts": [{"caption": caption, "uri": _chart_uri(draw, size)} for caption, draw, size in charts],
+        "lasers": [
+            {
+                "name": laser.name,
+                "share": f"{laser.luminance_share:.1%}",
+                "contrast": _value(laser.estimate.contrast, laser.estimate.standard_error),
+            }
+            for laser in found.lasers
+        ],
+        "visibility": visibility(found),
+        "light": [
+            {"words": words, "share": f"{share:.1%}"}
+            for words, share in zip(PLACES.values(), one.light.total.tolist(), strict=True)
+            if share > 5e-4
+        ],
+        "notes": [*one.measured.reading.notes, *found.notes],
+    }
+
+
+def _draw_scatter(one: ReviewedHologram, figure: Figure) -> None:
+    scatter_figure(one.measured.found)(figure)
+
+
+def _chart_uri(draw: Any, size_in: tuple[float, float]) -> str:
+    figure = new_figure(size_in)
+    draw(figure)
+    return data_uri(figure_bytes(figure, dpi=_CHART_DPI))
+
+
+def _picture_uri(pixels: NDArray[np.uint8], region: Region) -> str:
+    """A picture (y, x, 3) with the edge of a region, as a WebP in a data URI."""
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    scale = max(1, round(_WIDEST_PX / image.width))
+    if scale > 1:
+        image = image.resize((image.width * scale, image.height * scale), Image.Resampling.NEAREST)
+    x, y, width, height = (scale * n for n in region)
+    draw = ImageDraw.Draw(image)
+    for grow, shade in ((0, "white"), (1, "black")):
+        draw.rectangle((x - grow, y - grow, x + width - 1 + grow, y + height - 1 + grow), outline=shade)
+    if image.width > 2 * _WIDEST_PX:
+        image = image.resize((_WIDEST_PX, round(image.height * _WIDEST_PX / image.width)), Image.Resampling.BOX)
+    out = io.BytesIO()
+    image.save(out, "WEBP", quality=90)
+    return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode('ascii')}"
+
+
+def _value(value: float, error: float | None = None, digits: int = 3) -> str:
+    """A number with its standard error in words, to the error's second digit."""
+    if error is None or error <= 0:
+        return f"{value:.{digits}g}"
+    places = max(0, min(6, 1 - int(np.floor(np.log10(error)))))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
+_Row = tuple[str, list[str], str]
+
+
+def _number_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
+    """The table of numbers: a quantity, its value of each hologram, and its method."""
+    found = [one.measured.found for one in reviewed]
+    method = "σ/μ of luminance ÷ target" if any(of.has_target for of in found) else "σ/μ of luminance, raw: no target"
+    rows: list[_Row] = [
+        (
+            "Speckle contrast C",
+            [_value(of.luminance.contrast, of.luminance.standard_error) for of in found],
+            f"{method}; error from the independent grains",
+        ),
+        (
+            "independent grains",
+            [f"{of.luminance.grains.count:.0f}" for of in found],
+            "area ÷ Σρ², ρ the autocorrelation",
+        ),
+    ]
+    if any(of.has_target for of in found):
+        rows.append(("C with the picture's structure", [f"{of.raw_contrast:.3f}" for of in found], "σ/μ, raw"))
+    for name in ("blue", "green", "red"):
+        groups = [of.groups.get(name) for of in found]
+        if any(groups):
+            words = ["–" if of is None else _value(of.contrast, of.standard_error) for of in groups]
+            rows.append((f"C of {name}", words, "luminance of its lasers"))
+    if all(of.lasers for of in found):
+        rows += _laser_rows(reviewed)
+    rows += _picture_rows(reviewed)
+    return rows
+
+
+def _laser_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
+    found = [one.measured.found for one in reviewed]
+    rows: list[_Row] = [
+        (
+            "N_eff from powers, from correlation",
+            [f"{of.patterns_of_powers:.2f}, {of.patterns_of_correlation:.2f}" for of in found],
+            "(ΣP)²/ΣP²; with the correlations between lasers",
+        ),
+        (
+            "1/√N, 1/√N_eff",
+            [f"{len(of.lasers) ** -0.5:.3f}, {of.patterns_of_powers**-0.5:.3f}" for of in found],
+            "of independent lasers: equal, and of these powers",
+        ),
+        (
+            "(a) one by one, (b) together",
+            [f"{of.one_by_one:.3f}, {of.luminance.contrast:.3f}" for of in found],
+            "both ways of IEC 62906-5-4; (a) takes the lasers as independent",
+        ),
+    ]
+    colours = [of.colour for of in found]
+    if all(colour is not None for colour in colours):
+        known = [colour for colour in colours if colour is not None]
+        rows += [
+            ("mean u′, v′", [f"{of.mean_uv[0]:.4f}, {of.mean_uv[1]:.4f}" for of in known], "CIE 1976"),
+            (
+                "95 % ellipse in u′v′",
+                [_area(of.area, of.area_error) for of in known],
+                "5.991 π √det of the covariance (b)",
+            ),
+            (
+                "the same by (a)",
+                ["–" if of.independent_colour is None else _area(of.independent_colour.area, None) for of in found],
+                "gamma laws of the lasers' contrasts, drawn",
+            ),
+            ("scatter in Jzazbz", [f"{of.jzazbz_scatter:.4f}" for of in known], f"r.m.s., white {WHITE_CD_M2:g} cd/m²"),
+        ]
+    return rows
+
+
+def _area(area: float, error: float | None) -> str:
+    scaled = (1e4 * area, None if error is None else 1e4 * error)
+    return f"({_value(*scaled)})·10⁻⁴" if error else f"{_value(*scaled)}·10⁻⁴"
+
+
+def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
+    rows: list[_Row] = []
+    if any(one.psnr_db is not None for one in reviewed):
+        words = ["–" if one.psnr_db is None else f"{one.psnr_db:.2f} dB" for one in reviewed]
+        rows.append(("PSNR to the target", words, "linear sRGB, whole picture, fixed brightness"))
+    if any(one.black is not None for one in reviewed):
+        words = ["–" if one.black is None else f"{one.black.ratio:.3g} : 1" for one in reviewed]
+        rows.append(("white over black beside it", words, "target above 50 %, below 1 % of its maximum"))
+    if any(one.eyebox is not None for one in reviewed):
+        words = [
+            "–" if one.eyebox is None else f"{one.eyebox.uniformity:.3f}, {one.eyebox.coefficient_of_variation:.2f}"
+            for one in reviewed
+        ]
+        rows.append(("eyebox: uniformity, variation", words, "darkest block over mean; deviation over mean"))
+    return rows
+
+
+def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberClaim]) -> list[dict[str, Any]]:
+    """Each claim with its verdict on each hologram."""
+    return [
+        {
+            "text": claim.text,
+            "quantity": QUANTITIES[claim.quantity],
+            "verdicts": [_verdict(judge_claim(claim, one.values)) for one in reviewed],
+        }
+        for claim in claims
+    ]
+
+
+def _verdict(judged: JudgedClaim) -> dict[str, str]:
+    kinds = {"holds": "good", "doesn't hold": "bad"}
+    value = "" if judged.value is None else _value(judged.value, judged.error)
+    return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
+
+
+def _bench_rows(one: ReviewedHologram) -> list[dict[str, str]]:
+    """The bench in a few rows."""
+    rows = [
+        row
+        for row in info_rows(one.measured.hologram.system)
+        if row.heading in _BENCH_HEADINGS or row.name in _FURTHER_ROWS
+    ]
+    return [{"name": row.name, "text": row.text} for row in rows]
