@@ -169,12 +169,11 @@ class _ShownHologram:
 class _Measured:
     """What is measured, of any source.
 
-    what: in words. image: luminance (y, x). found: of its region. clipped: share of saturated pixels, clipped_at: from
+    what: in words. found: of a region. clipped: share of saturated pixels, clipped_at: from
     which number. notes: remarks. reading: of the instrument, where one is chosen.
     """
 
     what: str
-    image: NDArray[np.floating]
     found: SpeckleMeasurement
     clipped: float = 0.0
     clipped_at: str = ""
@@ -204,7 +203,7 @@ def run(args: argparse.Namespace) -> int:
         target = target_from_args(args, shown.hologram.system)
         measured = _measured_hologram(args, shown, region, target)
     result = _as_json(measured)
-    draw = speckle_figure(measured.image, measured.found.region, measured.found.raw_contrast)
+    draw = speckle_figure(measured.found.pattern)
     if shown is not None and pupils_m:
         with progress_bar("pupils") as progress:
             curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, measured.found.region, progress)
@@ -268,9 +267,7 @@ def _measured_hologram(
     place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
     notes = measured.reading.notes if meter.name else ()
     reading = measured.reading if meter.name else None
-    return _Measured(
-        f"luminance of {shown.name} at {place}", measured.image, measured.found, notes=notes, reading=reading
-    )
+    return _Measured(f"luminance of {shown.name} at {place}", measured.found, notes=notes, reading=reading)
 
 
 def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measured:
@@ -280,7 +277,7 @@ def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measu
     chosen = region or central_region(image.luminance.shape)
     found = measure_speckle(image.luminance, chosen, _picture_target(args, image.luminance.shape))
     own = image.clipped_share, image.clipped_at, image.notes
-    return _Measured(image.description, image.luminance, found, *own)
+    return _Measured(image.description, found, *own)
 
 
 def _picture_target(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
@@ -334,7 +331,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     told = tuple(dict.fromkeys((*notes, *saturated, *added)))
     level = "" if whole.level is None else f"{whole.level:.6g} counts above black"
     names = ", ".join(Path(name).name for name in args.names)
-    return _Measured(f"counts of {names}", light, found, float(whole.saturated.mean()), level, told)
+    return _Measured(f"counts of {names}", found, float(whole.saturated.mean()), level, told)
 
 
 def _measure_captures(args: argparse.Namespace) -> int:

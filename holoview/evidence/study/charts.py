@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 
 from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.metrics.colour_speckle import INSIDE_95
-from holoview.holograms.metrics.speckle import RetinalCurve, independent_patterns, speckle_density, speckle_histogram
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.holograms.metrics.speckle import (
+    RetinalCurve,
+    SpecklePattern,
+    independent_patterns,
+    speckle_density,
+    speckle_histogram,
+)
 from holoview.util.figures import figure_bytes, new_figure
 
 if TYPE_CHECKING:
@@ -168,21 +173,19 @@ _MIN_CONTRAST = 1e-3
 """Contrast below which the gamma distribution is too narrow to be drawn."""
 
 
-def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: float) -> Callable[[Figure], None]:
-    """A function that draws a region of an image (y, x) and the histogram of I/Ī in it.
-
-    contrast: the region's speckle contrast, which gives the number of independent patterns.
-    """
-    _, _, width, height = region
-    part = np.asarray(luminance[region_slices(region)], dtype=np.float64)
+def speckle_figure(pattern: SpecklePattern) -> Callable[[Figure], None]:
+    """A function that draws the speckle of a region and the histogram of I/Ī in it beside the laws of speckle."""
+    counted, shown = pattern.counted, np.where(pattern.usable, pattern.values, np.nan)
+    contrast, mean = pattern.contrast.contrast, pattern.contrast.mean
+    height, width = shown.shape
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.4))
-        left.imshow(part / part.mean(), cmap="gray", vmin=0, vmax=3)
+        left.imshow(shown / mean, cmap="gray", vmin=0, vmax=3)
         left.set_title(f"{width} x {height} samples", fontsize=9)
         left.set_axis_off()
-        highest = max(float(np.quantile(part / part.mean(), _HIGHEST_QUANTILE)), 2.0)
-        histogram = speckle_histogram(luminance, region, max_ratio=highest)
+        highest = max(float(np.quantile(counted / mean, _HIGHEST_QUANTILE)), 2.0)
+        histogram = speckle_histogram(counted[None, :], (0, 0, counted.size, 1), max_ratio=highest)
         right.stairs(histogram.density, histogram.edges, fill=True, color="0.7", label="found")
         ratios = np.linspace(0, highest, 400)
         right.plot(ratios, speckle_density(ratios), "--", label="fully developed, C = 1")
@@ -203,7 +206,7 @@ def correlation_figure(names: Sequence[str], correlation: NDArray[np.float64]) -
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        image = axes.imshow(correlation, cmap="magma", vmin=0, vmax=1)
+        axes.imshow(correlation, cmap="magma", vmin=0, vmax=1)
         axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=_SMALL_FONT_PT - 1)
         axes.set_yticks(range(len(names)), names, fontsize=_SMALL_FONT_PT - 1)
         for (y, x), value in np.ndenumerate(correlation):
@@ -211,7 +214,6 @@ def correlation_figure(names: Sequence[str], correlation: NDArray[np.float64]) -
                 colour = "w" if value < 0.6 else "k"
                 text = f"{value:.2f}".replace("-0.00", "0.00").replace("0.", ".")
                 axes.text(x, y, text, ha="center", va="center", fontsize=_SMALL_FONT_PT - 2, color=colour)
-        figure.colorbar(image)
 
     return draw
 

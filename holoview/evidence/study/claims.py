@@ -24,6 +24,16 @@ QUANTITIES = {
 }
 """What can be claimed, with words for it."""
 
+NEEDS = {
+    "C_red": "there are no red lasers",
+    "C_green": "there are no green lasers",
+    "C_blue": "there are no blue lasers",
+    "PSNR": "needs a target",
+    "CR": "needs a target with bright and dark parts",
+    "uniformity": "needs modulators",
+}
+"""Why a quantity isn't measured."""
+
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
     "<=": operator.le,

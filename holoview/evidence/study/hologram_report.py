@@ -9,9 +9,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from holoview.evidence.study.charts import correlation_figure, data_uri, scatter_figure, speckle_figure
-from holoview.evidence.study.claims import QUANTITIES, JudgedClaim, NumberClaim, judge_claim
+from holoview.evidence.study.claims import NEEDS, QUANTITIES, JudgedClaim, NumberClaim, judge_claim
 from holoview.evidence.study.report import version_summary
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import WHITE_CD_M2
@@ -38,11 +37,12 @@ from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
 from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
 from holoview.util.figures import figure_bytes, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 FORMAT, VERSION = "holoview-report", 1
 
@@ -50,6 +50,7 @@ _WIDEST_PX = 900
 _BENCH_HEADINGS = ("bench", "eye", "effects")
 _FURTHER_ROWS = ("étendue", "square stop of relay 1", "square stop of relay 2", "iris of relay 1", "iris of relay 2")
 _CHART_DPI = 170
+_LEAST_TOLD = 5e-4  # of the light
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,10 +191,14 @@ def report_html(
         title=title,
         policy="" if live else policy,  # a live page brings its own
         style=Markup(style),
-        holograms=[_hologram_context(one) for one in reviewed],
+        holograms=[_hologram_context(one, len(reviewed) == 1) for one in reviewed],
         names=[one.name for one in reviewed],
         rows=_number_rows(reviewed),
         claims=_claim_rows(reviewed, claims),
+        lasers=_by_hologram(reviewed, _laser_table),
+        light=_by_hologram(reviewed, _light_table),
+        visibility=_by_hologram(reviewed, _visibility_table),
+        observer=_observer(reviewed[0].measured.hologram.system),
         bench=_bench_rows(reviewed[0]),
         instrument=reviewed[0].measured.reading,
         seeds=", ".join(f"{what} {seed}" for what, seed in seeds.items()),
@@ -224,16 +229,15 @@ def report_json(
     }
 
 
-def _hologram_context(one: ReviewedHologram) -> dict[str, Any]:
+def _hologram_context(one: ReviewedHologram, is_alone: bool) -> dict[str, Any]:
     """What the template shows of a hologram by itself."""
     found = one.measured.found
-    histogram = speckle_figure(one.measured.image, found.region, found.raw_contrast)
-    charts = [("Region, and its histogram beside the laws of speckle", histogram, (6.0, 2.7))]
+    charts = [("Region, and its histogram beside the laws of speckle", speckle_figure(found.pattern), (6.0, 2.7))]
     if found.colour is not None:
-        charts.append(("Colours of the region, with the 95 % ellipses", partial(_draw_scatter, one), (6.0, 2.7)))
-    if len(found.lasers) > 1:
+        charts.append(("Colours of the region, with the 95 % ellipses", scatter_figure(found), (6.0, 2.7)))
+    if is_alone and len(found.lasers) > 1:
         draw = correlation_figure([laser.name for laser in found.lasers], found.correlation)
-        charts.append(("Correlation between the lasers' patterns", draw, (3.4, 2.9)))
+        charts.append(("Correlation between the lasers' patterns", draw, (3.4, 2.7)))
     return {
         "name": one.name,
         "digest": one.digest,
@@ -243,26 +247,45 @@ def _hologram_context(one: ReviewedHologram) -> dict[str, Any]:
         "wanted": "" if one.wanted is None else _picture_uri(one.wanted, one.region),
         "region": "{2} × {3} samples at ({0}, {1})".format(*one.region),
         "charts": [{"caption": caption, "uri": _chart_uri(draw, size)} for caption, draw, size in charts],
-        "lasers": [
-            {
-                "name": laser.name,
-                "share": f"{laser.luminance_share:.1%}",
-                "contrast": _value(laser.estimate.contrast, laser.estimate.standard_error),
-            }
-            for laser in found.lasers
-        ],
-        "visibility": visibility(found),
-        "light": [
-            {"words": words, "share": f"{share:.1%}"}
-            for words, share in zip(PLACES.values(), one.light.total.tolist(), strict=True)
-            if share > 5e-4
-        ],
         "notes": [*one.measured.reading.notes, *found.notes],
     }
 
 
-def _draw_scatter(one: ReviewedHologram, figure: Figure) -> None:
-    scatter_figure(one.measured.found)(figure)
+def _by_hologram(
+    reviewed: Sequence[ReviewedHologram], rows_of: Callable[[ReviewedHologram], dict[str, str]]
+) -> list[_Row]:
+    """Rows that each hologram has by name, side by side; a dash where one lacks it."""
+    tables = [rows_of(one) for one in reviewed]
+    names = dict.fromkeys(name for table in tables for name in table)
+    return [(name, [table.get(name, "–") for table in tables], "") for name in names]
+
+
+def _laser_table(one: ReviewedHologram) -> dict[str, str]:
+    return {
+        f"{of.name}, {_percent(of.luminance_share)}": _value(of.estimate.contrast, of.estimate.standard_error)
+        for of in one.measured.found.lasers
+    }
+
+
+def _light_table(one: ReviewedHologram) -> dict[str, str]:
+    shares = zip(PLACES.values(), one.light.total.tolist(), strict=True)
+    return {words: _percent(share) for words, share in shares if share > _LEAST_TOLD}
+
+
+def _visibility_table(one: ReviewedHologram) -> dict[str, str]:
+    return {
+        f"{of.what}: {_percent(of.threshold)}": f"{_percent(of.contrast)}, {of.verdict}"
+        for of in visibility(one.measured.found)
+    }
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _observer(system: System) -> str:
+    words = {"eye": "2° cone fundamentals (CIE 170-1:2006)", "cie1931": "CIE 1931, 2°", "mono": "a flat response"}
+    return words.get(system.observer, system.observer)
 
 
 def _chart_uri(draw: Any, size_in: tuple[float, float]) -> str:
@@ -403,7 +426,7 @@ def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberCla
 
 def _verdict(judged: JudgedClaim) -> dict[str, str]:
     kinds = {"holds": "good", "doesn't hold": "bad"}
-    value = "" if judged.value is None else _value(judged.value, judged.error)
+    value = NEEDS.get(judged.claim.quantity, "") if judged.value is None else _value(judged.value, judged.error)
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
 
 

@@ -92,7 +92,8 @@ class SpeckleMeasurement:
     """What `measure_speckle` finds in a region.
 
     region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
-    count. raw_contrast: with the structure of the picture. has_target: whether that was divided out of the others.
+    count. pattern: the speckle of the luminance. raw_contrast: with the structure of
+    the picture. has_target: whether that was divided out of the others.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
     dark and of an image without colours. notes: what limits the numbers, as sentences.
@@ -104,6 +105,7 @@ class SpeckleMeasurement:
     pixels: int
     raw_contrast: float
     has_target: bool
+    pattern: SpecklePattern = field(repr=False)
     lasers: tuple[LaserContrast, ...] = ()
     groups: dict[str, ContrastEstimate] = field(default_factory=dict)
     correlation: Floats = field(default_factory=lambda: np.zeros((0, 0)))
@@ -256,7 +258,14 @@ def measure_speckle(
             "error are rough, and come out too low; choose a larger region"
         )
     plain = SpeckleMeasurement(
-        region, estimate, raw.mean, pattern.contrast.n_pixels, raw.contrast, known is not None, notes=tuple(notes)
+        region,
+        estimate,
+        raw.mean,
+        pattern.contrast.n_pixels,
+        raw.contrast,
+        known is not None,
+        pattern,
+        notes=tuple(notes),
     )
     return plain if lasers is None else _with_lasers(plain, lasers, None if known is None else target)
 

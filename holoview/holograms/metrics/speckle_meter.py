@@ -123,15 +123,13 @@ class MeterReading:
 class MeasuredHologram:
     """A region of a hologram, measured by an instrument.
 
-    view: of the one plane, behind the instrument's lens. image: luminance (y, x) of which `found.region` was measured.
-    target: (y, x, 3) in linear sRGB, or None.
+    view: of the one plane, behind the instrument's lens. target: (y, x, 3) in linear sRGB, or None.
     """
 
     hologram: Hologram
     view: View
     found: SpeckleMeasurement
     reading: MeterReading
-    image: NDArray[np.floating] = field(repr=False)
     target: NDArray[np.floating] | None = field(repr=False, default=None)
 
 
@@ -162,7 +160,7 @@ def measure_hologram(
             known = np.stack([seen_by_cones(channel, degrees) for channel in np.moveaxis(known, -1, 0)], axis=-1)
     found = measure_speckle(luminance, region, known, lasers)
     shown = Hologram(hologram.drive, system)
-    return MeasuredHologram(shown, view, found, _reading(system, meter), luminance, known)
+    return MeasuredHologram(shown, view, found, _reading(system, meter), known)
 
 
 def laser_images(view: View, plan: Plan) -> LaserImages:
@@ -264,7 +262,7 @@ def _by_camera(
     whole = (0, 0, total.shape[1], total.shape[0])
     found = measure_speckle(pictures[0], whole, known, own, noise)
     reading = _camera_reading(system, lens, camera, float((counts[0] >= camera.saturation).mean()), pictures[0])
-    return MeasuredHologram(hologram, view, found, reading, pictures[0], known)
+    return MeasuredHologram(hologram, view, found, reading, known)
 
 
 def pixel_means(image: NDArray[np.floating], region: Region, width: float) -> Floats:
