@@ -57,13 +57,14 @@ _LEAST_TOLD = 5e-4  # of the light
 class ReviewedHologram:
     """What is reported of a hologram.
 
-    name, digest: of its file. measured: of a region, by the chosen instrument. plane: in words. picture: (y, x, 3)
-    8-bit sRGB of what an observer sees without the instrument, brightened by `stops`; wanted: of its target. psnr_db:
-    of the same; black: beside white. eyebox, light: of the bench.
+    name, digest: of its file. system: its bench, without the instrument. measured: of a region, by the instrument.
+    plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
+    `stops`; wanted: of its target. psnr_db: of the same; black: beside white. eyebox, light: of the bench.
     """
 
     name: str
     digest: str
+    system: System
     measured: MeasuredHologram
     plane: str
     picture: NDArray[np.uint8]
@@ -151,6 +152,7 @@ def review_hologram(
     return ReviewedHologram(
         name=name,
         digest=digest,
+        system=system,
         measured=measured,
         plane=plane_label(system, plane_m),
         picture=view.exposed(stops).srgb8[0],
@@ -192,13 +194,13 @@ def report_html(
         policy="" if live else policy,  # a live page brings its own
         style=Markup(style),
         holograms=[_hologram_context(one, len(reviewed) == 1) for one in reviewed],
-        names=[one.name for one in reviewed],
+        names=[one.name.removesuffix(".safetensors") for one in reviewed],
         rows=_number_rows(reviewed),
         claims=_claim_rows(reviewed, claims),
         lasers=_by_hologram(reviewed, _laser_table),
         light=_by_hologram(reviewed, _light_table),
         visibility=_by_hologram(reviewed, _visibility_table),
-        observer=_observer(reviewed[0].measured.hologram.system),
+        observer=_observer(reviewed[0].system),
         bench=_bench_rows(reviewed[0]),
         instrument=reviewed[0].measured.reading,
         seeds=", ".join(f"{what} {seed}" for what, seed in seeds.items()),
@@ -262,7 +264,7 @@ def _by_hologram(
 
 def _laser_table(one: ReviewedHologram) -> dict[str, str]:
     return {
-        f"{of.name}, {_percent(of.luminance_share)}": _value(of.estimate.contrast, of.estimate.standard_error)
+        of.name: f"{_percent(of.luminance_share)}; {_value(of.estimate.contrast, of.estimate.standard_error)}"
         for of in one.measured.found.lasers
     }
 
@@ -432,9 +434,5 @@ def _verdict(judged: JudgedClaim) -> dict[str, str]:
 
 def _bench_rows(one: ReviewedHologram) -> list[dict[str, str]]:
     """The bench in a few rows."""
-    rows = [
-        row
-        for row in info_rows(one.measured.hologram.system)
-        if row.heading in _BENCH_HEADINGS or row.name in _FURTHER_ROWS
-    ]
+    rows = [row for row in info_rows(one.system) if row.heading in _BENCH_HEADINGS or row.name in _FURTHER_ROWS]
     return [{"name": row.name, "text": row.text} for row in rows]
