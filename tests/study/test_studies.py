@@ -36,6 +36,7 @@ PICTURED = {
     "gamut",
     "defocus",
     "contrast",
+    "contrast-ratio",
     "eye",
     "eye-spacing",
     "model-vs-capture",
