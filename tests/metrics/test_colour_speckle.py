@@ -1,0 +1,85 @@
+"""Colour speckle: closed forms and draws of independent lasers, and Jzazbz beside colour-science."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holoview.holograms.metrics.colour_speckle import (
+    DRAWN,
+    INSIDE_95,
+    colour_speckle,
+    ellipse_area,
+    independent_colours,
+    independent_covariance,
+    jzazbz,
+    uv_prime,
+)
+from holoview.light.colour import D65_WHITE, import_colour_science, observer_weights
+
+LASERS_NM = (450.0, 532.0, 638.0)
+
+
+def _laser_xyz() -> np.ndarray:
+    """Mean XYZ of three lasers that mix to white."""
+    weights = observer_weights("eye", np.array(LASERS_NM) * 1e-9)
+    return np.linalg.solve(weights.T, D65_WHITE)[:, None] * weights
+
+
+@pytest.mark.parametrize("contrasts", [(0.02, 0.02, 0.02), (0.03, 0.01, 0.02)])
+def test_the_covariance_of_independent_lasers_is_that_of_100_000_drawn_samples(
+    contrasts: tuple[float, float, float],
+) -> None:
+    """A sample variance of n has the relative deviation √(2/n) = 0.45 %, a covariance about as much of √(σσ).
+
+    Second order in C: the fourth power over the square, about 10·C² = 1 % at 3 %.
+    """
+    found = colour_speckle(independent_colours(_laser_xyz(), contrasts))
+    assert found is not None
+    known = independent_covariance(_laser_xyz(), contrasts)
+    scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
+    tolerance = 5 * np.sqrt(2 / DRAWN) + 10 * max(contrasts) ** 2
+    assert np.abs(found.covariance_uv - known).max() <= tolerance * scale.max()
+    assert np.all(np.abs(np.diag(found.covariance_uv) / np.diag(known) - 1) < tolerance)
+    assert found.area == pytest.approx(ellipse_area(known), rel=2 * tolerance)
+    # the mean moves by second order only, and by the deviation of a mean
+    assert np.abs(found.mean_uv - uv_prime(D65_WHITE)).max() < 5 * np.sqrt(known.max() / DRAWN) + max(contrasts) ** 2
+
+
+def test_drawn_lasers_have_their_contrasts_and_stay_independent() -> None:
+    """Gamma laws of contrasts 1, 1/2 and 0; the error of a contrast is C·√((1 + C²)/2n)."""
+    contrasts = np.array([1.0, 0.5, 0.0])
+    drawn = independent_colours(np.eye(3), contrasts)
+    measured = drawn.std(axis=0) / drawn.mean(axis=0)
+    errors = contrasts * np.sqrt((1 + contrasts**2) / (2 * DRAWN))
+    assert (np.abs(measured - contrasts) <= 5 * errors).all()
+    assert abs(np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1]) < 5 / np.sqrt(DRAWN)
+
+
+def test_the_ellipse_holds_95_per_cent_of_a_normal_law() -> None:
+    covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
+    drawn = np.random.default_rng(0).multivariate_normal([0, 0], covariance, 100_000)
+    inside = np.einsum("ni,ij,nj->n", drawn, np.linalg.inv(covariance), drawn) <= INSIDE_95
+    assert inside.mean() == pytest.approx(0.95, abs=5 * np.sqrt(0.95 * 0.05 / 1e5))
+    assert ellipse_area(covariance) == pytest.approx(np.pi * 5.991 * np.sqrt(7.0), rel=1e-4)
+
+
+def test_white_has_its_chromaticity_and_light_of_one_colour_does_not_scatter() -> None:
+    assert uv_prime(D65_WHITE) == pytest.approx([0.1978, 0.4683], abs=5e-5)  # CIE 15
+    found = colour_speckle(np.random.default_rng(0).exponential(size=(500, 1)) * D65_WHITE, grains=100)
+    assert found is not None and found.area < 1e-12 and found.jzazbz_scatter > 0.01  # lightness scatters
+    assert colour_speckle(np.zeros((10, 3))) is None
+
+
+def test_the_area_of_few_grains_is_as_uncertain_as_said() -> None:
+    """The relative deviation of √det of a covariance of n samples is 1/√n: 400 draws know theirs to 3.5 %, of which 5."""
+    rng, n = np.random.default_rng(1), 200
+    areas = [ellipse_area(np.cov(rng.normal(size=(2, n)))) for _ in range(400)]
+    assert np.std(areas) / np.mean(areas) == pytest.approx(1 / np.sqrt(n), rel=5 / np.sqrt(800))
+
+
+def test_jzazbz_is_that_of_colour_science() -> None:
+    """Its constants are printed to eight digits; both compute in double precision."""
+    colour = import_colour_science()
+    xyz = np.random.default_rng(2).uniform(0.01, 100, (50, 3)) * D65_WHITE
+    assert np.allclose(jzazbz(xyz), colour.XYZ_to_Jzazbz(xyz), rtol=1e-7, atol=1e-9)
