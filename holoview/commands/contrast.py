@@ -138,7 +138,7 @@ _CAMERA_OPTIONS = ("dark", "black", "gain", "read_noise", "repeat", "encoded", "
 
 def _is_photograph(args: argparse.Namespace) -> bool:
     """Whether an option says that the pictures are photographs."""
-    return any(getattr(args, name) not in (None, False) for name in _CAMERA_OPTIONS)
+    return any(getattr(args, name) is not None and getattr(args, name) is not False for name in _CAMERA_OPTIONS)
 
 
 def camera_statements(args: argparse.Namespace) -> CameraStatements:
@@ -308,7 +308,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     else:
         lasers = photographs_of_lasers(photographs, wavelengths_m)
         if args.together is not None:
-            whole = read_photograph(args.together, statements)
+            whole = read_photograph(Path(args.together), statements)
             if whole.light.shape != photographs[0].light.shape:
                 raise UserError(str(args.together), "another size than the others", expected="the same camera, unmoved")
             light, noise = whole.luminance, whole.luminance_noise

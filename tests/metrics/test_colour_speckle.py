@@ -72,7 +72,7 @@ def test_white_has_its_chromaticity_and_light_of_one_colour_does_not_scatter() -
 
 
 def test_the_area_of_few_grains_is_as_uncertain_as_said() -> None:
-    """The relative deviation of √det of a covariance of n samples is 1/√n: 400 draws know theirs to 3.5 %, of which 5."""
+    """The relative deviation of √det of a covariance of n samples is 1/√n: 400 draws know it to 3.5 %, of which 5."""
     rng, n = np.random.default_rng(1), 200
     areas = [ellipse_area(np.cov(rng.normal(size=(2, n)))) for _ in range(400)]
     assert np.std(areas) / np.mean(areas) == pytest.approx(1 / np.sqrt(n), rel=5 / np.sqrt(800))

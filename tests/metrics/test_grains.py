@@ -68,7 +68,7 @@ def test_the_standard_error_is_that_of_repeated_draws() -> None:
 
 
 def test_a_square_pixel_as_wide_as_a_grain_lowers_the_contrast_to_0_65() -> None:
-    """Variance of a mean over a pixel of width λ/D, square pupil: (2∫(1 − x)·sinc²(x) dx)² from 0 to 1; its root is C."""
+    """Variance of a mean over a pixel of width λ/D, square pupil: (2∫(1 − x)·sinc²(x) dx)² 0 to 1; its root is C."""
     x = np.linspace(0.0, 1.0, 100_001)
     known = float(2 * np.trapezoid((1 - x) * np.sinc(x) ** 2, x))
     assert known == pytest.approx(0.656, abs=0.0005)
@@ -107,7 +107,7 @@ def test_a_contrast_that_is_not_defined_is_a_sentence(values: Floats) -> None:
 
 
 def test_the_noise_of_pixels_is_taken_off() -> None:
-    """Speckle of mean 50 counts at 2 electrons a count and 6 electrons of read noise, C = 1/2: noise adds 0.014 to C²."""
+    """Speckle of mean 50 counts, 2 electrons each, and 6 electrons of read noise, C = 1/2: noise adds 0.014 to C²."""
     rng, gain = np.random.default_rng(5), 2.0
     light = 50 * _speckle(160, 4.0, (1.0,) * 4, seed=2) / 4
     counts = np.rint((rng.poisson(light * gain) + 6 * rng.standard_normal(light.shape)) / gain)
