@@ -105,6 +105,16 @@ def parse_region(text: str) -> Region:
     return x, y, width, height
 
 
+def checked_region(region: Region, shape: tuple[int, ...], flag: str) -> Region:
+    """A region that lies inside an image of (rows, columns). Raises UserError, with the flag, for another."""
+    x, y, width, height = region
+    rows, columns = shape[0], shape[1]
+    if width < 1 or height < 1 or x + width > columns or y + height > rows:
+        found = ",".join(map(str, region))
+        raise UserError(flag, found, expected=f"one sample or more, inside {columns} × {rows} of them (width × height)")
+    return region
+
+
 def parse_samples(text: str, count: int, flag: str, expected: str) -> list[int]:
     """So many whole numbers from 0, separated by commas. Raises UserError for other texts, with the flag."""
     parts = [part.strip() for part in text.split(",")]

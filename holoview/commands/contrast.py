@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.capture_file import is_capture_file, read_captures
-from holoview.commands.arguments import number, parse_lengths, parse_region, parse_seed, system_from_args
+from holoview.commands.arguments import (
+    checked_region,
+    number,
+    parse_lengths,
+    parse_region,
+    parse_seed,
+    system_from_args,
+)
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import (
     add_field_options,
@@ -44,13 +51,14 @@ from holoview.holograms.metrics.photograph import (
     read_photograph,
     require_picture_of_camera,
 )
+from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_pattern, target_luminance
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
 from holoview.holograms.metrics.speckle_meter import MeterReading, measure_hologram
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
-from holoview.holograms.view import random_drive
-from holoview.light.model.focus import parse_plane, plane_label
+from holoview.holograms.view import random_drive, simulate
+from holoview.light.model.focus import focused_planes, parse_plane, plane_label
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib
@@ -85,6 +93,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
     )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
+    parser.add_argument(
+        "--edge", metavar="X,Y,W,H", help="also the MTF across a slanted edge in these samples, at each focal plane"
+    )
     add_target(parser)
     add_meter(parser)
     _add_camera(parser)
@@ -203,6 +214,8 @@ def run(args: argparse.Namespace) -> int:
         target = target_from_args(args, shown.hologram.system)
         measured = _measured_hologram(args, shown, region, target)
     result = _as_json(measured)
+    if args.edge is not None:
+        result["mtf"] = _mtf(args, shown)
     draw = speckle_figure(measured.found.pattern)
     if shown is not None and pupils_m:
         with progress_bar("pupils") as progress:
@@ -224,6 +237,36 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(_format_result(result, measured))
     return 0
+
+
+def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[str, Any]]:
+    """The MTF of --edge at each focal plane of a hologram, or of a picture; frequencies with an eye also by the degree.
+
+    Raises UserError as `slanted_edge_mtf` does, and for a region outside.
+    """
+    region = parse_region(args.edge)
+    if shown is None:
+        images, planes, degrees = [picture_luminance(Path(args.names[0]), is_linear=True).luminance], [""], None
+    else:
+        system = meter_from_args(args).bench(shown.hologram.system)
+        view = simulate(system, shown.hologram.drive, focused_planes(system), backend="torch")
+        planes = [plane_label(system, float(z)) for z in view.focus_m]
+        images, degrees = list(view.xyz[..., 1]), view.degrees_per_sample
+    rows = []
+    for plane, image in zip(planes, images, strict=True):
+        found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
+        half = found.half if np.isfinite(found.half) else None
+        rows.append(
+            {
+                "plane": plane,
+                "angle_deg": found.angle_deg,
+                "half_cycles_a_sample": half,
+                "half_cycles_a_degree": None if half is None or degrees is None else half / degrees,
+                "cycles_a_sample": found.cycles.tolist(),
+                "mtf": found.values.tolist(),
+            }
+        )
+    return rows
 
 
 def _as_json(measured: _Measured) -> dict[str, Any]:
@@ -340,10 +383,7 @@ def _measure_captures(args: argparse.Namespace) -> int:
         raise UserError(str(args.names[1]), "beside a capture file", expected="one capture file")
     captures = read_captures(args.names[0])
     region = central_region(captures.images.shape[1:]) if args.region is None else parse_region(args.region)
-    x, y, width, height = region
-    rows, columns = captures.images.shape[1:]
-    if width < 1 or height < 1 or x + width > columns or y + height > rows:
-        raise UserError("--region", args.region, expected=f"inside the pictures of {columns} × {rows} pixels")
+    x, y, width, height = checked_region(region, captures.images.shape[1:], "--region")
     noise, notes = capture_noise(captures)
     found = contrast_of_captures(captures, region, noise)
     if clipped := sum(of.saturated > MOST_SATURATED for of in found):
@@ -385,9 +425,19 @@ def _format_result(result: dict[str, Any], measured: _Measured) -> str:
             f"{result['clipped_at']})"
         )
     lines += [f"note: {note}" for note in result["notes"]]
+    if "mtf" in result:
+        lines += ["", "MTF across the edge: frequency at which it is a half"]
+        lines += [_mtf_line(row) for row in result["mtf"]]
     if "pupils" in result:
         lines += _format_rows(result["pupils"], result["independent_contrast"])
     return "\n".join([*lines, *(f"{name}: {result[name]}" for name in ("plot", "scatter", "live") if name in result)])
+
+
+def _mtf_line(row: dict[str, Any]) -> str:
+    half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
+    words = "not below" if half is None else f"{half:.3f} cycles a sample"
+    degrees = "" if by_degree is None else f", {by_degree:.3g} line pairs a degree"
+    return f"{row['plane'] or 'picture'}: {words}{degrees} (edge at {row['angle_deg']:.1f} degrees)"
 
 
 def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:

@@ -24,6 +24,7 @@ _DARK, _BRIGHT, _LEAST_SAMPLES = 0.01, 0.5, 64
 _BINS = 4  # of an edge's profile a sample
 _LEAST_SIDE = 16
 _PASSES = 3  # of finding the edge
+_STRAIGHT = 2.0  # samples r.m.s. that its centroids may be from a line
 _FLATTEST, _STEEPEST = np.tan(np.deg2rad(1.0)), np.tan(np.deg2rad(40.0))
 
 
@@ -150,7 +151,11 @@ def _edge_line(values: Floats) -> tuple[float, float]:
             raise UserError("--edge", "no edge in most rows", expected="a region that a slanted edge divides")
         centroids = (weights @ x)[clear] / sums[clear]
         slope, start = (float(of) for of in np.polyfit(y[clear], centroids, 1))
+        residual = float(np.std(centroids - start - slope * y[clear]))
         width = max(width / 2, 12.0)
+    if residual > _STRAIGHT:
+        found = f"an edge that strays by {residual:.2g} samples from a line"
+        raise UserError("--edge", found, expected="a straight edge between two even tones")
     if not _FLATTEST <= abs(slope) <= _STEEPEST:
         found = f"an edge at {np.degrees(np.arctan(abs(slope))):.2g} degrees"
         raise UserError("--edge", found, expected="1 to 40 degrees from the rows or columns")

@@ -1,0 +1,156 @@
+"""`holoview contrast` of holograms and captures: its JSON, its text, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import holoview as hv
+from holoview.bench.captures.capture_file import write_captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.commands import cli
+from holoview.holograms.view import simulate
+from holoview.light.model import preset
+from holoview.viewer.document.measurements import measure_region
+
+BENCH = {"shape": [48, 64], "propagation": "periodic"}
+SETS = ("--set", "shape=[48,64]", "--set", "propagation=periodic")
+
+
+@pytest.fixture
+def hologram(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> hv.Hologram:
+    """A hologram of random patterns as h.safetensors, and a picture as target.png."""
+    monkeypatch.chdir(tmp_path)
+    system = preset.load("holochrome-8").edit(BENCH)
+    hologram = hv.Hologram(hv.random_drive(system), system)
+    hologram.save("h.safetensors")
+    y, x = np.mgrid[:96, :128]
+    tones = np.stack([80 + 100 * (x // 16 % 2), 60 + y, np.full(x.shape, 120)], axis=-1)
+    Image.fromarray(tones.astype(np.uint8)).save("target.png")
+    return hologram
+
+
+def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert cli.main(["contrast", *arguments, "--json"]) == 0, capsys.readouterr().err
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_every_number_has_its_error_and_method(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    found = _json(capsys, "h.safetensors")
+    assert found["standard_error"] > 0 and found["independent_grains"] > 100 and len(found["grain_px"]) == 2
+    assert len(found["lasers"]) == 8 == len(found["correlation"])
+    assert all(laser["standard_error"] > 0 for laser in found["lasers"])
+    assert set(found["groups"]) == {"blue", "green", "red"}
+    assert found["n_eff_correlation"] < found["n_eff_powers"] < 8
+    assert found["one_by_one_contrast"] < found["contrast"]  # lasers share modulators
+    for colour in ("colour_speckle", "colour_speckle_one_by_one"):
+        assert found[colour]["ellipse_95_area"] > 0 and len(found[colour]["covariance_jzazbz"]) == 3
+    assert [row["threshold"] for row in found["visibility"]] == [0.03, 0.048, 0.06, 0.069]
+    assert cli.main(["contrast", "h.safetensors", "--scatter", "s.png"]) == 0
+    said = capsys.readouterr().out
+    assert "in the manner of IEC 62906-5-4" in said and "conform" not in said
+    assert "(a) one by one" in said and "95 % ellipse" in said and "Roelandt" in said
+    with Image.open("s.png") as drawn:
+        assert drawn.size == (960, 600)
+
+
+def test_with_a_target_it_is_the_number_of_the_viewer(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = _json(capsys, "h.safetensors", "--target", "target.png", "--region", "20,10,60,50")
+    view = simulate(hologram, planes=[10e-3], backend="torch")
+    target = hv.target_for(hologram.system, "target.png", planes=[10e-3]).stack[0]
+    shown = measure_region(view.xyz[0], (20, 10, 60, 50), target)
+    assert found["contrast"] == pytest.approx(shown.contrast, rel=1e-12)
+    assert found["raw_contrast"] == pytest.approx(shown.raw_contrast, rel=1e-12)
+    assert found["structure_removed"]
+
+
+def test_instruments_tell_what_they_resolve(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, more in (("eye", ()), ("iec", ()), ("camera", ("--f-number", "16", "--pixel", "4um", "--bits", "12"))):
+        found = _json(capsys, "h.safetensors", "--meter", name, *more)
+        meter = found["meter"]
+        assert meter["pixels_a_grain"] > 0 and meter["lambda_over_d"]
+        assert (meter["full_scale_sigma"] is not None) == (name == "camera")
+        assert cli.main(["contrast", "h.safetensors", "--meter", name, *more]) == 0
+        assert f"instrument: {meter['instrument']}" in capsys.readouterr().out
+
+
+def test_a_field_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(0)
+    np.save(tmp_path / "f.npy", (rng.normal(size=(64, 64)) + 1j * rng.normal(size=(64, 64))).astype(np.complex64))
+    known = ("--pitch", "8um", "--wavelength", "532nm", "--distance", "0mm")
+    found = _json(capsys, str(tmp_path / "f.npy"), *known, "--region", "0,0,64,64")
+    assert found["contrast"] == pytest.approx(1.0, abs=5 * found["standard_error"])
+    assert [laser["name"] for laser in found["lasers"]] == ["532 nm"]
+
+
+def test_a_capture_file_has_a_contrast_for_each_laser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Random patterns of single lasers: captures of contrast near 1 without the camera's noise."""
+    system = preset.load("simultaneous").edit({"shape": [32, 48], "planes": ["10 mm"]})
+    settings = AcquisitionSettings(captures_per_condition=3, blur_sigmas_px=(0.0,))
+    path = tmp_path / "c.h5"
+    write_captures(path, make_captures(system, settings=settings))
+    found = _json(capsys, str(path))
+    assert len(found["captures"]) == 9 and [row["captures"] for row in found["lasers"]] == [3, 3, 3]
+    for row in found["lasers"]:
+        assert 0.5 < row["contrast"] < 1.4 and row["standard_error"] > 0
+    assert cli.main(["contrast", str(path)]) == 0
+    assert "mean of 3 captures" in capsys.readouterr().out
+    assert cli.main(["contrast", str(path), "--region", "90,0,20,20"]) == 2
+    assert "--region: 90,0,20,20" in capsys.readouterr().err
+
+
+def test_the_mtf_of_an_edge_is_told_by_plane(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    y, x = np.mgrid[:64, :64]
+    edge = np.clip(x - 32 - 0.1 * (y - 32) + 0.5, 0, 1).astype(np.float32)
+    tifffile.imwrite("edge.tiff", edge)
+    found = _json(capsys, "edge.tiff", "--edge", "8,8,48,48")
+    assert found["mtf"][0]["angle_deg"] == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.1)
+    # a box of one sample across: sinc(f) is a half at 0.603 cycles a sample
+    assert found["mtf"][0]["half_cycles_a_sample"] == pytest.approx(0.603, abs=0.03)
+    assert cli.main(["contrast", "edge.tiff", "--edge", "40,40,48,48"]) == 2
+    assert "--edge: 40,40,48,48" in capsys.readouterr().err
+    assert cli.main(["contrast", "h.safetensors", "--edge", "8,8,48,48"]) == 2
+    assert "--edge" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--region", "0,0,1,1"], "two or more pixels with light"),
+        (["--meter", "camera", "--f-number", "0.2", "--pixel", "4um"], "--f-number: 0.2; expected 0.7 to 300"),
+        (["--meter", "camera", "--f-number", "16", "--pixel", "4mm"], "0.1 um to 1 mm"),
+        (["--meter", "camera", "--f-number", "16", "--pixel", "900um"], "at least 2 × 2 pixels"),
+        (["--pupils", "2mm", "--meter", "iec", "--set", "eye={}"], "--pupils: with --meter iec"),
+        (["--target", "missing.png"], "missing.png"),
+    ],
+)
+def test_mistakes_are_named(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert cli.main(["contrast", "h.safetensors", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count("\n") == 1
+
+
+def test_a_dark_hologram_has_no_contrast(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["contrast", "holochrome-8", *SETS, "--set", "amplitudes=[[0,0,0,0,0,0,0,0]]"]) == 2
+    assert "at least one laser that is on" in capsys.readouterr().err
+
+
+def test_where_the_light_went_is_told(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["info", "h.safetensors"]) == 0
+    assert "where the light went" in capsys.readouterr().out
+    assert cli.main(["info", "h.safetensors", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["light_budget"]
+    assert sum(told.values()) == pytest.approx(1.0, abs=1e-5)
+    assert cli.main(["render", "h.safetensors", "--plane", "all", "--backend", "torch", "-o", "o.png", "--json"]) == 0
+    planes = json.loads(capsys.readouterr().out)["planes"]
+    assert len(planes) == 5 and all(sum(p["light_budget"].values()) == pytest.approx(1, abs=1e-5) for p in planes)
