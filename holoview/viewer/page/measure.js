@@ -28,24 +28,24 @@ function structureFree(xyz, width, region, target, luminance) {
     return { values: Float64Array.from(values.map((value, k) => value / (gain * wanted[k])).filter((_, k) => kept[k])), divided: true }
 }
 
-// Mean, standard deviation and contrast σ/μ of the luminance in a region, the structure of a target divided out where
-// one is given (`structureFree`), with a histogram of Y/mean in 32 bins of 1/8, the last of which takes all that is
-// brighter. The mean is that of the luminance.
+// Mean and standard deviation of numbers.
+function moments(values) {
+    const mean = values.reduce((sum, value) => sum + value, 0) / values.length
+    const squares = values.reduce((sum, value) => sum + (value - mean) * (value - mean), 0)
+    return { mean, std: Math.sqrt(squares / values.length) }
+}
+
+// Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given
+// (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
+// brighter. mean, raw_contrast: of the luminance as it is.
 function speckle(xyz, width, region, target = null, luminance = null) {
     const plain = structureFree(xyz, width, region).values
     const { values, divided } = target ? structureFree(xyz, width, region, target, luminance) : { values: plain, divided: false }
-    const luminous = plain.reduce((sum, value) => sum + value, 0) / plain.length
-    let sum = 0
-    for (const value of values) sum += value
-    const mean = sum / values.length
-    let squares = 0
+    const raw = moments(plain), { mean, std } = moments(values)
     const histogram = new Array(32).fill(0)
-    for (const value of values) {
-        squares += (value - mean) * (value - mean)
-        histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
-    }
-    const std = Math.sqrt(squares / values.length)
-    return { mean: luminous, std: (std / mean) * luminous, contrast: std / mean, samples: values.length, histogram, divided }
+    for (const value of values) histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
+    const contrast = std / mean
+    return { mean: raw.mean, std: contrast * raw.mean, contrast, raw_contrast: raw.std / raw.mean, samples: values.length, histogram, divided }
 }
 
 // PSNR in dB, peak 1, of linear sRGB clipped to 0…1 against a target of 8-bit sRGB codes (y, x, 4).

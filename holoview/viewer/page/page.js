@@ -832,7 +832,7 @@ window.holoview = {
         for (let i = 0; i < width * height; i++) srgb8.set(rgba.subarray(4 * i, 4 * i + 3), 3 * i)
         return { width, height, srgb8 }
     },
-    // {contrast, mean, std, samples, histogram, divided, psnr_db} of a region {x, y, width, height}, or of the whole image.
+    // {contrast, raw_contrast, mean, std, samples, histogram, divided, psnr_db} of a region {x, y, width, height}, or of the whole image.
     async measure(region) {
         const viewer = await opened
         await viewer.busy

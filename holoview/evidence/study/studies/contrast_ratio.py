@@ -8,6 +8,7 @@ one laser makes white as well as many.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,10 @@ class _ContrastRatio(Study):
         "open how the black level falls with more wavelengths."
     )
     quick_note = f"{QUICK_SIZE}; the black level still falls with more iterations."
+
+    def describe_size(self, scale: StudyScale) -> str:
+        """Even pictures and a checkerboard in place of targets."""
+        return replace(scale, targets=("",), seeds=max(scale.seeds, _SEEDS)).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         shared = {**scale.job_settings, "eyebox": scale.eyebox or _EYEBOX, "set": {"observer": "mono"}}

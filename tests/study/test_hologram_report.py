@@ -1,0 +1,179 @@
+"""`holoview report`: its page holds every number, loads nothing, prints to two sheets, and its claims have verdicts."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holoview as hv
+from holoview.commands import cli
+from holoview.evidence.study.claims import QUANTITIES, judge_claim, parse_claim
+from holoview.util.errors import UserError
+from tests.chromium import Browser, check_document, needs_chromium
+from tests.page.pages import webgpu_browser
+
+SHAPE = (48, 64)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two holograms of random patterns, a picture, and their report, with the live page."""
+    folder = tmp_path_factory.mktemp("report")
+    system = hv.load("holochrome-8").with_(shape=list(SHAPE))
+    for number, name in enumerate(("one", "two")):
+        hv.Hologram(hv.random_drive(system, number), system).save(folder / f"{name}.safetensors")
+    y, x = np.mgrid[:96, :128]
+    tones = np.stack([80 + x // 2, 60 + y, np.full(x.shape, 120)], axis=-1) * (x > 30)[..., None]
+    Image.fromarray(tones.astype(np.uint8)).save(folder / "picture.png")
+    claims = ("--claim", "C < 0.9", "--claim", "PSNR > 40 dB", "--claim", "C_red > 10 %")
+    names = (str(folder / "one.safetensors"), "--target", str(folder / "picture.png"))
+    assert cli.main(["report", *names, *claims, "--live", "-o", str(folder / "r.html")]) == 0
+    return folder
+
+
+def _table(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "r.json").read_text(encoding="utf-8")))
+
+
+def test_page_and_json_hold_the_number_of_contrast(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [str(folder / "one.safetensors"), "--target", str(folder / "picture.png")]
+    assert cli.main(["contrast", *names, "--json"]) == 0
+    known = json.loads(capsys.readouterr().out)
+    (found,) = _table(folder)["holograms"]
+    for key in ("contrast", "standard_error", "raw_contrast", "one_by_one_contrast", "n_eff_correlation"):
+        assert found[key] == known[key]
+    page = (folder / "r.html").read_text(encoding="utf-8")
+    error = found["standard_error"]
+    places = 1 - int(np.floor(np.log10(error)))
+    assert f"{found['contrast']:.{places}f} ± {error:.{places}f}" in page
+    assert [claim["verdict"] for claim in found["claims"]] == ["holds", "doesn't hold", "holds"]
+    for words in ("holds", "in the manner of IEC 62906-5-2", "Roelandt", "holoview report", "in the zero order"):
+        assert words in page
+    assert "conform" not in page
+
+
+def test_all_that_a_report_owes_is_in_its_json(folder: Path) -> None:
+    table = _table(folder)
+    assert table["format"] == "holoview-report" and table["version"] == 1
+    assert {"bench", "seeds", "command", "versions", "title"} <= set(table)
+    (found,) = table["holograms"]
+    assert re.fullmatch("[0-9a-f]{64}", found["sha256"])
+    assert found["psnr_db"] < 40 and found["eyebox"]["uniformity"] > 0 and found["black_beside_white"]["ratio"] > 0
+    assert sum(found["light_budget"].values()) == pytest.approx(1.0, abs=1e-5)
+    assert "holoview " in table["versions"] and "'C < 0.9'" in table["command"]
+
+
+def test_the_command_makes_the_same_report_again(folder: Path, tmp_path: Path) -> None:
+    words = _table(folder)["command"].split(" -o ")[0]
+    assert cli.main([*shlex.split(words)[1:], "-o", str(tmp_path / "again.html")]) == 0
+    again = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
+    first = _table(folder)
+    assert again["holograms"] == first["holograms"]
+
+
+def test_the_page_loads_nothing(folder: Path, tmp_path: Path) -> None:
+    assert cli.main(["report", str(folder / "one.safetensors"), "-o", str(tmp_path / "plain.html")]) == 0
+    text = (tmp_path / "plain.html").read_text(encoding="utf-8")
+    assert "<script" not in text and "default-src 'none'" in html.unescape(text)
+    assert not re.search(r"https?:|@import", text)
+    check_document(tmp_path / "plain.html")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Any:
+    """Chromium with WebGPU on the processor."""
+    with webgpu_browser() as browser:
+        yield browser
+
+
+@needs_chromium
+def test_it_prints_to_two_sheets_and_the_hologram_in_it_is_live(browser: Browser, folder: Path, tmp_path: Path) -> None:
+    page = browser.open((folder / "r.html").as_uri(), 1000, 1300)
+    frame = page.frame_locator("iframe")
+    frame.locator("#claims").wait_for()
+    content = next(of for of in page.frames if of != page.main_frame)
+    content.evaluate("() => window.holoview.ready")
+    content.wait_for_function("() => document.getElementById('claims').textContent.includes('computed here')")
+    (found,) = _table(folder)["holograms"]
+    assert (
+        f"{found['contrast']:.3f} in the file, {found['contrast']:.3f} computed here"
+        in frame.locator("#claims").inner_text()
+    )
+    page.pdf(path=str(tmp_path / "r.pdf"), prefer_css_page_size=True)
+    assert _sheets(tmp_path / "r.pdf") == 2
+    two = [str(folder / f"{name}.safetensors") for name in ("one", "two")]
+    more = ("--target", str(folder / "picture.png"), "--meter", "iec", "--claim", "C < 0.4")
+    assert cli.main(["report", *two, *more, "-o", str(tmp_path / "two.html")]) == 0
+    other = browser.open((tmp_path / "two.html").as_uri(), 1000, 1300)
+    other.pdf(path=str(tmp_path / "two.pdf"), prefer_css_page_size=True)
+    assert _sheets(tmp_path / "two.pdf") == 2
+    assert browser.close_pages() == []
+
+
+def _sheets(pdf: Path) -> int:
+    return len(re.findall(rb"/Type\s*/Page\b", pdf.read_bytes()))
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "comparison", "limit"),
+    [
+        ("C < 0.4", "C", "<", 0.4),
+        ("C<=40%", "C", "<=", 0.4),
+        ("PSNR ≥ 25 dB", "PSNR", "≥", 25.0),
+        ("colour_area < 1.6e-3", "colour_area", "<", 1.6e-3),
+    ],
+)
+def test_claims_are_read(text: str, quantity: str, comparison: str, limit: float) -> None:
+    claim = parse_claim(text)
+    assert (claim.quantity, claim.comparison, claim.limit) == (quantity, comparison, pytest.approx(limit))
+
+
+@pytest.mark.parametrize("text", ["", "C", "C < ", "C < x", "K < 1", "C = 1", "C < 1..2", "C < 1; rm", "C < 0.4" * 20])
+def test_what_is_no_claim_is_refused(text: str) -> None:
+    with pytest.raises(UserError, match="--claim"):
+        parse_claim(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [("C < 0.5", "holds"), ("C < 0.3", "doesn't hold"), ("C < 0.41", "undecided"), ("PSNR > 1", "not measured")],
+)
+def test_a_claim_within_two_standard_errors_is_undecided(text: str, verdict: str) -> None:
+    assert judge_claim(parse_claim(text), {"C": (0.4, 0.01), "N_eff": (6.0, None)}).verdict == verdict
+    assert set(QUANTITIES) >= {"C", "PSNR", "N_eff"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["one.safetensors", "-o", "r.txt"], ".html"),
+        (["one.safetensors", "-o", "r.html", "--claim", "C is low"], "--claim"),
+        (["one.safetensors", "-o", "r.html", "--region", "0,0,1,1"], "two or more pixels with light"),
+        (["one.safetensors", "-o", "r.html", "--region", "100,0,90,90"], "inside the image"),
+        (["missing.safetensors", "-o", "r.html"], "missing.safetensors"),
+        (["one.safetensors"] * 5 + ["-o", "r.html"], "at most 4"),
+        (["one.safetensors", "-o", "one.html", "--set", "gap=1mm"], "the bench that it was made for"),
+    ],
+)
+def test_mistakes_are_named(
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.safetensors").write_bytes((folder / "one.safetensors").read_bytes())
+    assert cli.main(["report", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count("\n") == 1
+    assert not list(tmp_path.glob("*.html")) and not list(tmp_path.glob("*.json"))
