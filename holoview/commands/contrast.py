@@ -368,7 +368,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
         pattern = speckle_pattern(light, chosen, None if target is None else target_luminance(target, chosen))
         found = replace(found, luminance=censored_estimate(pattern, whole.level))
     notes = [note for photo in photographs for note in photo.notes]
-    added = ()
+    added: tuple[str, ...] = ()
     if wavelengths_m and args.together is None:
         added = ("the luminance is that of the photographs added pixel by pixel, the camera responding alike to all",)
     told = tuple(dict.fromkeys((*notes, *saturated, *added)))

@@ -103,17 +103,17 @@ def run(args: argparse.Namespace) -> int:
         seeds["random patterns"] = args.random
     if meter.camera is not None:
         seeds["noise of the camera"] = meter.camera.seed
-    stated = {"title": title, "command": _command(args), "seeds": seeds}
+    command = _command(args)
     live = ""
     if args.live:
         first = holograms[0][2]
         source = target_from_args(args, first.system)
         named = {name: hologram for name, _, hologram in holograms}
         built = None if source is None else source.with_plane(planes_m[0])
-        region = None if meter.name else reviewed[0].region  # a page measures without an instrument
-        live = page_html(named, target=built, plane_m=planes_m[0], region=region)
-    table = report_json(reviewed, claims, **stated)
-    write_file(args.output, report_html(reviewed, claims, live=live, **stated))
+        measured = None if meter.name else reviewed[0].region  # a page measures without an instrument
+        live = page_html(named, target=built, plane_m=planes_m[0], region=measured)
+    table = report_json(reviewed, claims, title=title, command=command, seeds=seeds)
+    write_file(args.output, report_html(reviewed, claims, title=title, command=command, seeds=seeds, live=live))
     write_file(beside, json.dumps(table, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
     if args.json:
         print_json(table)

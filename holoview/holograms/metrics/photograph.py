@@ -188,7 +188,7 @@ def _saturation(raster: Raster, counts: Floats, black: float) -> tuple[NDArray[n
     if not levels:
         return np.zeros(counts.shape[:2], dtype=bool), None
     level = min(levels)
-    saturated = np.atleast_3d(counts >= level * (1 - 1e-12)).any(axis=-1)
+    saturated: NDArray[np.bool_] = np.asarray(np.atleast_3d(counts >= level * (1 - 1e-12)).any(axis=-1))
     return saturated, level - black if saturated.any() else None
 
 

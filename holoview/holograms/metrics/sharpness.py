@@ -175,8 +175,9 @@ def _mtf_of_profile(values: Floats, distance: Floats, angle_deg: float) -> Mtf:
     spectrum = np.abs(np.fft.rfft(spread))
     cycles = np.fft.rfftfreq(len(spread), 1 / _BINS)
     kept = cycles <= 1.0
-    found = spectrum[kept] / spectrum[0] / np.sinc(cycles[kept] / _BINS) ** 2  # width of a bin, and difference of two
-    return Mtf(cycles[kept], found, angle_deg)
+    corrections = np.sinc(cycles[kept] / _BINS) ** 2  # for the width of a bin, and the difference of two
+    transfer: Floats = np.asarray(spectrum[kept] / spectrum[0] / corrections, dtype=np.float64)
+    return Mtf(cycles[kept], transfer, angle_deg)
 
 
 def line_pair_transfer(
