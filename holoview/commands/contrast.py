@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.capture_file import is_capture_file, read_captures
+from holoview.bench.captures.capture_speckle import capture_noise, contrast_of_captures, mean_by_laser
+from holoview.bench.captures.speckle_meter import MeterReading, measure_hologram
 from holoview.commands.arguments import (
     checked_region,
     number,
@@ -39,7 +41,6 @@ from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.files.image_reader import file_format
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.metrics.capture_speckle import capture_noise, contrast_of_captures, mean_by_laser
 from holoview.holograms.metrics.image_quality import central_region, contrast_by_pupil, picture_luminance
 from holoview.holograms.metrics.photograph import (
     MOST_SATURATED,
@@ -54,7 +55,6 @@ from holoview.holograms.metrics.photograph import (
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_pattern, target_luminance
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
-from holoview.holograms.metrics.speckle_meter import MeterReading, measure_hologram
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import random_drive, simulate

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from holoview.bench.captures.speckle_meter import METERS, CameraLens, Meter, MeterReading
 from holoview.commands.arguments import number, whole
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle
 from holoview.holograms.metrics.grains import ContrastEstimate
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
-from holoview.holograms.metrics.speckle_meter import METERS, CameraLens, Meter, MeterReading
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.light.model.system import System

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from holoview.bench.captures.speckle_meter import CameraLens, Meter, measure_hologram, pixel_means
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import ContrastEstimate, Grains
 from holoview.holograms.metrics.speckle import laser_luminances
@@ -18,7 +19,6 @@ from holoview.holograms.metrics.speckle_measurement import (
     measure_speckle,
     visibility,
 )
-from holoview.holograms.metrics.speckle_meter import CameraLens, Meter, measure_hologram, pixel_means
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
 from holoview.light.model.eye import Eye

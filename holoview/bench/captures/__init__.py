@@ -14,6 +14,8 @@ virtual_measurement   simulates captures of a bench with effects
 records               whether patterns, pictures and settings belong together
 prepared_captures     images, masks and variances for a comparison with a model; sensitivity of pixels (PRNU)
 predictor             expected camera signals for any effects: the fast forward model; checks of users' effects
+capture_speckle       speckle contrast of captures, without the noise of their camera
+speckle_meter         a hologram measured by an instrument: an eye, the camera of IEC 62906-5-2, a camera
 camera_model          camera intensity in the near field, and in the back focal plane of a lens
 """
 

@@ -20,6 +20,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from holoview.bench.captures.speckle_meter import NO_METER, MeasuredHologram, Meter, measure_hologram
 from holoview.evidence.study.charts import correlation_figure, data_uri, scatter_figure, speckle_figure
 from holoview.evidence.study.claims import NEEDS, QUANTITIES, JudgedClaim, NumberClaim, judge_claim
 from holoview.evidence.study.report import version_summary
@@ -30,7 +31,6 @@ from holoview.holograms.metrics.image_quality import EyeboxUniformity, eyebox_un
 from holoview.holograms.metrics.sharpness import BlackBesideWhite, black_beside_white
 from holoview.holograms.metrics.speckle import target_luminance
 from holoview.holograms.metrics.speckle_measurement import visibility
-from holoview.holograms.metrics.speckle_meter import NO_METER, MeasuredHologram, Meter, measure_hologram
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.light.colour import fitting_stops, to_srgb8
 from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget

@@ -9,9 +9,7 @@ speckle            contrast σ/μ of a region, its histogram, independent patter
 grains             independent grains of a region, and the standard error of its contrast
 colour_speckle     scatter of chromaticity, measured and of independent lasers; Jzazbz
 speckle_measurement  luminance, lasers, groups and colours of a region together, and whether they are visible
-speckle_meter      the instrument: an eye, IEC's camera, a camera; measuring a hologram by it
 photograph         photographs of a bench as light: black, noise, saturation, encoding
-capture_speckle    contrast of the pictures of a capture file
 sharpness          contrast ratios, MTF of edges and line pairs
 gamut              chromaticities and the area that the lasers span
 image_quality      fidelity, speckle and eyebox of a hologram: at its planes, between them, from places of the pupil
