@@ -173,7 +173,7 @@ def _mtf_of_profile(values: Floats, distance: Floats, angle_deg: float) -> Mtf:
     profile = np.interp(np.arange(2 * half), np.flatnonzero(known), sums[known] / counts[known])
     spread = np.diff(profile) * np.hanning(2 * half + 1)[1:-1]
     spectrum = np.abs(np.fft.rfft(spread))
-    cycles = np.fft.rfftfreq(len(spread), 1 / _BINS)
+    cycles: Floats = np.asarray(np.fft.rfftfreq(len(spread), 1 / _BINS), dtype=np.float64)
     kept = cycles <= 1.0
     corrections = np.sinc(cycles[kept] / _BINS) ** 2  # for the width of a bin, and the difference of two
     transfer: Floats = np.asarray(spectrum[kept] / spectrum[0] / corrections, dtype=np.float64)
