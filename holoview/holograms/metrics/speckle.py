@@ -460,7 +460,8 @@ def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDA
     """The mean of an image (y, x) over a disc as wide as a foveal cone, around every sample; it counts as periodic."""
     from scipy.special import j1  # slow start: a viewer begins without it
 
-    y, x = (np.fft.fftfreq(n, degrees_per_sample) for n in image.shape)
+    rows, columns = image.shape
+    y, x = np.fft.fftfreq(rows, degrees_per_sample), np.fft.rfftfreq(columns, degrees_per_sample)
     v = np.pi * CONE_ARCMIN / 60 * np.hypot(y[:, None], x[None, :])
     transfer = np.divide(2 * j1(v), v, out=np.ones_like(v), where=v > 0)
-    return np.asarray(np.fft.ifft2(np.fft.fft2(image) * transfer).real)
+    return np.asarray(np.fft.irfft2(np.fft.rfft2(image) * transfer, image.shape))
