@@ -6,8 +6,8 @@
     .tif          R, G, B, a page for each plane, linear sRGB
     .npy          the intensity alone, (plane, wavelength, y, x): this format holds nothing beside numbers
 
-`holoview.holograms.files.light_writer` writes them. A file of holoview says so in its JSON text: the attribute "holoview" of an
-.exr, the description of a .tif.
+`light_writer` writes them. A file of holoview says so in its JSON text: the attribute "holoview" of an .exr, the
+description of a .tif.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Writes light as numbers: .npz, .exr, .tif and .npy, as `holoview.holograms.files.light_file` describes and reads them."""
+"""Writes light as numbers: .npz, .exr, .tif and .npy, as `light_file` describes and reads them."""
 
 from __future__ import annotations
 
