@@ -250,6 +250,14 @@ def test_the_command_line_takes_an_observer(tmp_path: Path, capsys: pytest.Captu
     assert (tmp_path / "0.png").read_bytes() != (tmp_path / "1.png").read_bytes()
     assert main(["render", "holochrome-8", *small, "--observer", "age 5", "-o", str(tmp_path / "c.png")]) != 0
     assert "expected 20 to 80 years" in capsys.readouterr().err
+    at = np.arange(400.0, 801.0, 10.0)
+    _csv(tmp_path / "cmos.csv", at, 0.5 + 0.0 * at[:, None], "nm,qe")
+    for name, code in (("cmos.csv", 0), ("none.csv", 1)):
+        found = main(
+            ["render", "holochrome-8", *small, "--observer", str(tmp_path / name), "-o", str(tmp_path / "c.png")]
+        )
+        assert (found != 0) == code
+    assert "none.csv: no such file" in capsys.readouterr().err
 
 
 def test_what_a_person_sees_are_the_lasers_in_their_cones() -> None:

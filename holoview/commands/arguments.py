@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -83,12 +84,16 @@ def add_observer(parser: argparse.ArgumentParser) -> None:
 
 
 def _observer_change(text: str) -> str:
-    """An argparse type: the change of a bench that an observer is."""
+    """An argparse type: the change of a bench that an observer is; a file is read when the change is made."""
     try:
-        who = load_observer(text) if text.lower().endswith(".csv") else parse_observer(text).text
+        who = text if _is_table(text) else parse_observer(text).text
     except UserError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-    return f"observer='{who}'"
+    return f"observer={json.dumps(who)}"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, str) and value.lower().endswith(".csv")
 
 
 def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
@@ -192,6 +197,8 @@ def with_changes(system: System, changes: list[str], effects: EffectValues = NO_
     is changed. A value is read as TOML, or as plain text if it isn't TOML."""
     switched = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
     stated = dict(parse_assignment(change) for change in changes)
+    if _is_table(stated.get("observer")):
+        stated["observer"] = load_observer(stated["observer"])
     return system.edit({**switched, **stated}) if switched or stated else system
 
 

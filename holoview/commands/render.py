@@ -234,19 +234,18 @@ def _write_numbers(
     light = light_numbers(view, COLOUR_SPACES[args.colour_space or "srgb"], system=preset.dumps(system))
     saver = ResultSaver()
     written = saver.save(output, partial(write_light, light=light))
-    shares = _light_shares(view, shown)
+    names = [plane_label(system, plane_m) for plane_m in view.focus_m.tolist()]
     planes = [
-        {"plane": plane_label(system, plane_m), "file": str(written), "mean_luminance": float(xyz[..., 1].mean())}
-        | {"speckle_contrast": _speckle_contrast(xyz[..., 1]), "light_in_picture": share}
-        for plane_m, xyz, share in zip(planes_m.tolist(), view.xyz, shares, strict=True)
+        {"plane": name, "file": str(written), "light_in_picture": share}
+        | {"mean_luminance": float(xyz[..., 1].mean()), "speckle_contrast": _speckle_contrast(xyz[..., 1])}
+        for name, xyz, share in zip(names, view.xyz, _light_shares(view, shown), strict=True)
     ]
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": planes}
         result |= {"notes": view.notes, "guesses": shown.guesses, "observer": system.observer}
         report(result | ({"read": shown.read} if shown.read else {}))
     else:
-        names = ", ".join(entry["plane"] for entry in planes)
-        print(f"backend: {view.backend} ({seconds:.2f} s)\n{names}: {written}")
+        print(f"backend: {view.backend} ({seconds:.2f} s)\n{', '.join(names)}: {written}")
     return saver.exit_code
 
 
