@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -258,6 +259,20 @@ def test_the_command_line_takes_an_observer(tmp_path: Path, capsys: pytest.Captu
         )
         assert (found != 0) == code
     assert "none.csv: no such file" in capsys.readouterr().err
+
+
+def test_contrast_is_that_of_the_observer_and_of_light_as_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = ["holochrome-8", "--set", "shape=[24,32]", "--observer", "person 3"]
+    assert main(["contrast", *bench, "--plane", "10mm", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    for suffix in (".npz", ".exr"):
+        file = tmp_path / f"a{suffix}"
+        assert main(["render", *bench, "--plane", "10mm", "--backend", "torch", "-o", str(file)]) == 0
+        capsys.readouterr()
+        assert main(["contrast", str(file), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["contrast"] == found["contrast"]
 
 
 def test_what_a_person_sees_are_the_lasers_in_their_cones() -> None:

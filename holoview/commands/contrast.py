@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args
+from holoview.commands.arguments import add_observer, parse_lengths, parse_region, parse_seed, system_from_args
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import (
     add_field_options,
@@ -53,6 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
+    add_observer(parser)
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
     parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
     parser.add_argument(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import av
 import numpy as np
 import OpenEXR
 import pytest
@@ -83,6 +84,17 @@ def test_openexr_reads_the_spectral_layout(view: hv.View, tmp_path: Path) -> Non
     # float32 of a matrix product of numbers up to a few hundred
     xyz = rgb @ rgb_to_xyz(COLOUR_SPACES["p3"].chromaticities).T
     np.testing.assert_allclose(xyz, view.xyz[1], atol=4e-7 * float(np.abs(view.xyz).max()))
+
+
+def test_ffmpeg_s_own_decoder_reads_the_same_numbers(view: hv.View, tmp_path: Path) -> None:
+    hv.save(view.at([0]), tmp_path / "a.exr")
+    with av.open(str(tmp_path / "a.exr")) as opened:
+        frame = next(opened.decode(video=0))
+    rows, columns = view.xyz.shape[1:3]
+    assert frame.format.name == "gbrpf32le" and (frame.height, frame.width) == (rows, columns)
+    green, blue, red = (np.frombuffer(plane, np.float32).reshape(rows, -1)[:, :columns] for plane in frame.planes)
+    rgb = light_numbers(view, COLOUR_SPACES["srgb"]).rgb[0]
+    np.testing.assert_array_equal(np.stack([red, green, blue], axis=-1), rgb)
 
 
 def test_several_planes_are_parts_that_openexr_reads(view: hv.View, tmp_path: Path) -> None:

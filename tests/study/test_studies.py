@@ -39,6 +39,7 @@ PICTURED = {
     "eye",
     "eye-spacing",
     "model-vs-capture",
+    "observers",
     "pupil",
 }
 
