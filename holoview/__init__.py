@@ -34,13 +34,14 @@ if TYPE_CHECKING:
     from holoview.holograms.optimise.settings import Settings
     from holoview.holograms.optimise.solve import iterate
     from holoview.holograms.targets.target import Placement, target_for
-    from holoview.holograms.view import View, as_field, field_at, point_light, random_drive, sections, simulate
+    from holoview.holograms.view import View, as_field, field_at, point_light, random_drive, save, sections, simulate
     from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
     from holoview.light.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
     from holoview.light.model.plan import Plan, make_plan
     from holoview.light.model.preset import load
     from holoview.light.model.stops import SquareStop
     from holoview.light.model.system import System
+    from holoview.light.observers import load_observer
     from holoview.util.errors import UserError
     from holoview.util.packages import __version__
     from holoview.viewer.app.notebook import show
@@ -72,11 +73,13 @@ _MODULES = {
     "load": "holoview.light.model.preset",
     "load_field": "holoview.holograms.load_field",
     "load_hologram": "holoview.holograms.hologram",
+    "load_observer": "holoview.light.observers",
     "make_plan": "holoview.light.model.plan",
     "natural_pupil_diameter": "holoview.light.model.eye",
     "point_light": "holoview.holograms.view",
     "push": "holoview.holograms.fields.exchange",
     "random_drive": "holoview.holograms.view",
+    "save": "holoview.holograms.view",
     "sections": "holoview.holograms.view",
     "show": "holoview.viewer.app.notebook",
     "simulate": "holoview.holograms.view",
@@ -107,11 +110,13 @@ __all__ = [
     "load",
     "load_field",
     "load_hologram",
+    "load_observer",
     "make_plan",
     "natural_pupil_diameter",
     "point_light",
     "push",
     "random_drive",
+    "save",
     "sections",
     "show",
     "simulate",

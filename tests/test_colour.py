@@ -10,6 +10,7 @@ import pytest
 
 from assets import make_observers
 from holoview.light import colour
+from holoview.light.observers import WORDS
 from holoview.util.errors import UserError
 
 EIGHT = np.linspace(460e-9, 650e-9, 8)
@@ -43,16 +44,16 @@ def test_cone_fundamentals_are_linear_between_whole_nanometres() -> None:
 
 def test_the_ends_of_the_table_are_included_and_beyond_is_refused() -> None:
     assert np.isfinite(colour.cone_fundamentals([390e-9, 830e-9])).all()
-    assert np.isfinite(colour.cone_fundamental_derivatives([390e-9, 830e-9])).all()
+    assert np.isfinite(colour.observer_weight_derivatives("eye", [390e-9, 830e-9])).all()
     for beyond in (389.9e-9, 830.1e-9, 532.0, np.nan):
         with pytest.raises(UserError, match=r"390…830 nm"):
             colour.cone_fundamentals(beyond)
 
 
-def test_cone_slopes_are_the_slope_between_entries_and_the_mean_of_both_at_one() -> None:
-    lms = colour.cone_fundamentals([531e-9, 532e-9, 533e-9])
-    left, right = np.diff(lms, axis=0) / 1e-9
-    slopes = colour.cone_fundamental_derivatives([531.5e-9, 532e-9])
+def test_an_observers_slopes_are_the_slope_between_entries_and_the_mean_of_both_at_one() -> None:
+    xyz = colour.observer_weights("eye", [531e-9, 532e-9, 533e-9])
+    left, right = np.diff(xyz, axis=0) / 1e-9
+    slopes = colour.observer_weight_derivatives("eye", [531.5e-9, 532e-9])
     # Differences over 2e-3 nm of values near 1 keep about 1e-12 of 1/nm, and 1e-9 of the coordinate's rounding.
     np.testing.assert_allclose(slopes[0], left, rtol=1e-8, atol=1e-3)
     np.testing.assert_allclose(slopes[1], (left + right) / 2, rtol=1e-8, atol=1e-3)
@@ -154,6 +155,20 @@ def test_desaturating_keeps_luminance_and_hue_and_clipping_does_not() -> None:
     assert np.abs(colour.gamut_map(wild) @ colour.SRGB_TO_XYZ[1] - luminance).max() > 0.1
 
 
+def test_mapping_by_hue_keeps_the_hue_and_only_brightness_above_white_is_lost() -> None:
+    wild = np.random.default_rng(2).normal(0.5, 1, (500, 3))
+    luminance = wild @ colour.SRGB_TO_XYZ[1]
+    wild, luminance = wild[luminance > 0.05], luminance[luminance > 0.05]
+    mapped = colour.gamut_map(wild, "hue")
+    # scaled back to its luminance, a colour lies on the line from the grey of this luminance to the colour before
+    scale = luminance / (mapped @ colour.SRGB_TO_XYZ[1])
+    before, after = wild - luminance[:, None], mapped * scale[:, None] - luminance[:, None]
+    np.testing.assert_allclose(np.cross(before, after), 0.0, atol=1e-10)
+    assert (scale > 1 - 1e-12).all()
+    np.testing.assert_allclose(colour.gamut_map([3.0, 0.6, 0.3], "hue"), [1, 0.2, 0.1], rtol=1e-12)
+    np.testing.assert_array_equal(colour.gamut_map([-1.0, -0.5, 0.2], "hue"), [0, 0, 0])
+
+
 def test_desaturating_takes_excess_light_to_white_and_negative_light_to_black() -> None:
     np.testing.assert_array_equal(
         colour.gamut_map([[3.0, 2.0, -1.0], [-1.0, -0.5, 0.2]], "desaturate"), [[1] * 3, [0] * 3]
@@ -174,7 +189,7 @@ def test_eight_bit_colours_are_rounded_and_survive_a_round_trip() -> None:
 # --- white ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", colour.OBSERVERS)
+@pytest.mark.parametrize("kind", WORDS)
 @pytest.mark.parametrize("wavelengths", [EIGHT, THREE], ids=["8 lasers", "3 lasers"])
 def test_all_lasers_together_make_d65_white(kind: str, wavelengths: np.ndarray) -> None:
     weights = colour.observer_weights(kind, wavelengths)

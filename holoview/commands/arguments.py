@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -25,6 +26,7 @@ from holoview.light.model.fields import Integer, Maybe, Number, Several, Word, f
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
+from holoview.light.observers import load_observer, parse_observer
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
@@ -65,6 +67,33 @@ def add_changes(parser: argparse.ArgumentParser) -> None:
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
+    add_observer(parser)
+
+
+def add_observer(parser: argparse.ArgumentParser) -> None:
+    """Adds --observer, a change of the bench like those of --set."""
+    parser.add_argument(
+        "--observer",
+        metavar="WHO",
+        action="append",
+        dest="changes",
+        type=_observer_change,
+        help='who looks: eye, cie1931, cie1964, mono, "age 60, field 4", "person 17" (of 100), or a CSV file of the '
+        "responses of three cones or of a camera",
+    )
+
+
+def _observer_change(text: str) -> str:
+    """An argparse type: the change of a bench that an observer is; a file is read when the change is made."""
+    try:
+        who = text if _is_table(text) else parse_observer(text).text
+    except UserError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return f"observer={json.dumps(who)}"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, str) and value.lower().endswith(".csv")
 
 
 def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
@@ -178,6 +207,8 @@ def with_changes(system: System, changes: list[str], effects: EffectValues = NO_
     is changed. A value is read as TOML, or as plain text if it isn't TOML."""
     switched = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
     stated = dict(parse_assignment(change) for change in changes)
+    if _is_table(stated.get("observer")):
+        stated["observer"] = load_observer(stated["observer"])
     return system.edit({**switched, **stated}) if switched or stated else system
 
 

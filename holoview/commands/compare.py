@@ -1,4 +1,7 @@
-"""`holoview compare FILE… REFERENCE…`: scores a complex field and its views beside those of a reference."""
+"""`holoview compare FILE… REFERENCE…`: scores a complex field and its views beside those of a reference.
+
+Of two files of light that holoview wrote (.npz, .exr, .tif) it says whether they are equal, and else how far apart.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,10 @@ from holoview.commands.hologram_files import add_field_options, parse_viewpoint,
 from holoview.commands.output_files import add_input
 from holoview.holograms.fields.synthetic_aperture import aperture_of
 from holoview.holograms.fields.wavefield import Wavefield
+from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.files.request import Viewpoint
 from holoview.holograms.load_field import field_of_files
+from holoview.holograms.metrics.fidelity import light_differences
 from holoview.holograms.metrics.field_scores import check_alike, hologram_scores, scores_at
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -53,6 +58,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the scores in the plane of the hologram, and of the view at each plane from each viewpoint."""
+    if len(args.names) == 2 and all(is_light_file(Path(name)) for name in args.names):
+        return _compare_light(args)
     field, reference = _fields(args)
     check_alike(field, reference)
     hologram, views = hologram_scores(field, reference), _view_scores(args, field, reference)
@@ -67,6 +74,29 @@ def run(args: argparse.Namespace) -> int:
     for view in views:
         cells = "".join(f"{view.get(name, math.nan):>10.4g}" for name in _COLUMNS)
         print(f"{units.format_rounded(view['plane_m'], 'mm'):<12}{view['viewpoint'] or 'the whole':<16}{cells}")
+    return 0
+
+
+def _compare_light(args: argparse.Namespace) -> int:
+    """Prints how far the light of each plane is from that of a reference."""
+    light, reference = (read_light(Path(name)) for name in args.names)
+    if light.xyz.shape != reference.xyz.shape:
+        found = f"light of shape {light.xyz.shape}"
+        raise UserError(args.names[0], found, expected=f"{reference.xyz.shape}, as {args.names[1]} has")
+    rows = light_differences(light, reference)
+    if args.json:
+        files = {"hologram": args.names[:1], "reference": args.names[1:]}
+        print_json({"files": files, "planes": [_finite(row) for row in rows]})
+        return 0
+    for row in rows:
+        plane = "plane" if row["plane_m"] is None else units.format_rounded(row["plane_m"], "mm")
+        if row["equal"]:
+            print(f"{plane}: equal to the last bit ({', '.join(row['quantities'])})")
+        else:
+            print(
+                f"{plane}: PSNR {row['psnr_db']:.2f} dB of linear sRGB, mean ΔE2000 {row['delta_e']:.4g}, "
+                f"largest difference of XYZ {row['largest_xyz']:.3g}"
+            )
     return 0
 
 

@@ -19,6 +19,7 @@ from holoview.bench.captures.capture_file import is_capture_file, read_captures
 from holoview.bench.captures.capture_speckle import capture_noise, contrast_of_captures, mean_by_laser
 from holoview.bench.captures.speckle_meter import MeterReading, measure_hologram
 from holoview.commands.arguments import (
+    add_observer,
     checked_region,
     number,
     parse_lengths,
@@ -82,6 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
+    add_observer(parser)
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
     parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
     parser.add_argument(

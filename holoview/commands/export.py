@@ -1,11 +1,11 @@
 """`holoview export HOLOGRAM`: as a page that any browser shows live, as patterns for real modulators, or as a field.
 
 `--html` writes one file for one hologram, or for several to compare (`holoview.viewer.page`). `--field` writes the
-complex field behind the last modulator, or the field of another program's file, as a field file. `--png` writes a PNG
-for each frame and modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path
-from 0 to the stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the
-state index; with `--cells p67` the memory cells of a device, black for 0 and white for 1
-(`holoview.holograms.files.pictures`).
+complex field behind the last modulator, or the field of another program's file, as a field file. `--light` writes what
+an observer sees at the focal planes as numbers: .exr, .npz, .tif or .npy. `--png` writes a PNG for each frame and
+modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to the
+stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state index;
+with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.holograms.files.pictures`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files
-from holoview.commands.output_files import add_input, add_output, add_output_folder
+from holoview.commands.output_files import add_input, add_output, add_output_folder, check_files
+from holoview.holograms.files.light_writer import check_light_suffix
 from holoview.holograms.files.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.targets.target import Placement, target_for
-from holoview.holograms.view import as_field
+from holoview.holograms.view import as_field, save, simulate
 from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.focus import parse_plane
 from holoview.light.optics.slm import level_numbers
@@ -45,6 +46,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_output_folder(form, "--png", metavar="DIR", help="folder of patterns to write to; made if missing")
     add_output(form, "--html", metavar="HTML", suffix=".html", help="page to write, which any browser shows live")
     add_output(form, "--field", metavar="FILE", suffix=".safetensors", help="field file to write")
+    add_output(
+        form, "--light", metavar="FILE", suffix="", help="numbers of the planes to write: .exr, .npz, .tif, .npy"
+    )
     _configure_page(parser.add_argument_group("with --html"))
     _configure_patterns(parser.add_argument_group("with --png"))
     add_field_options(parser)
@@ -88,12 +92,20 @@ def run(args: argparse.Namespace) -> int:
         return _export_page(args)
     holograms = _opened(args)
     if len(holograms) > 1:
-        flag = "--png" if args.field is None else "--field"
+        flag = next(f"--{name}" for name in ("png", "field", "light") if getattr(args, name) is not None)
         raise UserError(flag, f"{len(holograms)} holograms", expected="one", remedy="export them one by one")
     (_, hologram), *_ = holograms
     if args.field is not None:
         as_field(hologram).save(args.field)
         print(args.field)
+        return 0
+    if args.light is not None:
+        check_light_suffix(args.light)
+        check_files(args, {"--light": [args.light]})
+        with progress_bar("light") as progress:
+            view = simulate(hologram, progress=lambda done, total: progress(done, total, "wavelengths"))
+        save(view, args.light)
+        print(args.light)
         return 0
     if hologram.system.is_field:
         raise UserError(

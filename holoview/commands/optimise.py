@@ -250,7 +250,7 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
     notes = {"loss": f" {FIELD_LOSS}: {FIELD_LOSS_DOC}"}
     add_fields(group, Settings, "loss", more_words=(FIELD_LOSS,), notes=notes)
     add_fields(group, Settings, "free", "eyebox", "drawn_planes", "plane_weights", "region")
-    add_fields(group, Settings, "wavelength_range", "wavelength_spacing")
+    add_fields(group, Settings, "wavelength_range", "wavelength_spacing", "observers", "agreement")
     add_fields(group, OptimisedEyes, "pupils", "chromatic")
     group.add_argument(
         "--margin", metavar="N", type=whole(0), default=0, help="samples at every border that don't count"

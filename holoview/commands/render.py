@@ -1,4 +1,4 @@
-"""`holoview render PRESET|FILE…`: renders what an observer sees of a hologram at focal planes, as PNG."""
+"""`holoview render PRESET|FILE…`: renders what an observer sees of a hologram at focal planes, as PNG or as numbers."""
 
 from __future__ import annotations
 
@@ -38,6 +38,8 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
+from holoview.holograms.files.light_file import SUFFIXES as LIGHT_SUFFIXES
+from holoview.holograms.files.light_writer import write_light
 from holoview.holograms.files.pictures import (
     MAX_FRAMES,
     SUFFIXES,
@@ -52,7 +54,7 @@ from holoview.holograms.files.pupil_path_file import load_pupil_path
 from holoview.holograms.hologram import Hologram, load_hologram
 from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle import speckle_contrast
-from holoview.holograms.view import View, field_at, random_drive, simulate
+from holoview.holograms.view import View, field_at, light_numbers, random_drive, simulate
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
 from holoview.light.engine.light_budget import light_budget
 from holoview.light.model import preset
@@ -106,7 +108,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--colour-space",
         choices=list(COLOUR_SPACES),
-        help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent",
+        help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent; of an .exr "
+        "or .npz the space of its linear RGB",
     )
     _add_show(parser)
     add_backend(parser)
@@ -116,7 +119,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--output",
         metavar="PNG",
         suffix="",
-        help="several planes are numbered: OUT-10mm.png; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
+        help="a PNG, several planes are numbered: OUT-10mm.png; an .exr, .npz, .tif or .npy holds the numbers of all "
+        "planes; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
     )
     parser.add_argument("--json", action="store_true", help="print what was made as JSON; of a file, what was read")
     add_field_options(parser)
@@ -176,6 +180,8 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
         flag = "--stage" if args.stage is not None else "--laser"
         raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
     output = args.output or default_output(system.name, "", ".png")
+    if output.suffix.lower() in LIGHT_SUFFIXES:
+        return _write_numbers(args, shown, planes_m, report)
     check_suffix(output, ".png")
     paths = _plane_paths(output, planes_m)
     beside = [] if shown.other_side is None else [path_with_suffix(path, "other-side") for path in paths]
@@ -213,6 +219,37 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
             speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
             side = ", with the other sign of the phase" if "other_side" in entry else ""
             print(f"{entry['plane']}{side}: {entry['file']}{speckle}")
+    return saver.exit_code
+
+
+def _write_numbers(
+    args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64], report: Callable[[dict[str, Any]], None]
+) -> int:
+    """Writes the light at all planes as numbers, without exposure, and prints the file's name."""
+    system, output = shown.system, args.output
+    if args.exposure is not None:
+        raise UserError("--exposure", f"with {output}", expected="none: numbers are written as they are")
+    check_files(args, {"-o": [output]})
+    check_adapter_applies(args)
+    started = time.perf_counter()
+    view = _simulated(args, system, shown.drive, planes_m)
+    seconds = time.perf_counter() - started
+    warn_of_limits(view.notes)
+    light = light_numbers(view, COLOUR_SPACES[args.colour_space or "srgb"], system=preset.dumps(system))
+    saver = ResultSaver()
+    written = saver.save(output, partial(write_light, light=light))
+    names = [plane_label(system, plane_m) for plane_m in view.focus_m.tolist()]
+    planes = [
+        {"plane": name, "file": str(written), "light_in_picture": share}
+        | {"mean_luminance": float(xyz[..., 1].mean()), "speckle_contrast": _speckle_contrast(xyz[..., 1])}
+        for name, xyz, share in zip(names, view.xyz, _light_shares(view, shown), strict=True)
+    ]
+    if args.json:
+        result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": planes}
+        result |= {"notes": view.notes, "guesses": shown.guesses, "observer": system.observer}
+        report(result | ({"read": shown.read} if shown.read else {}))
+    else:
+        print(f"backend: {view.backend} ({seconds:.2f} s)\n{', '.join(names)}: {written}")
     return saver.exit_code
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.holograms.files.light_file import Light
+from holoview.holograms.files.light_writer import make_light, write_light
 from holoview.holograms.hologram import Hologram
-from holoview.light.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.light.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
 from holoview.light.engine.backend import open_executor, simulation_bytes
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
@@ -23,7 +26,7 @@ from holoview.light.model.focus import focused_planes, parse_planes
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import exceeded_limits
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
 from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
@@ -53,6 +56,7 @@ class View:
     backend: the executor that computed the view, in words.
     notes: where the model isn't true of the bench, each as a sentence (docs/physics.md has the limits).
     light: how much of the light is in the whole picture; see `light_in_picture`.
+    observer: who sees the colours, as `System.observer` says it.
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
@@ -72,6 +76,7 @@ class View:
     degrees_per_sample: float | None = None
     notes: tuple[str, ...] = ()
     light: LightShares | None = None
+    observer: str = "eye"
 
     @property
     def light_in_picture(self) -> NDArray[np.float64]:
@@ -426,4 +431,49 @@ def simulate(
         degrees_per_sample=None if eye is None else sample_degrees(plan.grid.pitch_m, eye.eyepiece_m),
         notes=exceeded_limits(plan, figures_of(plan, drive, light, focus_m)),
         light=light,
+        observer=system.observer,
+    )
+
+
+def save(what: View | Hologram, path: str | os.PathLike[str], colour_space: str = "srgb") -> None:
+    """Writes a view as numbers, or a hologram as a hologram file.
+
+    what: a view: by the suffix of `path`, .npz (intensities, XYZ and linear RGB as they are), .exr (32-bit floats: R,
+    G, B, X, Y, Z and a channel for each wavelength, a part for each plane), .tif (linear sRGB, 32-bit floats, a page
+    for each plane) or .npy (intensities alone). Units, axes and observer are in the file, but for .npy.
+    colour_space: "srgb", "p3" or "rec2020", of the linear RGB.
+
+    Raises UserError for another suffix or space, and when the file can't be written.
+
+    >>> import holoview as hv, numpy as np, pathlib, tempfile
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+    >>> view = hv.simulate(system, hv.random_drive(system), planes=["5 mm"], backend="torch")
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "view.npz"
+    >>> hv.save(view, file)
+    >>> bool((np.load(file)["intensity"] == view.intensity).all())
+    True
+    """
+    if isinstance(what, Hologram):
+        what.save(path)
+        return
+    if colour_space not in COLOUR_SPACES:
+        remedy = suggest_matches(colour_space, COLOUR_SPACES)
+        raise UserError("colour_space", f'"{colour_space}"', expected=", ".join(COLOUR_SPACES), remedy=remedy)
+    write_light(path, light_numbers(what, COLOUR_SPACES[colour_space]))
+
+
+def light_numbers(view: View, space: ColourSpace, **about: Any) -> Light:
+    """The numbers of a view, with linear RGB of a colour space. about: further JSON values for the file."""
+    return make_light(
+        view.intensity,
+        view.xyz,
+        view.wavelengths_m,
+        view.focus_m,
+        space,
+        observer=view.observer,
+        pitch_m=view.pitch_m,
+        degrees_per_sample=view.degrees_per_sample,
+        backend=view.backend,
+        notes=list(view.notes),
+        **about,
     )

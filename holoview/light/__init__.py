@@ -1,6 +1,7 @@
 """Light on a bench: the bench as data, the physics of it, and the two executors that compute what it shows.
 
 numerics    FFT lengths, Zernike polynomials, resampling, least squares
+observers   who looks: eyes by age and field, people, cones or cameras from a table
 colour      cone fundamentals, CIE XYZ, sRGB, white balance
 gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
 model       the bench as data: `System`, presets, colour schemes, `Plan`; the framework of effects

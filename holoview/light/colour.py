@@ -1,11 +1,13 @@
 """Colorimetry: intensities of lasers to CIE XYZ and sRGB, gamut mapping, and laser powers for white.
 
-    XYZ = Σ_λ I_λ·w_λ            observer_weights: an eye, the CIE 1931 observer, or a mono camera
+    XYZ = Σ_λ I_λ·w_λ            observer_weights: of eyes, people, cameras (`holoview.light.observers`)
     rgb = XYZ_TO_SRGB·XYZ        xyz_to_linear_srgb: may leave 0…1, since lasers lie outside the sRGB gamut
     gamut_map, srgb_encode       what a screen can show
 
 The scale is fixed: Y = 1 is the white of the display, and no image is normalised by itself. XYZ_F of the eye's cone
 fundamentals is shown as if it were CIE 1931 XYZ, as CIE 170-2 intends; the white point is that of sRGB in both cases.
+To every person light of equal energy at all wavelengths is the same white, of the same luminance: eyes are used to the
+daylight in which they live.
 
 The tables of the observers are those of the package colour-science, stored in `assets/observers`: the package takes
 over a second to import and is needed for colour differences only.
@@ -23,20 +25,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from holoview.light.observers import (
+    TABLES as TABLES,
+)
+from holoview.light.observers import (
+    Observer,
+    cones_of,
+    observer_rows,
+    parse_observer,
+    table_of,
+)
+from holoview.light.observers import (
+    constant as _constant,
+)
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.files import data_dir
 
 FloatArray = NDArray[np.float64]
 
-OBSERVERS = ("eye", "cie1931", "mono")
-GAMUT_MAPS = ("clip", "desaturate")
-
-
-def _constant(values: ArrayLike) -> FloatArray:
-    """A read-only float64 array: module constants and cached tables are shared by all callers."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
+GAMUT_MAPS = ("clip", "desaturate", "hue")
 
 
 def _xyz_of_chromaticity(x: float, y: float) -> list[float]:
@@ -57,6 +63,11 @@ def rgb_to_xyz(chromaticities: Sequence[tuple[float, float]]) -> FloatArray:
 
 LMS_TO_XYZ = _constant([[1.94735469, -1.41445123, 0.36476327], [0.68990272, 0.34832189, 0.0], [0.0, 0.0, 1.93485343]])
 """Cone fundamentals (energy-based, 2°) to XYZ_F: CIE 170-2:2015."""
+
+_LMS_TO_XYZ_10 = _constant(
+    [[1.93986443, -1.34664359, 0.43044935], [0.69283932, 0.34967567, 0.0], [0.0, 0.0, 2.14687945]]
+)
+"""The same of 10°."""
 
 D65_WHITE = _constant(_xyz_of_chromaticity(0.3127, 0.3290))
 """XYZ of the sRGB white (x = 0.3127, y = 0.3290), Y = 1."""
@@ -128,73 +139,117 @@ def import_colour_science() -> Any:
     return colour
 
 
-TABLES = {
-    "cones": ("Stockman & Sharpe 2 Degree Cone Fundamentals", "L,M,S"),
-    "cie1931": ("CIE 1931 2 Degree Standard Observer", "x,y,z"),
-}
-"""The tables in `assets/observers`: the name of each in colour-science, and its columns."""
-
-
-@cache
-def observer_rows(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, in steps of 1 nm: linear in between."""
-    rows = np.loadtxt(data_dir("assets") / "observers" / f"{name}.csv", delimiter=",")
-    return _constant(rows[:, 0]), _constant(rows[:, 1:])
-
-
-def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def _at(wavelengths_m: ArrayLike, nm: FloatArray, values: FloatArray, title: str, offset_nm: float = 0.0) -> Any:
     """A table at wavelengths plus an offset, clipped to its range: the wavelengths (n,) in nm and values (n, 3)."""
-    known_nm, values = observer_rows(name)
     asked_nm = np.atleast_1d(np.asarray(wavelengths_m, dtype=np.float64)) * 1e9
-    first, last = known_nm[0], known_nm[-1]
+    first, last = nm[0], nm[-1]
     rounding = 1e-6  # 390e-9·1e9 needn't be exactly 390
     outside = ~((asked_nm >= first - rounding) & (asked_nm <= last + rounding))
     if outside.any():
         raise UserError(
             "wavelength",
             f"{asked_nm[outside][0]:g} nm",
-            expected=f"{first:g}…{last:g} nm, the range of the {TABLES[name][0]}",
+            expected=f"{first:g}…{last:g} nm, the range of the {title}",
             remedy="wavelengths here are in metres: 532 nm is 532e-9",
         )
     at_nm = np.clip(asked_nm + offset_nm, first, last)
-    return at_nm, np.stack([np.interp(at_nm, known_nm, column) for column in values.T], axis=-1)
+    return at_nm, np.stack([np.interp(at_nm, nm, column) for column in values.T], axis=-1)
 
 
-def cone_fundamentals(wavelengths_m: ArrayLike) -> FloatArray:
+def cone_fundamentals(wavelengths_m: ArrayLike, age: float | None = None, field_deg: float = 2.0) -> FloatArray:
     """Responses (n, 3) of the L, M and S cones to unit energy at wavelengths (n,) in metres; each peaks at 1.
 
     Stockman & Sharpe (2000), 2°, energy-based, as adopted by CIE 170-1:2006; linear between table entries 1 nm apart.
-    Raises UserError outside 390…830 nm.
+    age, field_deg: those of another age in years and size of the field in degrees, by CIE 170-1:2006.
+    Raises UserError outside 390…830 nm, 20…80 years and 1…10°.
     """
-    return _interpolate("cones", wavelengths_m)[1]
+    table = observer_rows("cones")
+    if age is not None:
+        table = cones_of(parse_observer(f"age {age:g}, field {field_deg:g}"))
+    return np.asarray(_at(wavelengths_m, *table, TABLES["cones"][0])[1])
 
 
-def cone_fundamental_derivatives(wavelengths_m: ArrayLike) -> FloatArray:
-    """Derivatives (n, 3) of `cone_fundamentals` with respect to the wavelength, 1/m.
+@cache
+def observer_table(observer: str) -> tuple[FloatArray, FloatArray]:
+    """Wavelengths (n,) in nm, 1 nm apart, and XYZ (n, 3) of unit intensity, between which an observer is linear.
 
-    The linear interpolant has a kink at each whole nanometre, at which lasers usually are. A centred difference over
-    ±0.001 nm is exact between table entries and the mean of both slopes at an entry; one-sided at the table's ends.
+    Raises UserError for an unknown observer, and for "mono", which has no table.
     """
-    below_nm, below = _interpolate("cones", wavelengths_m, -1e-3)
-    above_nm, above = _interpolate("cones", wavelengths_m, 1e-3)
-    return (above - below) / ((above_nm - below_nm) * 1e-9)[:, None]
+    who = parse_observer(observer)
+    if who.kind == "eye":
+        nm, cones = observer_rows("cones")
+        return nm, _constant(cones @ LMS_TO_XYZ.T)
+    if who.kind == "person":
+        nm, cones = cones_of(who)
+        return nm, _constant(cones / cones.sum(axis=0) @ _area_matrix(who.field_deg).T)
+    if who.kind == "mono":
+        raise UserError("observer", '"mono"', expected="an observer whose response depends on the wavelength")
+    if not who.rows:
+        return observer_rows(who.kind)
+    return _of_table(who)
+
+
+def _area_matrix(field_deg: float) -> FloatArray:
+    """XYZ_F (3, 3) of cone fundamentals of unit area, in which light of equal energy has the XYZ that "eye" gives it.
+
+    CIE 170-2:2015 states the matrices for 2° and 10°; between them it is interpolated.
+    """
+    two, ten = (cones_of(Observer("person", field_deg=degrees))[1].sum(axis=0) for degrees in (2.0, 10.0))
+    small, large = LMS_TO_XYZ * two, _LMS_TO_XYZ_10 * ten
+    share = min(max((field_deg - 2.0) / 8.0, 0.0), 1.0)
+    return np.asarray((1 - share) * small + share * large * (small[1].sum() / large[1].sum()))
+
+
+def _of_table(who: Observer) -> tuple[FloatArray, FloatArray]:
+    """XYZ of own cones, which are treated as a person's of 2°, or of a camera, to which equal energy is white."""
+    nm, values = table_of(who)
+    if who.kind == "cones":
+        return nm, _constant(values / values.sum(axis=0) @ _area_matrix(2.0).T)
+    if values.shape[1] == 1:
+        return nm, _constant(values / values.max() * D65_WHITE)
+    xyz = values / values.sum(axis=0) @ SRGB_TO_XYZ.T
+    return nm, _constant(xyz / xyz[:, 1].max())
+
+
+def observer_range_m(observer: str) -> tuple[float, float]:
+    """The least and the greatest wavelength, m, at which an observer's response is known."""
+    if observer == "mono":
+        return 0.0, math.inf
+    nm = observer_table(observer)[0]
+    return float(nm[0]) / 1e9, float(nm[-1]) / 1e9
 
 
 def observer_weights(observer: str, wavelengths_m: ArrayLike) -> FloatArray:
     """XYZ (n, 3) of unit intensity at wavelengths (n,) in metres; the colour of an image is Σ_λ I_λ·w_λ.
 
-    observer: "eye": the 2° cone fundamentals as XYZ_F (CIE 170-2:2015); "cie1931": the CIE 1931 2° colour-matching
-    functions; "mono": D65 with Y = 1 at every wavelength, a camera with a flat response, shown as neutral grey.
+    observer: "eye": the 2° cone fundamentals as XYZ_F (CIE 170-2:2015); "cie1931", "cie1964": the CIE colour-matching
+    functions of 2° and 10°; "mono": D65 with Y = 1 at every wavelength, a camera with a flat response, shown as neutral
+    grey; others as in `holoview.light.observers`.
 
     Raises UserError for another observer, and for a wavelength outside its table.
     """
-    if observer == "eye":
-        return cone_fundamentals(wavelengths_m) @ LMS_TO_XYZ.T
-    if observer == "cie1931":
-        return _interpolate("cie1931", wavelengths_m)[1]
     if observer == "mono":
         return np.tile(D65_WHITE, (np.atleast_1d(np.asarray(wavelengths_m)).size, 1))
-    raise UserError("observer", repr(observer), remedy=suggest_matches(observer, OBSERVERS))
+    return np.asarray(_at(wavelengths_m, *observer_table(observer), _table_title(observer))[1])
+
+
+def observer_weight_derivatives(observer: str, wavelengths_m: ArrayLike) -> FloatArray:
+    """Derivatives (n, 3) of `observer_weights` with respect to the wavelength, 1/m.
+
+    The linear interpolant has a kink at each whole nanometre, at which lasers usually are. A centred difference over
+    ±0.001 nm is exact between table entries and the mean of both slopes at an entry; one-sided at the table's ends.
+    """
+    if observer == "mono":
+        return np.zeros((np.atleast_1d(np.asarray(wavelengths_m)).size, 3))
+    table, title = observer_table(observer), _table_title(observer)
+    below_nm, below = _at(wavelengths_m, *table, title, -1e-3)
+    above_nm, above = _at(wavelengths_m, *table, title, 1e-3)
+    return np.asarray((above - below) / ((above_nm - below_nm) * 1e-9)[:, None])
+
+
+def _table_title(observer: str) -> str:
+    who = parse_observer(observer)
+    return TABLES[who.kind][0] if who.kind in TABLES else f"observer {who.title}"
 
 
 def srgb_encode(x: ArrayLike) -> FloatArray:
@@ -228,13 +283,16 @@ def gamut_map(rgb_linear: ArrayLike, how: str = "clip") -> FloatArray:
 
     how: "clip" limits each channel by itself, which shifts hues; the PSNR of this package is defined on it.
     "desaturate" moves a colour towards the grey of its luminance until it is in gamut; luminances below 0 and above 1
-    become black and white.
+    become black and white. "hue" keeps the hue: a colour with channels below 0 moves towards the grey of its luminance
+    until none is, then all channels are divided by the largest where that is above 1.
 
     Raises UserError for another name.
     """
     rgb = np.asarray(rgb_linear, dtype=np.float64)
     if how == "clip":
         return np.clip(rgb, 0.0, 1.0)
+    if how == "hue":
+        return _with_hue(rgb)
     if how != "desaturate":
         raise UserError("gamut", repr(how), remedy=suggest_matches(how, GAMUT_MAPS))
     grey = np.clip(rgb @ SRGB_TO_XYZ[1], 0.0, 1.0)[..., None]
@@ -243,6 +301,16 @@ def gamut_map(rgb_linear: ArrayLike, how: str = "clip") -> FloatArray:
     factor = np.divide(available, np.abs(chroma), out=np.ones_like(chroma), where=np.abs(chroma) > available)
     mapped: FloatArray = grey + chroma * factor.min(axis=-1, keepdims=True)
     return np.clip(mapped, 0.0, 1.0)  # removes rounding errors only
+
+
+def _with_hue(rgb: FloatArray) -> FloatArray:
+    """`gamut_map` by "hue"; black where the luminance isn't above 0."""
+    luminance = np.maximum(rgb @ SRGB_TO_XYZ[1], 0.0)[..., None]
+    least = np.minimum(rgb.min(axis=-1, keepdims=True), 0.0)
+    share = np.divide(luminance, luminance - least, out=np.zeros_like(luminance), where=luminance > 0)
+    inside = np.maximum(luminance + share * (rgb - luminance), 0.0)
+    mapped: FloatArray = inside / np.maximum(inside.max(axis=-1, keepdims=True), 1.0)
+    return mapped
 
 
 def to_srgb8(rgb_linear: ArrayLike, gamut: str = "clip") -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Arrays that stand in a file as plain numbers: numpy's .npy header, and windows of an array read from its file.
+"""Arrays that stand in a file as plain numbers: numpy's .npy header, .npz archives, windows read from their file.
 
 What a header declares is compared with the size of the file before anything is allocated. Windows are read, never
 mapped into memory: a program that maps a file is ended by the system (SIGBUS) when the file shrinks.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import os
+import struct
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +21,14 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import opened_file
-from holoview.util.memory_limit import format_size
+from holoview.util.memory_limit import format_size, require_memory
 
 _EXPECTED = "an array of numbers"
 _MOST_HEADER_BYTES = 10_000
 _MOST_AXES = 32
+_MOST_MEMBERS = 1000
+_MOST_DIRECTORY_BYTES = 1 << 20  # of so many members with long names
+_END_BYTES = 22 + 65_535 + 76  # the last records of an archive with the longest comment, those of ZIP64 among them
 _PIECE_BYTES = 16 << 20  # that are read at a time where only parts of them are wanted
 
 
@@ -72,6 +77,33 @@ def read_npy_header(file: IO[bytes], size: int, where: str) -> NpyHeader:
         found = f"is truncated or damaged: {size - header.offset} bytes of numbers"
         raise UserError(where, found, expected=f"{header.nbytes} bytes for an array of shape {shape}")
     return header
+
+
+def open_npz(path: Path, file: BinaryIO) -> zipfile.ZipFile:
+    """The archive in a .npz file. Its directory, which the library reads at once, is short, or UserError is raised."""
+    end = os.fstat(file.fileno()).st_size
+    file.seek(max(end - _END_BYTES, 0))
+    last = file.read()
+    place, place64 = last.rfind(b"PK\5\6"), last.rfind(b"PK\6\6")
+    size = struct.unpack_from("<I", last, place + 12)[0] if 0 <= place <= len(last) - 22 else 0
+    if 0 <= place64 <= len(last) - 56:
+        size = max(size if size < 0xFFFFFFFF else 0, struct.unpack_from("<Q", last, place64 + 40)[0])
+    if size > _MOST_DIRECTORY_BYTES:
+        found = f"has a list of members of {format_size(size)}"
+        raise UserError(str(path), found, expected=f"at most {_MOST_MEMBERS} arrays")
+    archive = zipfile.ZipFile(file)
+    if len(archive.infolist()) > _MOST_MEMBERS:
+        raise UserError(str(path), f"has {len(archive.infolist())} members", expected=f"at most {_MOST_MEMBERS}")
+    return archive
+
+
+def read_npz_array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of a .npz file. Raises UserError as `read_npy_header` does, and where it is too large for the memory."""
+    where = f"{path}: {member.filename.removesuffix('.npy')}"
+    with archive.open(member) as file:
+        header = read_npy_header(file, member.file_size, where)
+        require_memory(where, 2 * header.nbytes)
+        return header.array(file.read(header.nbytes))
 
 
 def read_window(

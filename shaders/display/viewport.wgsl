@@ -17,10 +17,12 @@ override only_b: bool = false;  // with ONE: show image b
 override has_palette: bool = false;
 override is_linear: bool = false;  // the value, not its sRGB code, is the index into the palette
 override has_gamma: bool = false;
+override keeps_hue: bool = false;  // of a colour that the screen can't show
 override has_grid: bool = false;
 override taps: i32 = 1;  // the most samples that a pixel covers along an axis
 override is_sparse: bool = false;  // a pixel covers more samples, of which taps × taps are read
 
+const LUMINANCE = vec3f(0.21263901, 0.71516868, 0.07219232);  // of linear sRGB: SRGB_TO_XYZ[1]
 const ONE = 0u;
 const WIPE = 1u;
 const SIDES = 2u;
@@ -85,6 +87,17 @@ fn encode(value: vec3f) -> vec3f {
     return code;
 }
 
+// The colour with channels from 0 to 1 of the same hue. Twin: holoview/colour.py, gamut_map by "hue".
+fn with_hue(value: vec3f) -> vec3f {
+    let luminance = max(dot(value, LUMINANCE), 0.0);
+    let least = min(min(value.x, min(value.y, value.z)), 0.0);
+    if (luminance <= 0.0) {
+        return vec3f(0.0);
+    }
+    let inside = max(luminance + luminance / (luminance - least) * (value - luminance), vec3f(0.0));
+    return inside / max(max(inside.x, max(inside.y, inside.z)), 1.0);
+}
+
 // Colour of the palette for an index from 0 to 1.
 fn palette_colour(code: f32) -> vec3f {
     return unpack4x8unorm(palette[u32(round(255.0 * clamp(code, 0.0, 1.0)))]).rgb;
@@ -100,6 +113,9 @@ fn colour(is_b: bool, position: vec2f) -> vec3f {
     }
     let value = channels(is_b, position);
     if (!has_palette) {
+        if (keeps_hue) {
+            return encode(with_hue(value));
+        }
         return encode(value);
     }
     if (is_linear) {

@@ -118,7 +118,7 @@ REFUSED: list[tuple[list[str], str]] = [
         ["--free", "wavelengths", "--wavelength-range", "500", "505"],
         "wavelength range: 500 to 505 nm for 3 lasers 4 nm apart; expected at least 8 nm",
     ),
-    (["--free", "wavelengths", "--set", "observer=cie1931"], "free wavelengths: "),
+    (["--observers", "20"], "observers: with fixed wavelengths"),
 ]
 
 

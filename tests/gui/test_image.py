@@ -40,6 +40,8 @@ LOOKS: tuple[dict[str, Any], ...] = (
     {"channel": "M", "false_colour": "cubehelix"},
     {"channel": "X", "false_colour": "hue", "exposure_stops": 0.5},
     {"solo": 1},
+    {"exposure_stops": 2.0},
+    {"exposure_stops": 2.0, "keeps_hue": False},
 )
 
 

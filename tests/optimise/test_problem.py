@@ -136,6 +136,13 @@ def test_colour_has_its_part_in_the_wavelengths_gradient(
     _check_wavelengths(problem, _opd(system, noise))
 
 
+@pytest.mark.parametrize("observer", ["cie1931", "cie1964", "age 70, field 4", "person 8"])
+def test_every_observer_has_slopes(observer: str, bench: Bench, noise: Noise, double_problem: MakeProblem) -> None:
+    system = _system(bench).edit({"observer": observer})
+    problem = double_problem(system, _stack(system), Settings(free=("patterns", "wavelengths")))
+    _check_wavelengths(problem, _opd(system, noise))
+
+
 def _check_wavelengths(problem: Problem, opd_m: torch.Tensor) -> None:
     known, amplitudes, step_m = problem.system.wavelengths_m, problem.system.amplitudes, 2e-14
     found = problem.evaluate(

@@ -168,11 +168,6 @@ def test_wavelengths_out_of_their_range_are_seen_inside_it_from_the_beginning(
     assert psnr_linear_srgb(seen.rgb, stack_for(system)).mean_db == pytest.approx(first.psnr_db, abs=1e-4)
 
 
-def test_free_wavelengths_need_an_observer_with_slopes(bench: Bench, run: Run) -> None:
-    with pytest.raises(UserError, match='free wavelengths: observer = "cie1931"'):
-        run(bench(observer="cie1931"), free=EVERYTHING, amplitudes_every=1)
-
-
 # --- smooth against random, and the eyebox --------------------------------------------------------------------------
 
 

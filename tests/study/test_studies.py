@@ -40,6 +40,7 @@ PICTURED = {
     "eye",
     "eye-spacing",
     "model-vs-capture",
+    "observers",
     "pupil",
 }
 

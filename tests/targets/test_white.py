@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from pathlib import Path
@@ -13,6 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
+from holoview.holograms.files.colour_profile import icc_profile
 from holoview.holograms.files.pictures import read_pattern, write_deep_png
 from holoview.holograms.targets.focal_stack import Film, read_resized_pictures
 from holoview.holograms.targets.picture import depth_notes, read_depth, read_picture
@@ -174,6 +176,72 @@ def test_an_icc_profile_of_a_display_is_applied(suffix: str, curve: bytes, decod
     assert any("converted from its colour space, Wide" in note for note in picture.notes)
 
 
+def _tabled(table: NDArray[np.float64]) -> bytes:
+    """A profile of a lattice (n, n, n, 3) of XYZ under D50, up to 1.99997, with straight curves (ICC.1:2022, mft2)."""
+    nodes = len(table)
+    straight = struct.pack(">2H", 0, 65535) * 3
+    values = np.rint(np.clip(table / (1 + 32767 / 32768), 0, 1) * 65535).astype(">u2").tobytes()
+    content = b"mft2\0\0\0\0" + bytes([3, 3, nodes, 0]) + _s15(1, 0, 0, 0, 1, 0, 0, 0, 1)
+    content += struct.pack(">HH", 2, 2) + straight + values + straight
+    tags = {b"A2B0": content, b"desc": b"desc\0\0\0\0" + struct.pack(">I", 6) + b"Table\0\0\0"}
+    tags[b"wtpt"] = b"XYZ \0\0\0\0" + _s15(0.9642, 1.0, 0.8249)
+    place, index, body = 132 + 12 * len(tags), b"", b""
+    for name, tag in tags.items():
+        index += name + struct.pack(">II", place + len(body), len(tag))
+        body += tag + b"\0" * (-len(tag) % 4)
+    head = struct.pack(">I4sI4s4s4s", place + len(body), b"lcms", 0x02400000, b"scnr", b"RGB ", b"XYZ ")
+    head += b"\0" * 12 + b"acsp" + b"\0" * 28 + _s15(0.9642, 1.0, 0.8249)
+    return head.ljust(128, b"\0") + struct.pack(">I", len(tags)) + index + body
+
+
+def _squared_p3() -> bytes:
+    """Of 33 nodes each way: squares of the signal in the primaries of Display P3."""
+    axis = np.linspace(0, 1, 33) ** 2
+    rgb = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    to_d50 = np.array([[1.0478112, 0.0228866, -0.0501270], [0.0295424, 0.9904844, -0.0170491],
+                       [-0.0092345, 0.0150436, 0.7521316]])  # fmt: skip
+    return _tabled(rgb @ (to_d50 @ rgb_to_xyz(COLOUR_SPACES["p3"].chromaticities)).T)
+
+
+ADOBE = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        _profile(COLOUR_SPACES["p3"].chromaticities, SRGB_CURVE),
+        _profile(ADOBE, b"curv\0\0\0\0" + struct.pack(">IH", 1, 563)),
+        _squared_p3(),
+    ],
+    ids=["Display P3", "Adobe RGB", "tables"],
+)
+def test_a_picture_with_a_profile_has_the_numbers_of_littlecms(profile: bytes, tmp_path: Path) -> None:
+    # muted colours, which sRGB holds: littleCMS clips others
+    codes = np.rint(255 * (0.35 + 0.35 * _colours())).astype(np.uint8)
+    codes[0, 0] = 255
+    Image.fromarray(codes).save(tmp_path / "a.png", icc_profile=profile)
+    source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    srgb = ImageCms.createProfile("sRGB")
+    transform = ImageCms.buildTransform(source, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    theirs = np.asarray(ImageCms.applyTransform(Image.fromarray(codes), transform))
+    ours = 255 * srgb_encode(read_picture(tmp_path / "a.png").rgb)
+    inside = ((theirs > 0) & (theirs < 255)).all(axis=-1)
+    inside[0, 0] = True
+    assert inside.mean() > 0.9
+    # half a level of theirs; of tables also half a level of the wide space, times 1.66 (rows) and 1.4 (curves), and
+    # what a square differs from a chord between nodes 15 levels apart
+    tolerance = 0.8 if b"rXYZ" in profile else 3.0
+    assert np.abs(ours - theirs)[inside].max() < tolerance
+
+
+def test_a_red_beyond_srgb_stays_what_it_is() -> None:
+    # the red of Display P3 in sRGB, by its published primaries: 1.2249, −0.0421, −0.0196 in linear light
+    profile = icc_profile(_squared_p3())
+    assert profile is not None
+    red = profile.linear_srgb(np.array([[[1.0, 0.0, 0.0]]]))[0, 0]
+    np.testing.assert_allclose(red, [1.2249, -0.0421, -0.0196], atol=0.01)
+
+
 def test_a_profile_of_srgb_changes_nothing(tmp_path: Path) -> None:
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     codes = (_colours() * 255).astype(np.uint8)
@@ -182,7 +250,9 @@ def test_a_profile_of_srgb_changes_nothing(tmp_path: Path) -> None:
     assert np.array_equal(picture.rgb, srgb_decode(codes / 255.0).astype(np.float32)) and not picture.notes
 
 
-@pytest.mark.parametrize("profile", [b"x", b"\0" * 200, _profile(COLOUR_SPACES["p3"].chromaticities, b"mft2")])
+@pytest.mark.parametrize(
+    "profile", [b"x", b"\0" * 200, _profile(COLOUR_SPACES["p3"].chromaticities, b"mft2"), _squared_p3()[:5000]]
+)
 def test_a_profile_that_is_no_display_s_is_told(profile: bytes, tmp_path: Path) -> None:
     Image.fromarray((_colours() * 255).astype(np.uint8)).save(tmp_path / "a.png", icc_profile=profile)
     assert any("colour profile ignored" in note for note in read_picture(tmp_path / "a.png").notes)

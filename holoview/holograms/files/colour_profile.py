@@ -2,11 +2,13 @@
 
 A profile of a display (ICC.1:2022, 8.3.3) has a curve for each channel, and a matrix to XYZ relative to the white of
 the connection space, D50. The white is adapted to that of sRGB, D65, in Bradford's cone space, so that white stays
-white. Profiles of tables, as of printers, aren't evaluated.
+white. Profiles of tables, as of scanners and of some cameras, are evaluated by littleCMS (Pillow's ImageCms) on a
+lattice of their signals, between whose nodes is interpolated.
 """
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from collections.abc import Iterable, Mapping
@@ -14,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageCms
 
 from holoview.light.colour import COLOUR_SPACES, D65_WHITE, XYZ_TO_SRGB, bt2020_decode, rgb_to_xyz, srgb_decode
 
@@ -34,20 +37,29 @@ Curve = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ColourProfile:
-    """title: in words. matrix: (3, 3) from linear channels to linear sRGB; None of grey. curves: of each channel."""
+    """title: in words. matrix: (3, 3) from linear channels to linear sRGB; None of grey. curves: of each channel.
+
+    lattice: (red, green, blue, 3) in place of both: the signal of a wide colour space at equidistant signals.
+    """
 
     title: str
     matrix: NDArray[np.float64] | None
     curves: tuple[Curve, ...]
+    lattice: NDArray[np.float64] | None = None
 
     @property
     def is_srgb(self) -> bool:
         """Whether it means the same colours as sRGB."""
+        if self.lattice is not None:
+            return False
         has_curves = all(np.abs(_at(curve, _SAMPLES) - srgb_decode(_SAMPLES)).max() < _ALIKE for curve in self.curves)
         return has_curves and (self.matrix is None or bool(np.abs(self.matrix - np.eye(3)).max() < 5 * _ALIKE))
 
     def linear_srgb(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Linear sRGB (y, x, 1 or 3) of signals from 0 to 1, negative where a colour lies outside sRGB."""
+        if self.lattice is not None:
+            three = np.broadcast_to(signal, (*signal.shape[:2], 3))  # grey is of equal channels
+            return _in_lattice(self.lattice, three) ** _WIDE_GAMMA @ _WIDE_TO_SRGB.T
         curves = self.curves if len(self.curves) == signal.shape[-1] else self.curves[:1] * signal.shape[-1]
         light = np.stack([_at(curve, signal[..., i]) for i, curve in enumerate(curves)], axis=-1)
         return light @ self.matrix.T if self.matrix is not None and signal.shape[-1] == 3 else light
@@ -58,29 +70,90 @@ def _at(curve: Curve, signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def icc_profile(data: bytes) -> ColourProfile | None:
-    """The profile of a display or of grey, None for others and for damaged ones."""
+    """The profile of red, green and blue or of grey, None for others and for damaged ones."""
     try:
-        return _icc_profile(data)
-    except (struct.error, ValueError, KeyError, IndexError):
+        return _icc_profile(data) or _table_profile(data)
+    except (struct.error, ValueError, KeyError, IndexError, OSError, ImageCms.PyCMSError):
         return None
 
 
 def _icc_profile(data: bytes) -> ColourProfile | None:
     if data[20:24] != b"XYZ " or data[36:40] != b"acsp":
         return None
+    tags = _tags(data)
+    title = _text(tags.get(b"desc", b""))
+    if data[16:20] == b"GRAY":
+        return ColourProfile(title, None, (_curve(tags[b"kTRC"]),))
+    if data[16:20] != b"RGB " or b"rXYZ" not in tags or b"A2B0" in tags:  # which counts before the matrix
+        return None
+    columns = [np.array(struct.unpack(">3i", tags[name][8:20])) / 65536 for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
+    matrix = XYZ_TO_SRGB @ to_d65(_D50_WHITE) @ np.stack(columns, axis=1)
+    return ColourProfile(title, matrix, tuple(_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")))
+
+
+def _tags(data: bytes) -> dict[bytes, bytes]:
     (count,) = struct.unpack(">I", data[128:132])
     tags = {}
     for entry in range(min(count, _MOST_TAGS)):
         name, offset, size = struct.unpack(">4sII", data[132 + 12 * entry : 144 + 12 * entry])
         tags[name] = data[offset : offset + size]
-    title = _text(tags.get(b"desc", b""))
-    if data[16:20] == b"GRAY":
-        return ColourProfile(title, None, (_curve(tags[b"kTRC"]),))
-    if data[16:20] != b"RGB " or b"rXYZ" not in tags:
+    return tags
+
+
+# --- profiles of tables -----------------------------------------------------------------------------------------------
+
+
+_NODES = 18  # each way: their signals, 0, 15, 30 … 255, are whole numbers, as littleCMS takes them from Pillow
+_WIDE, _WIDE_GAMMA = COLOUR_SPACES["rec2020"].chromaticities, 2.0
+_WIDE_TO_SRGB = XYZ_TO_SRGB @ rgb_to_xyz(_WIDE)
+
+
+def _table_profile(data: bytes) -> ColourProfile | None:
+    """A profile of red, green and blue by tables. littleCMS gives 8 bits of a wide colour space, half a level off."""
+    if data[16:20] != b"RGB " or data[36:40] != b"acsp" or b"A2B0" not in (tags := _tags(data)):
         return None
-    columns = [np.array(struct.unpack(">3i", tags[name][8:20])) / 65536 for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
-    matrix = XYZ_TO_SRGB @ to_d65(_D50_WHITE) @ np.stack(columns, axis=1)
-    return ColourProfile(title, matrix, tuple(_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")))
+    codes = np.arange(_NODES, dtype=np.uint8) * np.uint8(255 // (_NODES - 1))
+    nodes = np.stack(np.meshgrid(codes, codes, codes, indexing="ij"), axis=-1).reshape(_NODES, -1, 3)
+    source, wide = (ImageCms.ImageCmsProfile(io.BytesIO(profile)) for profile in (data, _wide_profile()))
+    relative = ImageCms.Intent.RELATIVE_COLORIMETRIC
+    transform = ImageCms.buildTransform(source, wide, "RGB", "RGB", relative)
+    seen = ImageCms.applyTransform(Image.fromarray(nodes), transform)
+    assert seen is not None
+    lattice = np.asarray(seen).reshape(_NODES, _NODES, _NODES, 3) / 255.0
+    return ColourProfile(_text(tags.get(b"desc", b"")), None, (), lattice)
+
+
+def _in_lattice(lattice: NDArray[np.float64], signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (…, 3) between the nodes of a lattice, linear along each axis. signal: (…, 3) from 0 to 1."""
+    at = np.clip(signal, 0.0, 1.0) * (_NODES - 1)
+    first = np.minimum(at.astype(np.intp), _NODES - 2)
+    share = at - first
+    total = np.zeros(signal.shape)
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod(np.where(np.array(corner) == 1, share, 1 - share), axis=-1)
+        red, green, blue = np.moveaxis(first + corner, -1, 0)
+        total += weight[..., None] * lattice[red, green, blue]
+    return total
+
+
+def _wide_profile() -> bytes:
+    """The bytes of a display profile (ICC.1:2022) of `_WIDE` primaries under D50."""
+    columns = (np.linalg.inv(to_d65(_D50_WHITE)) @ rgb_to_xyz(_WIDE)).T
+    curve = b"curv\0\0\0\0" + struct.pack(">IHxx", 1, round(_WIDE_GAMMA * 256))
+    tags = {name: _xyz_tag(column) for name, column in zip((b"rXYZ", b"gXYZ", b"bXYZ"), columns, strict=True)}
+    tags |= {b"wtpt": _xyz_tag(_D50_WHITE)} | dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), curve)
+    place = 132 + 12 * len(tags)
+    table = b""
+    for name, content in tags.items():
+        table += name + struct.pack(">II", place, len(content))
+        place += len(content)
+    head = struct.pack(">I4sI4s4s4s12x4s28x", place, b"lcms", 0x04300000, b"mntr", b"RGB ", b"XYZ ", b"acsp")
+    head += _xyz_tag(_D50_WHITE)[8:]
+    return head.ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + b"".join(tags.values())
+
+
+def _xyz_tag(xyz: NDArray[np.float64]) -> bytes:
+    return b"XYZ \0\0\0\0" + struct.pack(">3i", *(round(float(x) * 65536) for x in xyz))
 
 
 def to_d65(white: NDArray[np.float64]) -> NDArray[np.float64]:

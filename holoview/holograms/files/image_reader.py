@@ -1,4 +1,4 @@
-"""Decodes PNG, JPEG, TIFF and OpenEXR files as rasters, without interpreting their colours.
+"""Decodes PNG, JPEG, TIFF, OpenEXR and Radiance HDR files as rasters, without interpreting their colours.
 
 The format is recognised by the file's first bytes, never by its name.
 """
@@ -32,9 +32,11 @@ from holoview.util.errors import UserError
 from holoview.util.files import opened_file, read_bytes
 from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
+from holoview.util.plain_arrays import open_npz, read_npz_array
 from holoview.util.reader_process import Answer, call_in_child, in_child
+from holoview.util.tables import parse_json_table
 
-READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
+READABLE_FORMATS = "a Radiance HDR, PNG, JPEG, TIFF or OpenEXR picture"
 
 EXIF_ORIENTATION = 0x0112
 """Number of the tag by which a camera says how its picture is to be turned."""
@@ -48,7 +50,11 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"MM\x00+", "TIFF"),
     (b"v/1\x01", "OpenEXR"),
     (b"\x93NUMPY", "NPY"),
+    (b"#?RADIANCE", "HDR"),
+    (b"#?RGBE", "HDR"),
 )
+_LIGHT_NPZ = (b"PK\x03\x04", b"about.npy")
+"""How an archive of `holoview.holograms.files.light_file` begins, and the name of its first member at byte 30."""
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
 Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, before anything is decoded
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # its messages become an error here, in one line
@@ -59,14 +65,16 @@ def file_format(path: Path) -> str:
 
     Raises UserError when the file is missing, a folder, empty or unreadable.
     """
-    head = read_bytes(path, READABLE_FORMATS, most=16, missing="check the name and the folder")
+    head = read_bytes(path, READABLE_FORMATS, most=64, missing="check the name and the folder")
     if not head:
         raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
+    if head.startswith(_LIGHT_NPZ[0]) and head[30:].startswith(_LIGHT_NPZ[1]):
+        return "NPZ"
     return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
 
 
 def picture_count(path: Path) -> int:
-    """Number of pictures in a file (TIFF pages, OpenEXR parts or layers; 1 for PNG and JPEG), from its headers alone.
+    """Number of pictures in a file (TIFF pages, OpenEXR parts or layers, planes of light; else 1), by its headers.
 
     Raises UserError as `read_raster` does, as far as the headers show.
     """
@@ -75,7 +83,7 @@ def picture_count(path: Path) -> int:
 
 
 def _count(path: Path, kind: str) -> int:
-    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
+    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count, "NPZ": npz_count}
     with _naming_file(path, kind):
         return counts[kind](path) if kind in counts else 1
 
@@ -762,9 +770,109 @@ def _no_picture_error(path: Path, channels: Iterable[str]) -> UserError:
     )
 
 
+# --- light as numbers, in an .npz that holoview wrote ----------------------------------------------------------------
+
+
+def npz_count(path: Path) -> int:
+    """Number of planes."""
+    return len(_npz_rgb(path)[0])
+
+
+def npz_pictures(path: Path) -> Iterator[Raster]:
+    """The linear RGB of each plane. Raises UserError for other archives, ValueError and others for damaged ones."""
+    rgb, primaries = _npz_rgb(path)
+    for number, values in enumerate(rgb, start=1):
+        page = f"plane {number}" if len(rgb) > 1 else ""
+        yield Raster(values.astype(np.float64), None, encoded=False, page=page, primaries=primaries)
+
+
+def _npz_rgb(path: Path) -> tuple[NDArray[Any], Chromaticities]:
+    with opened_file(path, READABLE_FORMATS) as file, open_npz(path, file) as archive:
+        rgb, about = (read_npz_array(path, archive, archive.getinfo(f"{name}.npy")) for name in ("rgb", "about"))
+    if rgb.ndim != 4 or rgb.shape[3] != 3 or rgb.dtype.kind != "f" or 0 in rgb.shape:
+        raise UserError(str(path), f"holds colours of shape {rgb.shape}", expected="(plane, y, x, 3)")
+    require_picture_memory(path, rgb.shape[2], rgb.shape[1], 3, rgb.nbytes)
+    stated = parse_json_table(about.tobytes().decode("utf-8"), str(path), READABLE_FORMATS)
+    return rgb, tuple((float(x), float(y)) for x, y in stated["chromaticities"])
+
+
+# --- Radiance HDR: red, green and blue with a common exponent ---------------------------------------------------------
+
+
+_HDR_HEAD_BYTES = 1 << 16
+_HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,6}) \+X (\d{1,6})\n")
+_HDR_RUNS = (8, 1 << 15)  # columns of pictures whose lines are packed by runs
+
+
+def _read_hdr(path: Path) -> Raster:
+    """Linear light, in the primaries that the file states or else those of sRGB.
+
+    Greg Ward, "Real Pixels", Graphics Gems II (1991): light = (mantissa + 0.5)/256·2^(exponent − 128), here without the
+    half, so that 0 is black. EXPOSURE is divided out; a pixel of exponent 0 is black.
+    """
+    data = read_bytes(path, READABLE_FORMATS)
+    found = _HDR_SIZE.search(data, 0, _HDR_HEAD_BYTES)
+    if found is None:
+        expected = "lines from the top and columns from the left (-Y rows +X columns)"
+        raise UserError(str(path), "is a Radiance picture of another layout", expected=expected)
+    rows, columns = int(found[1]), int(found[2])
+    require_picture_memory(path, columns, rows, 3, 4 * rows * columns + len(data))
+    head = data[: found.start()].decode("latin-1").splitlines()
+    stated = [line.partition("=") for line in head if "=" in line]
+    if any(key == "FORMAT" and value.strip() != "32-bit_rle_rgbe" for key, _, value in stated):
+        raise UserError(
+            str(path), "holds XYZE numbers", expected="32-bit_rle_rgbe", remedy="convert it by `ra_xyze -r`"
+        )
+    samples = _hdr_samples(data, found.end(), rows, columns)
+    exposure = math.prod(float(value) for key, _, value in stated if key == "EXPOSURE")
+    if not (math.isfinite(exposure) and exposure > 0):
+        raise ValueError(f"an exposure of {exposure:g}")
+    scale = np.where(samples[..., 3] > 0, np.exp2(samples[..., 3].astype(np.float64) - 136), 0.0) / exposure
+    numbers = next((value.split() for key, _, value in stated if key == "PRIMARIES"), [])
+    primaries = tuple(zip(map(float, numbers[0::2]), map(float, numbers[1::2]), strict=True)) or None
+    notes = () if primaries else ("states no primaries: taken as those of sRGB",)
+    return Raster(samples[..., :3] * scale[..., None], None, encoded=False, notes=notes, primaries=primaries)
+
+
+def _hdr_samples(data: bytes, place: int, rows: int, columns: int) -> NDArray[np.uint8]:
+    """Mantissas and exponents (y, x, 4). Raises ValueError where the data end too early or a run is too long."""
+    is_packed = _HDR_RUNS[0] <= columns < _HDR_RUNS[1] and data[place : place + 2] == b"\2\2"
+    if not is_packed:
+        flat = np.frombuffer(data, np.uint8, 4 * rows * columns, place).reshape(rows, columns, 4)
+        if (flat[..., :3] == 1).all(axis=-1).any():
+            raise ValueError("runs of the old kind")
+        return flat
+    samples = np.empty((rows, 4, columns), np.uint8)
+    for line in samples.reshape(rows, -1):
+        if data[place : place + 4] != bytes([2, 2, columns >> 8, columns & 255]):
+            raise ValueError("a line begins wrongly")
+        place = _unpack_runs(data, place + 4, line)
+    return samples.transpose(0, 2, 1)
+
+
+def _unpack_runs(data: bytes, place: int, line: NDArray[np.uint8]) -> int:
+    """Fills a line from runs and single numbers; returns the place behind them."""
+    filled = 0
+    while filled < len(line):
+        if place + 2 > len(data):
+            raise ValueError("it breaks off")
+        count = data[place]
+        is_run = count > 128
+        count -= 128 * is_run
+        values = data[place + 1 : place + 2] if is_run else data[place + 1 : place + 1 + count]
+        if count == 0 or filled + count > len(line) or len(values) < (1 if is_run else count):
+            raise ValueError("a run is too long")
+        line[filled : filled + count] = values[0] if is_run else np.frombuffer(values, np.uint8)
+        filled += count
+        place += 1 + len(values)
+    return place
+
+
 _READERS: dict[str, Callable[[Path, int | None], Iterable[Raster]]] = {
     "PNG": lambda path, white: [_read_png(path, white)],
     "JPEG": lambda path, white: [_read_with_pillow(path)],
     "TIFF": tiff_pictures,
     "OpenEXR": lambda path, white: exr_pictures(path),
+    "NPZ": lambda path, white: npz_pictures(path),
+    "HDR": lambda path, white: [_read_hdr(path)],
 }

@@ -18,11 +18,13 @@ pixels are compared one by one, so that speckle counts even where the eye can't 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, gamut_map, import_colour_science
+from holoview.holograms.files.light_file import Light
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, gamut_map, import_colour_science, xyz_to_linear_srgb
 from holoview.util.errors import UserError
 
 
@@ -138,3 +140,33 @@ def delta_e_map_xyz(image: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
     lab, target_lab = (science.XYZ_to_Lab(xyz, illuminant=white_xy) for xyz in (image_xyz, target_xyz))
     difference: NDArray[np.float64] = np.asarray(science.delta_E(lab, target_lab, method="CIE 2000"), dtype=np.float64)
     return difference
+
+
+def light_differences(light: Light, reference: Light) -> list[dict[str, Any]]:
+    """How far the light of each plane is from a reference with as many samples, as JSON values.
+
+    equal: whether XYZ, and where both have them RGB of one colour space and intensities, are the same numbers bit by
+    bit; quantities: which were compared. psnr_db: of linear sRGB, clipped. delta_e: mean CIEDE2000. largest_xyz: the
+    largest difference.
+    """
+    names = ["xyz"]
+    if light.about.get("rgb_space") == reference.about.get("rgb_space"):
+        names.append("rgb")
+    shapes = [None if each.intensity is None else each.intensity.shape for each in (light, reference)]
+    if None not in shapes:
+        names.append("intensity")
+    rows = []
+    for plane, (seen, wanted) in enumerate(zip(light.xyz, reference.xyz, strict=True)):
+        rgb, wanted_rgb = (xyz_to_linear_srgb(xyz) for xyz in (seen, wanted))
+        pairs = [(getattr(light, name)[plane], getattr(reference, name)[plane]) for name in names]
+        rows.append(
+            {
+                "plane_m": float(reference.planes_m[plane]) if len(reference.planes_m) > plane else None,
+                "equal": all(np.array_equal(one, other) for one, other in pairs),
+                "quantities": names,
+                "psnr_db": psnr_linear_srgb(rgb, wanted_rgb).mean_db,
+                "delta_e": delta_e_linear_srgb(rgb, wanted_rgb),
+                "largest_xyz": float(np.abs(np.asarray(seen, dtype=np.float64) - wanted).max()),
+            }
+        )
+    return rows

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.holograms.files.image_reader import Raster, read_raster
+from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
@@ -338,10 +339,16 @@ class LuminanceImage:
 
 
 def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
-    """The luminance of a picture file. is_linear: its integers hold intensity, not an sRGB signal.
+    """The luminance of a picture file, or of light that holoview wrote as numbers.
+
+    is_linear: its integers hold intensity, not an sRGB signal.
 
     Raises UserError as `read_raster` and `read_picture` do.
     """
+    if is_light_file(path):
+        light = read_light(path)
+        notes = (f"{len(light.xyz)} planes, the first is used",) if len(light.xyz) > 1 else ()
+        return LuminanceImage(light.xyz[0, ..., 1], f"luminance of {path.name}", notes=notes)
     raster = read_raster(path)
     clipped, clipped_at = _clipped(raster)
     if is_linear:

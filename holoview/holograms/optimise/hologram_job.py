@@ -77,6 +77,7 @@ class RunOptions:
             "--free": settings.free != _DEFAULT_SETTINGS.free,
             "--eyebox": settings.eyebox,
             "--pupils": settings.pupil_places_m or settings.drawn_pupils,
+            "--observers": settings.observers,
             "--drawn-planes": settings.drawn_planes is not None,
             "--step": settings.step_rad != _DEFAULT_SETTINGS.step_rad,
         }

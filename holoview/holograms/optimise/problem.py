@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.holograms.optimise.agreement import AgreementPenalty
 from holoview.holograms.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.holograms.optimise.eyes import Places
 from holoview.holograms.optimise.field_loss import ComplexTarget, FieldEvaluation, check_suits, split_target
@@ -34,6 +35,7 @@ from holoview.holograms.optimise.wavelengths import channel_wavelength_derivativ
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
+from holoview.light.observers import drawn_people
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
@@ -150,6 +152,8 @@ class Problem:
         )
         if free_wavelengths:
             check_wavelength_search(system.observer, settings)
+        people = drawn_people(settings.observers) if settings.observers else []
+        self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
         self._padded_samples = math.prod(plan.grid.padded)
         with self._memory_guard(plan, device), limit_torch_threads(self._padded_samples):
             rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
@@ -355,6 +359,10 @@ class Problem:
         products = image_products.numpy()
         if wavelength_gradient is not None:
             self._add_colour_derivative(wavelength_gradient, products, laser_amplitudes)
+            if self._agreement is not None:
+                powers = self._per_frame_table(laser_amplitudes).mean(axis=0)
+                _, pull = self._agreement.value_and_gradient(self.system.wavelengths_m, powers)
+                wavelength_gradient += self.settings.agreement * torch.from_numpy(pull)
         amplitude_gradient = None
         if request.amplitude_gradient:
             amplitude_gradient = self._per_frame_table(np.einsum("lc,cl->l", self._laser_channels(), products))

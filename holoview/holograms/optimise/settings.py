@@ -24,6 +24,7 @@ from holoview.light.model.fields import (
     with_field_docs,
 )
 from holoview.light.numerics.sampling import Region
+from holoview.light.observers import PEOPLE
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -182,6 +183,15 @@ class Settings:
     wavelength_step_m: float = described_field(
         Number("nm", low=1e-15, high=1e-5), "First step of free wavelengths.", default=3e-9
     )
+    observers: int = described_field(
+        Integer(0, PEOPLE),
+        f"Free wavelengths are also chosen so that so many people, the first of {PEOPLE}, agree on the lasers' colour; "
+        "0 for none.",
+        default=0,
+    )
+    agreement: float = described_field(
+        Number(low=0, high=_MOST_WEIGHT), "Weight of the mean squared difference between these people.", default=10.0
+    )
     pupil_places_m: tuple[tuple[float, float], ...] = described_field(
         Several(Several(Number("mm"), 2)),
         "Places (y, x) of the pupil of the system's eye in the eyebox, from each of which the target counts; its own "
@@ -218,6 +228,10 @@ class Settings:
         if weights is not None and max(weights) < 1 / _MOST_WEIGHT:
             expected = f"the largest from {1 / _MOST_WEIGHT:g} to {_MOST_WEIGHT:g}"
             raise UserError("plane weights", str(weights), expected=expected)
+        if self.observers == 1:
+            raise UserError("observers", "1", expected=f"2 to {PEOPLE} people, or 0")
+        if self.observers and "wavelengths" not in self.free:
+            raise UserError("observers", "with fixed wavelengths", expected="wavelengths among what is free")
         low, high = self.wavelength_range_m
         if not low < high:
             raise UserError("wavelength range", f"{low * 1e9:g} to {high * 1e9:g} nm", expected="a rising range")

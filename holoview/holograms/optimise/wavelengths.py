@@ -25,7 +25,7 @@ from scipy.optimize import isotonic_regression
 
 from holoview.holograms.optimise.beams import TransferFunctions
 from holoview.holograms.optimise.settings import LossSpace, Settings
-from holoview.light.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
+from holoview.light.colour import observer_weight_derivatives, observer_weights
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.resample import upsample_nearest
 from holoview.light.optics.bench import plane_wave
@@ -60,14 +60,7 @@ def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
 
 
 def check_wavelength_search(observer: str, settings: Settings) -> None:
-    """Raises UserError for an observer whose derivative isn't implemented, and for a range where it has no data."""
-    if observer not in ("eye", "mono"):
-        raise UserError(
-            "free wavelengths",
-            f'observer = "{observer}"',
-            expected='"eye" or "mono"',
-            remedy="only the cone fundamentals have slopes here",
-        )
+    """Raises UserError for a range of wavelengths where the observer has no data."""
     try:
         observer_weights(observer, settings.wavelength_range_m)
     except UserError as error:
@@ -75,13 +68,13 @@ def check_wavelength_search(observer: str, settings: Settings) -> None:
 
 
 def channel_wavelength_derivatives(loss: LossSpace, wavelengths_m: Floats, observer: str) -> Floats:
-    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, from the eye's cone fundamentals.
+    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, from the observer's table.
 
     Zero for a monochrome camera, to which all wavelengths are equally bright.
     """
-    if loss.ignores_wavelength or observer == "mono":
+    if loss.ignores_wavelength:
         return np.zeros((len(wavelengths_m), len(loss.matrix)))
-    derivatives: Floats = cone_fundamental_derivatives(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
+    derivatives: Floats = observer_weight_derivatives(observer, wavelengths_m) @ loss.matrix.T
     return derivatives
 
 

@@ -151,7 +151,7 @@ def _composite_layers(
 # --- stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers -----------------------------------------
 
 
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".npz")
 
 StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 """A folder, a file of several pictures, or the files of single pictures."""

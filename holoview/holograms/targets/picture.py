@@ -20,6 +20,7 @@ from PIL import Image
 
 from holoview.holograms.files.colour_profile import ColourProfile, matrix_of_primaries
 from holoview.holograms.files.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
+from holoview.light.colour import COLOUR_SPACES as SCREEN_SPACES
 from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
 from holoview.util.errors import UserError
 from holoview.util.files import opened_file
@@ -221,6 +222,7 @@ COLOUR_SPACES = ("srgb", "xyz", *_BITS)
 
 Of a file of 16 bits, "srgb" recognises white, and "srgb8" to "srgb16" state its bits."""
 
+_SRGB_PRIMARIES = (*SCREEN_SPACES["srgb"].chromaticities, (0.3127, 0.3290))
 _XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 """Chromaticities by which OpenEXR files say that they hold XYZ."""
 
@@ -248,7 +250,7 @@ def to_linear_srgb(
             raise UserError(where, found, expected="three float channels of CIE XYZ", remedy=remedy)
         ignored = "" if primaries is None or _is_xyz(primaries) else "; the chromaticities in its header are ignored"
         return xyz_to_linear_srgb(light), f"CIE XYZ converted to linear sRGB{ignored}"
-    if primaries is None:
+    if primaries is None or _is_srgb(primaries):
         return light, ""
     if _is_xyz(primaries):
         return xyz_to_linear_srgb(light), "CIE XYZ, as its header says, converted to linear sRGB"
@@ -271,6 +273,11 @@ def srgb_from_primaries(where: str, chromaticities: Chromaticities) -> NDArray[n
             remedy="export it with other primaries, or without any for sRGB",
         )
     return matrix
+
+
+def _is_srgb(chromaticities: Chromaticities) -> bool:
+    """Whether light of these primaries is linear sRGB already: then no number changes, not even by rounding."""
+    return len(chromaticities) == 4 and bool(np.allclose(chromaticities, _SRGB_PRIMARIES, rtol=0, atol=1e-6))
 
 
 def _is_xyz(chromaticities: Chromaticities) -> bool:

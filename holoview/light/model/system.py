@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.light.colour import observer_range_m
 from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
 from holoview.light.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
 from holoview.light.model.eye import Eye
@@ -30,13 +31,14 @@ from holoview.light.model.fields import (
     with_changes,
 )
 from holoview.light.model.shorthand import expand_edit
+from holoview.light.observers import parse_observer
 from holoview.util import units
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
 
 EYE_RANGE_M = (390e-9, 830e-9)
-"""Wavelengths at which the responses of the observers "eye" and "cie1931" are known."""
+"""Wavelengths at which the responses of eyes are known."""
 _LONGEST_M = 1.0  # of any gap or plane, so that a 3 that was meant in millimetres is refused instead of taken as 3 m
 
 _FIELD_REACH_M = 2.0  # of a field, whose image may lie before its plane: digital holography and far displays
@@ -45,6 +47,19 @@ PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M), most=4096)
 """Field type of the distances of focal planes, measured from the last modulator."""
 FIELD_DISTANCES = Array(Number("mm", low=-_FIELD_REACH_M, high=_FIELD_REACH_M), most=4096)
 """Field type of the distances of focal planes from the plane of a field; negative before it."""
+
+
+@dataclass(frozen=True)
+class ObserverText:
+    """Field type of an observer: one line of text, as `holoview.light.observers` reads it."""
+
+    def parse(self, value: Any, where: str) -> str:
+        if not isinstance(value, str):
+            raise UserError(where, f"{value!r} is not text", expected='text in quotes, such as "age 60, field 4"')
+        return parse_observer(value).text
+
+    def to_toml(self, value: str) -> str:
+        return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +77,8 @@ class System(Description):
     planes_m: (plane,) distances of the focal planes from the last modulator, m; larger is nearer to the viewer.
     source: illumination of the first modulator, a `Source`.
     relay1, relay2: `Relay` between the modulators, and behind the last one.
-    observer: "eye" (2° cone fundamentals), "cie1931" or "mono" (a camera with flat response). It determines XYZ.
+    observer: "eye" (2° cone fundamentals), "cie1931", "mono" (a camera with flat response), "age 60, field 4" or what
+    else `holoview.light.observers` lists. It determines XYZ.
     eye: an `Eye` behind an eyepiece, whose pupil and focus decide what reaches the retina; None: the light in the focal
     planes themselves, as a camera without a lens would record it.
     sampling: the grid of the simulation, a `Sampling`.
@@ -102,7 +118,7 @@ class System(Description):
         Nested(Relay), "From the last modulator to the focal planes.", default_factory=Relay
     )
     observer: str = described_field(
-        Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
+        ObserverText(), 'Who looks: eye, "age 60, field 4", "person 17", cie1931, cie1964, mono.', default="eye"
     )
     eye: Eye | None = described_field(
         Nested(Eye, optional=True), "An eye behind an eyepiece; none when absent.", default=None
@@ -125,8 +141,7 @@ class System(Description):
         self.plane_type.parse(self.planes_m, "planes")
         self._check_source()
         self._check_stops()
-        if self.observer != "mono" or self.eye is not None:
-            self._check_visible()
+        self._check_visible()
         require_possible_effects(self)
 
     def _check_amplitudes(self) -> None:
@@ -200,13 +215,15 @@ class System(Description):
                 raise error.inside(f"{key}.") from error
 
     def _check_visible(self) -> None:
-        low, high = EYE_RANGE_M
+        low, high = observer_range_m(self.observer)
+        if self.eye is not None or parse_observer(self.observer).kind not in ("mono", "camera"):
+            low, high = max(low, EYE_RANGE_M[0]), min(high, EYE_RANGE_M[1])
         for i, wavelength in enumerate(self.wavelengths_m):
             if not low <= wavelength <= high:
                 raise UserError(
                     f"wavelengths[{i}]",
                     units.format_rounded(wavelength, "nm"),
-                    expected="390 to 830 nm, where the observer's response is known",
+                    expected=f"{low * 1e9:.4g} to {high * 1e9:.4g} nm, where the observer's response is known",
                     remedy='choose another wavelength, or observer = "mono" without an eye',
                 )
 

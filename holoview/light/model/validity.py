@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.light.colour import observer_weights
+from holoview.light.colour import observer_table, observer_weights
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.registry import ActiveEffects, bench_properties, idle_parameters
 from holoview.light.model.eye import Eye
@@ -490,7 +490,6 @@ def _distance_in_waves(plan: Plan) -> Measured | None:
 
 
 _LEAST_RESPONSE = 0.5 / 255 / 12.92  # half a level of 8 bits on the linear part of sRGB's curve
-_VISIBLE_M = np.arange(390e-9, 831e-9, 5e-9)
 
 
 @_limit(
@@ -504,7 +503,7 @@ def _response(plan: Plan) -> Measured | None:
     if observer == "mono":
         return None
     λ = lit_wavelengths(plan)
-    strongest = np.abs(observer_weights(observer, _VISIBLE_M)).max(axis=0)
+    strongest = np.abs(observer_table(observer)[1]).max(axis=0)
     responses = (np.abs(observer_weights(observer, λ)) / strongest).max(axis=1)
     dimmest = int(np.argmin(responses))
     return Measured(

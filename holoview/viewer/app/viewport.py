@@ -238,6 +238,7 @@ def _constants(
         "has_palette": bool(colour_map_of(view)),
         "is_linear": view.page == "phase",
         "has_gamma": view.gamma != 1.0,
+        "keeps_hue": view.keeps_hue and view.channel == "colour" and view.page != "phase",
         "has_grid": covered <= 1 / _MIN_GRID_ZOOM and not a.is_quick,
         "taps": taps,
         "is_sparse": covered > _TAPS[-1][0],

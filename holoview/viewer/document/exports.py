@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from holoview.holograms.files.light_writer import check_light_suffix
 from holoview.holograms.files.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, png_texts, write_png
 from holoview.holograms.files.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.holograms.hologram import Hologram
+from holoview.holograms.view import save, simulate
 from holoview.light.model import preset
 from holoview.light.model.focus import PupilPath, views_along, with_pupil_at
 from holoview.light.numerics.sampling import positions
@@ -55,6 +57,26 @@ def save_view(session: EditingSession, path: Path, pixels: NDArray[np.uint8]) ->
     file = with_default_suffix(path, ".png")
     write_png(file, pixels, png_metadata(session.displayed_document))
     session.messages.post(f"view written to {file}")
+
+
+def save_light(session: EditingSession, path: Path) -> BackgroundJob:
+    """Writes the light at the system's focal planes as numbers, without exposure and tone, in the background.
+
+    Raises UserError for another suffix than those of light.
+    """
+    document, file = session.displayed_document, with_default_suffix(path, ".exr")
+    check_light_suffix(file)
+
+    def work(control: JobControl) -> Path:
+        def progress(done: int, total: int) -> None:
+            control.check()
+            control.report(done, total, "light of the planes")
+
+        view = simulate(document.system, document.drive, backend="torch", progress=progress)
+        save(view, file)
+        return file
+
+    return _start(session, "Light", work)
 
 
 def save_planes(session: EditingSession, path: Path) -> BackgroundJob:

@@ -85,6 +85,7 @@ from holoview.light.model.eye import Eye
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.plan import Plan, make_plan, source_sines, walk_off
 from holoview.light.model.system import System
+from holoview.light.observers import observer_rows
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -578,9 +579,11 @@ def observer_table(observer: str) -> dict[str, Any]:
     """The observer's response as `colour.observer_weights` reads it: a constant, or a table in steps of 1 nm."""
     if observer == "mono":
         return {"constant": colour.D65_WHITE.tolist()}
-    nm, rows = colour.observer_rows("cones" if observer == "eye" else observer)
-    matrix = colour.LMS_TO_XYZ.tolist() if observer == "eye" else None
-    return {"first_nm": float(nm[0]), "table": rows.tolist(), "matrix": matrix}
+    if observer == "eye":
+        nm, rows = observer_rows("cones")
+        return {"first_nm": float(nm[0]), "table": rows.tolist(), "matrix": colour.LMS_TO_XYZ.tolist()}
+    nm, rows = colour.observer_table(observer)
+    return {"first_nm": float(nm[0]), "table": rows.tolist(), "matrix": None}
 
 
 def _relay(relay: Relay) -> dict[str, Any]:

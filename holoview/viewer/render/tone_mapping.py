@@ -1,6 +1,6 @@
 """Tone mapping: from XYZ to 8-bit sRGB as the view settings say; the viewport's shader computes the same.
 
-    value = (channel · 2^exposure − low) / (high − low), clipped to 0…1
+    value = (channel · 2^exposure − low) / (high − low), clipped to 0…1, of colours so that their hue stays
     code  = sRGB transfer function of the value, to the power 1/gamma
 
 A single channel is shown in grey or through a colour map of 256 colours.
@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.light.colour import LMS_TO_XYZ, XYZ_TO_SRGB, srgb_decode, srgb_encode
+from holoview.light.colour import LMS_TO_XYZ, XYZ_TO_SRGB, gamut_map, srgb_decode, srgb_encode
 from holoview.util.errors import UserError
 from holoview.viewer.render.view_settings import QUANTITIES, ViewSettings
 
@@ -42,9 +42,9 @@ def tone_map(xyz: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]
     """8-bit sRGB (y, x, 3) of XYZ (y, x, 3)."""
     matrix = channel_matrix(view.channel) * 2.0**view.exposure_stops
     values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - view.low) / (view.high - view.low)
-    levels = _levels(values, view)
     if view.channel == "colour":
-        return levels
+        return _levels(gamut_map(values, "hue") if view.keeps_hue else values, view)
+    levels = _levels(values, view)
     return colour_map(view.false_colour or "grey")[levels[..., 0]]
 
 

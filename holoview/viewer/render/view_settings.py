@@ -72,7 +72,8 @@ class ViewSettings:
     plane_m: distance of the focal plane behind the last modulator, in metres; negative before a field.
     exposure_stops: a factor 2^stops on the light. gamma: an exponent 1/gamma after the sRGB transfer function.
     channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
-    low, high: values of the channel, after exposure, that are shown black and white.
+    low, high: values of the channel, after exposure, that are shown black and white. keeps_hue: whether a colour that
+    the screen can't show keeps its hue, in place of clipping each channel.
     solo, muted: indices of the only laser shown, and of lasers left out.
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase". is_one_frame: whether the image is
     that of this frame alone, in place of the mean of all.
@@ -95,6 +96,7 @@ class ViewSettings:
     false_colour: str = ""
     low: float = 0.0
     high: float = 1.0
+    keeps_hue: bool = True
     solo: int | None = None
     muted: frozenset[int] = frozenset()
     page: str = "image"

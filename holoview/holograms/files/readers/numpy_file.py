@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import struct
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
@@ -16,12 +15,7 @@ from holoview.holograms.files.readers.contents import Contents, StoredArray, Win
 from holoview.holograms.files.request import ReadRequest
 from holoview.util.errors import UserError
 from holoview.util.files import opened_file
-from holoview.util.memory_limit import format_size, require_memory
-from holoview.util.plain_arrays import read_npy_header
-
-_MOST_MEMBERS = 1000
-_MOST_DIRECTORY_BYTES = 1 << 20  # of so many members with long names
-_END_BYTES = 22 + 65_535 + 76  # the last records of an archive with the longest comment, those of ZIP64 among them
+from holoview.util.plain_arrays import open_npz, read_npy_header, read_npz_array
 
 
 class NpyReader:
@@ -58,28 +52,11 @@ class NpzReader:
     @contextmanager
     def open(self, path: Path, request: ReadRequest) -> Iterator[Contents]:
         """The arrays by their names."""
-        with opened_file(path, "arrays of numbers") as opened, _archive(path, opened) as archive:
+        with opened_file(path, "arrays of numbers") as opened, open_npz(path, opened) as archive:
             members = archive.infolist()
-            if len(members) > _MOST_MEMBERS:
-                raise UserError(str(path), f"has {len(members)} members", expected=f"at most {_MOST_MEMBERS}")
             yield Contents.of(
                 [_member(path, archive, member) for member in members if member.filename.endswith(".npy")]
             )
-
-
-def _archive(path: Path, file: BinaryIO) -> zipfile.ZipFile:
-    """The archive in a file. Its directory, which the library reads at once, is short, or UserError is raised."""
-    end = os.fstat(file.fileno()).st_size
-    file.seek(max(end - _END_BYTES, 0))
-    last = file.read()
-    place, place64 = last.rfind(b"PK\5\6"), last.rfind(b"PK\6\6")
-    size = struct.unpack_from("<I", last, place + 12)[0] if 0 <= place <= len(last) - 22 else 0
-    if 0 <= place64 <= len(last) - 56:
-        size = max(size if size < 0xFFFFFFFF else 0, struct.unpack_from("<Q", last, place64 + 40)[0])
-    if size > _MOST_DIRECTORY_BYTES:
-        found = f"has a list of members of {format_size(size)}"
-        raise UserError(str(path), found, expected=f"at most {_MOST_MEMBERS} arrays")
-    return zipfile.ZipFile(file)
 
 
 def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> StoredArray:
@@ -92,10 +69,7 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> St
 
     def load(window: Window) -> NDArray[Any]:
         if not unpacked:
-            require_memory(where, 2 * header.nbytes)
-            with archive.open(member) as file:
-                file.seek(header.offset)
-                unpacked.append(header.array(file.read(header.nbytes)))
+            unpacked.append(read_npz_array(path, archive, member))
         return unpacked[0][window]
 
     return StoredArray(name, header.shape, header.dtype, load, whole_bytes=2 * header.nbytes)

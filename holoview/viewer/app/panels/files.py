@@ -26,6 +26,7 @@ from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.exports import (
     save_figure,
     save_hologram,
+    save_light,
     save_page,
     save_path,
     save_path_animation,
@@ -41,7 +42,7 @@ from holoview.viewer.document.optimisation_job import chosen_optimisation, start
 from holoview.viewer.render.tone_mapping import compose_comparison
 from holoview.viewer.render.view_settings import DERIVED_PAGES, displayed_side
 
-_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".csv", ".html")
+_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".csv", ".html")
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,9 @@ class FilesPanel(Panel):
             save("page", ".html", save_page, "One file that any browser shows live."),
             save("preset", ".toml", save_preset, "The bench, to start from again."),
             save("view", ".png", view, "The image as it is seen.", "Ctrl+E"),
+            save(
+                "light", ".exr .npz .tif .npy", save_light, "The numbers of all planes: intensities, XYZ, linear RGB."
+            ),
             save("all planes", ".png", save_planes, "A picture for each focal plane."),
             save("pupil sheet", ".png", save_pupil_sheet, "What the eye sees from nine places of the eyebox."),
             save("focal sweep", ".gif .png .mp4", sweep, "An animation through the focal planes and back."),

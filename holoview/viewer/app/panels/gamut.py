@@ -1,4 +1,4 @@
-"""The panel of the chromaticity diagram: gamut of the lasers, gamuts of displays, colours of the image."""
+"""The panel of the chromaticity diagram and its observer: gamuts of lasers and displays, colours of the image."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
 from holoview.holograms.metrics.gamut import chromaticity, convex_hull
-from holoview.light.colour import observer_weights, to_srgb8, xyz_to_linear_srgb
+from holoview.light.colour import observer_range_m, observer_weights, to_srgb8, xyz_to_linear_srgb
+from holoview.light.model.fields import Number
 from holoview.light.model.system import System
+from holoview.light.observers import parse_observer
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.parameter_widgets import number_field
 from holoview.viewer.app.theme import laser_colour
+from holoview.viewer.app.widgets import combo
 from holoview.viewer.render.view_settings import NOW
 
 _TRIANGLE_COLOURS = {"sRGB": imgui.ImVec4(0.75, 0.75, 0.75, 1.0), "Display P3": imgui.ImVec4(0.95, 0.72, 0.30, 1.0)}
@@ -32,6 +36,7 @@ class GamutPanel(Panel):
         self._cloud: tuple[object, NDArray[np.float64], NDArray[np.uint8]] | None = None
 
     def draw(self, context: AppContext) -> None:
+        _draw_observer(context)
         system = context.session.system
         flags = implot.Flags_.equal | implot.Flags_.no_menus
         if not implot.begin_plot("##gamut", imgui.ImVec2(-1, -1), flags):
@@ -66,6 +71,40 @@ class GamutPanel(Panel):
             marker_fill_color=imgui.ImVec4(0.8, 0.8, 0.85, 0.35),
         )
         implot.plot_scatter("image", _column(points, 0), _column(points, 1), spec=spec)
+
+
+_EYE, _MORE = "eye by age and field", "person or table"
+_KINDS = {_EYE: "eye", "CIE 1931, 2°": "cie1931", "CIE 1964, 10°": "cie1964", "mono camera": "mono"}
+_OBSERVER_DOC = (
+    "Who looks: an eye of an age and a size of the field (CIE 2006), colour-matching functions, or a camera. "
+    "People and tables are chosen on the command line, by --observer."
+)
+
+
+def _draw_observer(context: AppContext) -> None:
+    """Draws the choice of an observer, and of an eye its age and field."""
+    who = parse_observer(context.session.system.observer)
+    is_eye = who.kind == "eye" or (who.kind == "person" and not who.parameters)
+    now = _EYE if is_eye else next((name for name, kind in _KINDS.items() if kind == who.kind), _MORE)
+    width = imgui.get_content_region_avail().x
+    imgui.push_item_width(0.6 * width)
+    chosen = combo("observer", now, [*_KINDS, _MORE] if now == _MORE else list(_KINDS), _OBSERVER_DOC)
+    context.record_item_rect("observer")
+    if chosen != now and chosen != _MORE:
+        context.change("Observer", "observer", _KINDS[chosen])
+    imgui.pop_item_width()
+    if is_eye:
+        imgui.push_item_width(0.25 * width)
+        age = number_field("age", Number(low=20.0, high=80.0), who.age_years, 32.0, "Years.", (20.0, 80.0))
+        context.record_item_rect("age")
+        imgui.same_line()
+        field = number_field("field (°)", Number(low=1.0, high=10.0), who.field_deg, 2.0, "Degrees.", (1.0, 10.0))
+        context.record_item_rect("field")
+        if edited := age or field:
+            terms = (age.value if age else who.age_years, field.value if field else who.field_deg)
+            text = "age {:.3g}, field {:.3g}".format(*terms)
+            context.change("Observer", "observer", text, is_held=edited.is_held)
+        imgui.pop_item_width()
 
 
 def _column(points: NDArray[np.float64], index: int) -> NDArray[np.float64]:
@@ -112,16 +151,18 @@ _MIN_LUMINANCE = 0.01
 
 @cache
 def spectral_locus(observer: str = "eye") -> Floats:
-    """Chromaticities (wavelength, 2) of monochromatic light from 390 to 700 nm; CIE 1931 for the observer "mono"."""
-    kind = "cie1931" if observer == "mono" else observer
-    xy = chromaticity(observer_weights(kind, np.linspace(*_LOCUS_RANGE_M, _LOCUS_POINTS)))
+    """Chromaticities (wavelength, 2) of monochromatic light from 390 to 700 nm; CIE 1931 for a camera."""
+    kind = "cie1931" if parse_observer(observer).kind in ("mono", "camera") else observer
+    low, high = observer_range_m(kind)
+    at_m = np.linspace(max(low, _LOCUS_RANGE_M[0]), min(high, _LOCUS_RANGE_M[1]), _LOCUS_POINTS)
+    xy = chromaticity(observer_weights(kind, at_m))
     xy.setflags(write=False)
     return xy
 
 
 def laser_chromaticities(system: System) -> Floats:
-    """Chromaticities (wavelength, 2) of the lasers for the system's observer; for the eye if that is "mono"."""
-    kind = "eye" if system.observer == "mono" else system.observer
+    """Chromaticities (wavelength, 2) of the lasers for the system's observer; for the eye if that is a camera."""
+    kind = "eye" if parse_observer(system.observer).kind in ("mono", "camera") else system.observer
     return chromaticity(observer_weights(kind, system.wavelengths_m))
 
 

@@ -119,6 +119,13 @@ class ViewPanel(Panel):
         tooltip("Values of a channel, after exposure, that are shown black and white.")
         if changed and low < high:
             context.edit_view("Black and white", low=low, high=high)
+        is_on, keeps_hue = imgui.checkbox("keep hues", view.keeps_hue)
+        context.record_item_rect("keep hues")
+        tooltip(
+            "Colours that the screen can't show keep their hue; else each channel is clipped. Numbers don't change."
+        )
+        if is_on:
+            context.edit_view("Keep hues", keeps_hue=keeps_hue)
         command_button(context, "Reset tone", "Reset")
         imgui.same_line()
         tip = "An exposure at which only the brightest hundredth of the image is beyond white."

@@ -1,0 +1,150 @@
+"""Whether lasers against speckle make people see different colours: one hologram, seen by 100 people.
+
+Many narrow lines let people disagree in other ways than three do. The study optimises holograms for the standard eye
+with 3, 8 and 16 lasers, and with lasers whose wavelengths are free for the picture alone, or for the agreement of 20
+people as well, and has 100 people look at each. The 20 are among the 100.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.evidence.study.charts import bar_chart
+from holoview.evidence.study.hologram_study import (
+    QUICK_SIZE,
+    SHOWN,
+    HologramStudy,
+    case_jobs,
+    has_settings,
+    paired_gains,
+    result_pictures,
+    result_table,
+    run_hologram_job,
+)
+from holoview.evidence.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    StudyFigure,
+    StudyJob,
+    StudyScale,
+)
+from holoview.holograms.metrics.observer_agreement import PATCH, disagreement
+from holoview.holograms.view import simulate
+from holoview.light.observers import PEOPLE, drawn_people
+
+_FREE = ["patterns", "amplitudes", "wavelengths"]
+_FOR_PICTURE: dict[str, Any] = {"free": _FREE}
+_FOR_PEOPLE: dict[str, Any] = {"free": _FREE, "observers": 20}
+_CASES: dict[str, dict[str, Any]] = {
+    "3 lasers": {"scheme": "simultaneous", "options": {}},
+    "8 lasers": {"scheme": "holochrome-8", "options": {}},
+    "16 lasers": {"scheme": "holochrome-16", "options": {}},
+    "3 free for the picture": {"scheme": "simultaneous", "options": _FOR_PICTURE},
+    "3 chosen for agreement": {"scheme": "simultaneous", "options": _FOR_PEOPLE},
+    "8 free for the picture": {"scheme": "holochrome-8", "options": _FOR_PICTURE},
+    "8 chosen for agreement": {"scheme": "holochrome-8", "options": _FOR_PEOPLE},
+}
+_NUMBERS = {"daylight": "delta_e_daylight", "display": "delta_e_display", "white": "delta_e_white"}
+
+
+class _Observers(HologramStudy):
+    name = "observers"
+    title = "One hologram, seen by 100 people"
+    summary = (
+        "Do eight lasers against speckle make people see different colours? CIEDE2000 between each of 100 people and "
+        "their average, for 3, 8 and 16 lasers and for wavelengths chosen on which people agree."
+    )
+    quick_note = f"{QUICK_SIZE}; half of the iterations of free wavelengths are left for the patterns alone."
+    kind = "hologram seen by people"
+    revision = 1
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        cases = {label: {**case, "people": PEOPLE} for label, case in _CASES.items()}
+        return case_jobs(self, cases, scale, seed)
+
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        """A hologram job, and what people see of it in the middle plane."""
+        result = run_hologram_job(settings, status)
+        hologram = result.hologram
+        assert hologram is not None
+        plane_m = float(hologram.system.planes_m[len(hologram.system.planes_m) // 2])
+        view = simulate(hologram, planes=[plane_m], backend="torch")
+        found = disagreement(view.intensity[0], view.wavelengths_m, drawn_people(settings["people"]))
+        for what, name in _NUMBERS.items():
+            values: NDArray[np.float64] = getattr(found, what)
+            result.numbers[name] = float(values.mean())
+            result.numbers[f"{name}_95"] = float(np.percentile(values, 95))
+        return result
+
+    def analyse(self, results: Results) -> Findings:
+        usual = _CASES["3 lasers"]
+        claims = [
+            _difference_claim(results, label, case, usual, key, eyes)
+            for key, eyes in (("delta_e_daylight", "daylight"), ("delta_e_display", "the display"))
+            for label, case in _CASES.items()
+            if case != usual
+        ]
+        bars = {
+            what: [_mean_and_error(results, name, case)[0] for case in _CASES.values()]
+            for what, name in (
+                ("picture, eyes used to daylight", "delta_e_daylight"),
+                ("picture, eyes used to the display", "delta_e_display"),
+                ("white of the lasers", "delta_e_white"),
+            )
+        }
+        notes = [
+            f"{label}: ΔE2000 {_text(results, 'delta_e_daylight', case)} in daylight, "
+            f"{_text(results, 'delta_e_display', case)} used to the display, of 95 % of the people at most "
+            f"{_text(results, 'delta_e_daylight_95', case)}; white {_text(results, 'delta_e_white', case)}; speckle "
+            f"contrast {_text(results, 'speckle_contrast', case)}; PSNR {_text(results, 'psnr_db', case)} dB."
+            for label, case in _CASES.items()
+        ]
+        notes += [
+            f"{job.label}: {', '.join(f'{nm:.1f}' for nm in outcome.numbers['wavelengths_nm'])} nm"
+            for job, outcome in results
+            if job.settings["options"]
+        ]
+        notes.append(
+            f"Means over targets and seeds with their standard errors. Colours are means of {PATCH} x {PATCH} samples."
+        )
+        caption = "Mean CIEDE2000 between a person and the average of 100"
+        return Findings(
+            rows=result_table(results, "options"),
+            claims=claims,
+            plots=[StudyFigure("observers", caption, bar_chart(list(_CASES), bars, "CIEDE2000"))],
+            pictures=result_pictures(results),
+            notes=notes,
+        )
+
+
+def _difference_claim(
+    results: Results, label: str, case: Mapping[str, Any], usual: Mapping[str, Any], key: str, eyes: str
+) -> Claim:
+    """How much more, or less, people differ than with three lasers; pairs of equal target and seed."""
+    gains = paired_gains(results, case, usual, key)
+    error = f" ± {gains.std(ddof=1) / np.sqrt(len(gains)):.2f}" if len(gains) > 1 else ""
+    return Claim(
+        f"{label}, eyes used to {eyes}: people's ΔE2000, beside 3 lasers", "", f"{gains.mean():+.2f}{error}", SHOWN
+    )
+
+
+def _mean_and_error(results: Results, key: str, case: Mapping[str, Any]) -> tuple[float, float]:
+    """The mean over targets and seeds, and its standard error; NaN of a single one."""
+    values = np.array([result.numbers[key] for job, result in results if has_settings(job, **case)])
+    error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
+    return float(values.mean()), error
+
+
+def _text(results: Results, key: str, case: Mapping[str, Any]) -> str:
+    mean, error = _mean_and_error(results, key, case)
+    return f"{mean:.3g} ± {error:.1g}" if error > 1e-6 * mean else f"{mean:.3g}"
+
+
+STUDIES = (_Observers(),)
