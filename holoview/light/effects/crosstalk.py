@@ -133,11 +133,11 @@ def _smeared(path_m: Tensor, axis: int, width: float | Tensor, step_m: float | T
     """
     before = path_m.movedim(axis, -1)
     steps = before.diff(dim=-1)
-    steps = steps.clamp(max=0) if width > 0 else steps.clamp(min=0)
-    sigma = (abs(width) * (-steps.abs() / step_m).exp()).clamp(min=_LEAST_WIDTH)
+    steps, size = (steps.clamp(max=0), width) if width > 0 else (steps.clamp(min=0), -width)
+    sigma = (size * (-steps.abs() / step_m).exp()).clamp(min=_LEAST_WIDTH)
     after, count = before.clone(), before.shape[-1]
     inner = sigma / math.sqrt(2 * math.pi)
-    for m in range(min(math.ceil(_FARTHEST * float(abs(width))), count - 1)):
+    for m in range(min(math.ceil(_FARTHEST * float(size)), count - 1)):
         z = (m + 1) / sigma
         outer = sigma * (-z.square() / 2).exp() / math.sqrt(2 * math.pi) - (m + 1) * (z / math.sqrt(2)).erfc() / 2
         moved = steps * (inner - outer)
