@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
 
 λ = 1550e-9
 

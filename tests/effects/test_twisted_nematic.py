@@ -9,9 +9,9 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.registry import get_effect
-from holoview.optics.torch_effects import TorchEffects
+from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.optics.torch_effects import TorchEffects
 
 λ = 532e-9
 CURVE = {"slope": -0.35, "bow": 0.2, "bend": 0.1}

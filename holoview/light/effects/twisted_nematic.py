@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from holoview.model.effects.effect import Effect, Parameter, Values
+from holoview.light.model.effects.effect import Effect, Parameter, Values
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.model.effects.hook_contexts import ModulatorContext
+    from holoview.light.model.effects.hook_contexts import ModulatorContext
 
 
 class TwistedNematic(Effect):
