@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import time
 from pathlib import Path
+from typing import Any
 
 from holoview.bench.calibrate.calibration_result import CalibrationTask, format_score, maps_path, plan_calibration
-from holoview.bench.calibrate.lut_fit import ORDERS, fit_lut
+from holoview.bench.calibrate.lut_fit import fit_labelled, known_labels
 from holoview.bench.calibrate.lut_table import (
     compare_vendor,
     format_lut,
@@ -21,7 +23,7 @@ from holoview.bench.calibrate.lut_table import (
     vendor_table,
     with_lut,
 )
-from holoview.bench.calibrate.sweep import Sweep, read_sweep, sweep_of_readings
+from holoview.bench.calibrate.sweep import ORDERS, LabelledSweep, read_sweeps, sweep_of_readings
 from holoview.bench.calibrate.train import CalibrationSettings, TrainingState, load_checkpoint
 from holoview.bench.captures import read_captures
 from holoview.bench.captures.count_bits import with_clipped_as_saturated
@@ -191,9 +193,10 @@ def _add_lut_options(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--order",
+        action="append",
         choices=(*ORDERS, "auto"),
-        help="whose power was read: that of the first or zero order of a binary grating, or of an interferometer "
-        "(default: auto, recognised by the reading at the reference level)",
+        help="whose power was read: that of the first or zero order of a binary grating, or of an interferometer; "
+        "once, or once for each file in their order (default: auto, recognised by the reading at the reference level)",
     )
     add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
     add_input(group, "--compare", metavar="VENDOR.lut", type=Path, help="compare with a vendor's table")
@@ -220,25 +223,20 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
 
     Raises UserError, after the figures are printed and before anything is written, where no table explains the sweeps.
     """
-    wavelengths = [_parse_wavelength(text) for text in args.wavelength or ()]
-    periods: list[float] = args.period or []
     if args.plot is not None:
         require_matplotlib("--plot")
-    sweeps, files, periods, wavelengths = _read_sweeps(files, periods, wavelengths)
-    for option, values in (("--wavelength", wavelengths), ("--period", periods)):
-        if len(values) not in (0, 1, len(files)):
-            raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
+    labelled = _read_sweeps(args, files)
+    known_labels(labelled)  # of all or none, before the fit
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
     preset_system = None if args.preset is None else preset.load(args.preset)
     vendor = None if args.compare is None else read_vendor_table(args.compare, args.drive_bits)
-    groups = [sorted(set(wavelengths), key=wavelengths.index).index(value) for value in wavelengths]
-    order = None if args.order in (None, "auto") else args.order
-    lut = fit_lut(sweeps, order, groups if len(groups) == len(files) else None)
-    name = files[0].name
-    figures = lut_table(lut, name, wavelengths, periods)
-    lines = format_lut(lut, wavelengths, periods)
+    fitted = fit_labelled(labelled)
+    lut, name = fitted.lut, files[0].name
+    wavelengths, periods = known_labels(fitted.sweeps)
+    figures = lut_table(lut, name, wavelengths, periods) | ({"left_out": fitted.notes} if fitted.notes else {})
+    lines = format_lut(lut, wavelengths, periods) + fitted.notes
     if vendor is not None:
         comparison = compare_vendor(lut, vendor)
         figures["compared"] = {
@@ -276,25 +274,51 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
     return 0
 
 
-def _read_sweeps(
-    files: list[Path], periods: list[float], wavelengths: list[float]
-) -> tuple[list[Sweep], list[Path], list[float], list[float]]:
-    """The sweeps of files, with one file, period and wavelength for each; those of slmsuite's pixel calibration."""
-    if files[0].suffix.lower() != ".h5":
-        return [read_sweep(file) for file in files], files, periods, wavelengths
-    found = read_slmsuite(files[0]) if len(files) == 1 else None
+def _read_sweeps(args: argparse.Namespace, files: list[Path]) -> list[LabelledSweep]:
+    """The sweeps of files with their periods, wavelengths and orders, from the files or from the options."""
+    found: list[LabelledSweep] = []
+    told = {
+        "period_px": args.period or [],
+        "wavelength_m": [_parse_wavelength(text) for text in args.wavelength or ()],
+        "order": [None if name == "auto" else name for name in args.order or ()],
+    }
+    for name, values in told.items():
+        if len(values) not in (0, 1, len(files)):
+            option = f"--{name.partition('_')[0]}"
+            raise UserError(option, f"{len(values)} values", expected=f"one, or one for each of {len(files)} files")
+    for place, file in enumerate(files):
+        own = {name: values[place if len(values) > 1 else 0] for name, values in told.items() if values}
+        own = {name: value for name, value in own.items() if value is not None}
+        is_slmsuite = file.suffix.lower() == ".h5"
+        sweeps = _pixel_calibration(file, "wavelength_m" in own) if is_slmsuite else read_sweeps(file)
+        found += [_with_options(sweep, own, file) for sweep in sweeps]
+    return found
+
+
+def _with_options(sweep: LabelledSweep, own: dict[str, Any], file: Path) -> LabelledSweep:
+    """The sweep with what options say of it. Raises UserError where its file says it, too."""
+    for name, value in own.items():
+        stated = getattr(sweep, name)
+        is_same = stated == value or (isinstance(stated, float) and math.isclose(stated, value))
+        if stated is not None and not is_same:
+            option = f"--{name.partition('_')[0]}"
+            raise UserError(option, f"for {file.name}", expected="none: the file states it for each sweep")
+    return dataclasses.replace(sweep, **own)
+
+
+def _pixel_calibration(file: Path, is_wavelength_given: bool) -> list[LabelledSweep]:
+    """The sweeps of a pixel calibration of slmsuite, with its wavelength unless an option gives it."""
+    found = read_slmsuite(file)
     if not isinstance(found, PixelCalibration):
-        kind = "several HDF5 files" if found is None else "is a Fourier calibration"
-        raise UserError(str(files[0]), kind, expected="one pixel calibration of slmsuite")
-    if periods:
-        raise UserError("--period", "with a pixel calibration", expected="none: the file states them")
-    sweeps = [
-        sweep_of_readings(one.levels, one.power, f"{files[0].name} period {one.period_px:g} {one.direction}")
+        raise UserError(str(file), "is a Fourier calibration", expected="a pixel calibration of slmsuite")
+    return [
+        LabelledSweep(
+            sweep_of_readings(one.levels, one.power, f"{file.name} period {one.period_px:g} {one.direction}"),
+            one.period_px,
+            None if is_wavelength_given else found.wavelength_m,
+        )
         for one in found.sweeps
     ]
-    if not wavelengths and found.wavelength_m is not None:
-        wavelengths = [found.wavelength_m]
-    return sweeps, files * len(sweeps), [one.period_px for one in found.sweeps], wavelengths
 
 
 def _parse_wavelength(text: str) -> float:

@@ -1,13 +1,20 @@
-"""`holoview rig new | show | test | align`: a rig to start from, what a rig is, whether it answers, where it is."""
+"""`holoview rig new | show | test | align | settling | lut`: a rig to start from, what a rig is, whether it answers,
+where it is, how fast its modulators settle, and the look-up table of one.
+"""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from holoview.bench.calibrate.lut_fit import fit_labelled, known_labels
+from holoview.bench.calibrate.lut_table import format_lut, levels_of_phases, lut_table, save_lut, verify_turn
+from holoview.bench.experiment.lut_sweep import LutMeasurement, SweepPlan, SweepReadings
 from holoview.bench.rig import RigDescription, open_rig, read_rig
 from holoview.bench.rig.align import (
     check_rig_records,
@@ -17,18 +24,26 @@ from holoview.bench.rig.align import (
     registration_of,
     sentences,
 )
-from holoview.bench.rig.camera_pictures import take_exposed
+from holoview.bench.rig.camera_pictures import Settling, measure_settling, share_deviation, take_exposed
+from holoview.bench.rig.description import with_settle
 from holoview.bench.rig.devices import Counts, Devices, limit_devices
 from holoview.bench.rig.registration import register_devices, registration_path, write_registration
-from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
+from holoview.commands.arguments import whole
+from holoview.commands.console import print_json, print_stderr, progress_bar
+from holoview.commands.output_files import add_input, add_output, add_output_folder, hold_outputs
 from holoview.light.model.effects.registry import EffectTable
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import check_writable, make_folder, write_file
 from holoview.util.files import data_dir
-from holoview.util.units import format_rounded
+from holoview.util.units import format_duration, format_rounded
 
 _FIRST_EXPOSURE_S = 1e-2
+_SETTLING_BLUR_PX = 1.0  # of the random patterns whose steps are followed
+_LEFT = 0.01  # of the pattern before
+_LARGEST_DEVIATION = 0.1  # of a share of it, with which its decay can be followed
+_PERIODS_PX = (2, 4, 8, 16, 32)  # of these the three coarsest that fit
+_LEAST_PERIODS = 4  # on the modulator
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         ("show", "what the description says", _show),
         ("test", "whether the devices answer", _test),
         ("align", "find where modulators and camera are", _align),
+        ("settling", "measure how fast the modulators settle", _settling),
+        ("lut", "measure the look-up table of a modulator", _lut),
     ):
         command = commands.add_parser(name, help=summary, description=run_it.__doc__)
         add_input(command, "rig", metavar="RIG.toml", help="description of the rig")
@@ -49,6 +66,37 @@ def configure(parser: argparse.ArgumentParser) -> None:
             command.add_argument(
                 "--no-check", action="store_true", help="don't take captures afterwards to check their records"
             )
+        if name == "settling":
+            command.add_argument("--write", action="store_true", help="write the time to wait into RIG.toml")
+        if name == "lut":
+            _add_lut_options(command)
+
+
+def _add_lut_options(command: argparse.ArgumentParser) -> None:
+    add_output(
+        command,
+        "-o",
+        "--output",
+        metavar="TOML",
+        suffix=".toml",
+        required=True,
+        help="the table; readings stand beside it as NAME.sweep.csv, with which the same command goes on",
+    )
+    command.add_argument("--slm", type=whole(1, 2), default=1, help="whose table (default 1)")
+    command.add_argument(
+        "--wavelength", action="append", metavar="LENGTH", help="of a laser of the rig; again for more (default: all)"
+    )
+    command.add_argument(
+        "--period",
+        action="append",
+        type=whole(2, 1024),
+        metavar="PIXELS",
+        help="of a grating, even; again for more (default: 8, 16 and 32, or as many as the modulator holds four times)",
+    )
+    command.add_argument("--levels", type=whole(12, 4096), default=64, help="how many are shown (default 64)")
+    command.add_argument("--along", choices=("x", "y"), default="x", help="where bars follow each other (default x)")
+    command.add_argument("--verify", action="store_true", help="sweep once more, through the table")
+    command.add_argument("--json", action="store_true", help="machine-readable figures on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,7 +148,7 @@ def _test(args: argparse.Namespace) -> int:
         low, high = devices.camera.exposures_s
         devices.camera.set_exposure(float(np.clip(_FIRST_EXPOSURE_S, low, high)))
         print(f"dark picture: {_counts(devices.camera.take())}")
-        lit, exposure_s = _lit_picture(rig, devices)
+        lit, exposure_s = _lit_picture(rig, devices, rig.limits.stage_m[0])
         print(f"lit picture at {exposure_s:.3g} s: {_counts(lit)}")
     print("all devices answer; the lasers are off")
     return 0
@@ -111,9 +159,9 @@ def _read(args: argparse.Namespace) -> RigDescription:
     return read_rig(args.rig, is_registered=registration_path(Path(args.rig)).exists())
 
 
-def _lit_picture(rig: RigDescription, devices: Devices) -> tuple[Counts, float]:
-    """A picture of flat modulators and its exposure time (s)."""
-    devices.stage.move_to(rig.limits.stage_m[0])
+def _lit_picture(rig: RigDescription, devices: Devices, place_m: float) -> tuple[Counts, float]:
+    """A picture of flat modulators at a place of the stage, and its exposure time (s)."""
+    devices.stage.move_to(place_m)
     devices.lasers.switch_on(laser_for_alignment(rig), min(rig.limits.power, 1.0))
     for modulator in devices.modulators:
         modulator.show(np.zeros(modulator.shape, np.uint8))
@@ -152,6 +200,130 @@ def _align(args: argparse.Namespace) -> int:
             if findings.corrections:
                 print_stderr("the records of captures would be wrong: look at the levels and the lasers of rig.toml")
     return 0
+
+
+def _settling(args: argparse.Namespace) -> int:
+    """Shows steps of a pattern, takes pictures after increasing delays, and says how long a modulator needs until less
+    than 1 % of the pattern before is left."""
+    rig = _read(args)
+    waits: dict[str, float] = {}
+    with open_rig(rig) as devices:
+        near, far = rig.limits.stage_m
+        light = _lit_picture(rig, devices, near if rig.bench.focal_length_m else (near + far) / 2)
+        facts, levels = rig.bench.camera, rig.random_levels(np.random.default_rng(0), _SETTLING_BLUR_PX)
+        for number, modulator in enumerate(devices.modulators):
+            name = f"slm{number + 1}"
+            for other, own in zip(devices.modulators, levels, strict=True):
+                other.show(own)
+            devices.clock.wait(devices.settle_s)
+            devices.camera.set_exposure(light[1])
+            seen_by = modulator, devices.camera, facts, devices.clock, levels[number], rig.bench.slms[number].num_levels
+            if share_deviation(*seen_by) > _LARGEST_DEVIATION:
+                found_is = "pictures hardly change with the pattern"
+                remedy = "more light, or [limits] that let the stage go where the pattern shows"
+                raise UserError(name, found_is, expected="a picture of it", remedy=remedy)
+            found = measure_settling(*seen_by)
+            waits[name] = found.wait_until(_LEFT)
+            print(f"{name}: {_settling_words(found, waits[name], modulator.settle_s)}")
+    if args.write:
+        text = rig.path.read_text(encoding="utf-8")
+        for name, wait_s in waits.items():
+            text = with_settle(text, name, wait_s)
+        write_file(rig.path, text)
+        print(f"written: {rig.path}")
+    return 0
+
+
+def _settling_words(found: Settling, wait_s: float, stated_s: float) -> str:
+    if found.constant_s == 0:
+        return f"settled in its first picture; settle = {stated_s:g} s is enough"
+    verdict = "is enough" if wait_s <= stated_s else "is too short"
+    return (
+        f"settles with a time constant of {found.constant_s * 1e3:.3g} ± {found.deviation_s * 1e3:.2g} ms; less than "
+        f"1 % of the pattern before is left after {format_duration(wait_s)}, less than 0.1 % after "
+        f"{format_duration(found.wait_s)}; settle = {stated_s:g} s {verdict}"
+    )
+
+
+def _lut(args: argparse.Namespace) -> int:
+    """Sweeps the grey level of binary gratings, reads their orders with the camera, and fits the look-up table as
+    `holoview calibrate lut` does. What was measured is kept, and the same command goes on."""
+    rig = _read(args)
+    plan = _lut_plan(args, rig)
+    table, through_table = args.output.with_suffix(".sweep.csv"), args.output.with_suffix(".verify.csv")
+    check_writable(table)
+    hold_outputs(args, [table, through_table])
+    readings = SweepReadings.at(table, plan)
+    with open_rig(rig) as devices:
+        measurement = LutMeasurement(rig, devices, print_stderr)
+        try:
+            with progress_bar("sweeping") as progress:
+                measurement.run(plan, readings, progress)
+        except (UserError, KeyboardInterrupt):
+            print_stderr(f"{readings.count} of {plan.captures} readings are in {table}; the same command goes on")
+            raise
+        fitted = fit_labelled(readings.sweeps())
+        wavelengths_m, periods = known_labels(fitted.sweeps)
+        lut = fitted.lut
+        figures = lut_table(lut, table.name, wavelengths_m, periods) | {"readings": str(table)}
+        lines = format_lut(lut, wavelengths_m, periods) + fitted.notes
+        if args.verify and lut.explains:
+            first = fitted.sweeps[0]
+            assert first.wavelength_m is not None and first.period_px is not None
+            laser_m = min(plan.wavelengths_m, key=lambda own: abs(own - (first.wavelength_m or 0)))
+            target = min(lut.stroke, 2 * math.pi)
+            levels = levels_of_phases(lut, np.linspace(0, target, len(plan.levels)))
+            again = dataclasses.replace(
+                plan,
+                wavelengths_m=(laser_m,),
+                periods_px=(round(first.period_px),),
+                levels=levels,
+                is_through=True,
+            )
+            through = SweepReadings(through_table)
+            with progress_bar("verifying") as progress:
+                measurement.run(again, through, progress)
+            checked = verify_turn(fit_labelled(through.sweeps()).lut, target)
+            lines.append(str(checked))
+            figures["verification"] = {
+                "target_pi": checked.target / math.pi,
+                "rms_pi": checked.rms / math.pi,
+                "greatest_pi": checked.greatest / math.pi,
+                "step": checked.step,
+            }
+    if args.json:
+        print_json(figures | ({"left_out": fitted.notes} if fitted.notes else {}))
+    else:
+        print("\n".join(lines))
+    if not lut.explains:
+        found = f"no monotone phase explains the readings: {lut.residual:.2g} of their range is left"
+        raise UserError(table.name, found, expected="a residual below 0.05 or of the noise")
+    save_lut(args.output, lut, table.name, wavelengths_m, periods)
+    return 0
+
+
+def _lut_plan(args: argparse.Namespace, rig: RigDescription) -> SweepPlan:
+    """What the options ask for. Raises UserError for a laser, a modulator or gratings that the rig can't have."""
+    modulators, axis = len(rig.bench.slms), 1 if args.along == "x" else 0
+    if args.slm > modulators:
+        raise UserError("--slm", f"{args.slm}", expected=f"1 … {modulators}")
+    wavelengths = [units.parse(text, "--wavelength") for text in args.wavelength or ()]
+    for value in wavelengths:
+        if not any(abs(value - own) < 1e-12 for own in rig.wavelengths_m):
+            lasers = ", ".join(format_rounded(own, "nm") for own in rig.wavelengths_m)
+            raise UserError("--wavelength", format_rounded(value, "nm"), expected=f"one of {lasers}")
+    own = [λ for λ in rig.wavelengths_m if not wavelengths or any(abs(λ - value) < 1e-12 for value in wavelengths)]
+    largest = rig.slm_shape[axis] // _LEAST_PERIODS
+    usual = [period for period in _PERIODS_PX if period <= largest][-3:]
+    periods = sorted(set(args.period or usual or [2]))
+    odd = next((period for period in periods if period % 2 or period > largest), None)
+    if odd is not None:
+        raise UserError(
+            "--period", f"{odd}", expected=f"an even number up to {largest}, so that {_LEAST_PERIODS} are on it"
+        )
+    num_levels = rig.bench.slms[args.slm - 1].num_levels
+    levels = np.unique(np.linspace(0, num_levels - 1, min(args.levels, num_levels)).round().astype(np.int64))
+    return SweepPlan(args.slm - 1, tuple(own), tuple(periods), levels, axis)
 
 
 def _words(known: Mapping[str, Mapping[str, float]]) -> str:

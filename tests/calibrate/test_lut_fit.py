@@ -7,9 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.bench.calibrate.lut_fit import UNSEEN_SLOPE, Order, fit_lut
-from holoview.bench.calibrate.lut_table import compare_vendor, format_lut, lut_table, read_vendor_table, vendor_table
-from holoview.bench.calibrate.sweep import Sweep, parse_sweep, read_sweep
+from holoview.bench.calibrate.lut_fit import UNSEEN_SLOPE, fit_labelled, fit_lut
+from holoview.bench.calibrate.lut_table import (
+    compare_vendor,
+    format_lut,
+    levels_of_phases,
+    lut_table,
+    read_vendor_table,
+    vendor_table,
+    verify_turn,
+)
+from holoview.bench.calibrate.sweep import (
+    Order,
+    Sweep,
+    format_readings,
+    parse_sweep,
+    parse_sweeps,
+    read_sweep,
+    read_sweeps,
+)
 from holoview.util.errors import UserError
 
 REAL = Path(__file__).resolve().parents[1] / "data" / "lcos_820nm_first_order_power.csv"
@@ -300,3 +316,106 @@ def test_commas_that_may_mean_either_are_refused(row: str, said: str, tmp_path: 
     with pytest.raises(UserError, match=said) as caught:
         read_sweep(file)
     assert str(caught.value).startswith(str(file))
+
+
+# --- several sweeps in one table --------------------------------------------------------------------------------------
+
+
+def _rows(
+    period: int, order: str, powers: np.ndarray, wavelength_m: float = 532e-9
+) -> list[tuple[float, float, str, float, float]]:
+    return [(wavelength_m, period, order, level, power) for level, power in enumerate(powers)]
+
+
+def test_one_table_holds_sweeps_of_periods_and_orders(tmp_path: Path) -> None:
+    """The zero order holds light that isn't modulated, 0.2 of it late by 1 rad, which shifts its start phase."""
+    _, _, phase = _table("1", 2.7, seed=0)
+    draws = np.random.default_rng(21)
+    zero = np.abs(0.2 * np.exp(1j) + (1 + np.exp(1j * phase)) / 2) ** 2 + draws.normal(0, NOISE, 256)
+    first = [np.sin(phase / 2) ** 2 + draws.normal(0, NOISE, 256) for _ in range(2)]
+    file = tmp_path / "sweeps.csv"
+    file.write_text(format_readings([*_rows(16, "1", first[0]), *_rows(16, "0", zero), *_rows(8, "-1", first[1])]))
+    sweeps = read_sweeps(file)
+    assert [(s.wavelength_m, s.period_px, s.order) for s in sweeps] == [
+        (532e-9, p, o) for p, o in ((16, "1"), (16, "0"), (8, "1"))
+    ]
+    fitted = fit_labelled(sweeps)
+    assert len(fitted.lut.fits) == 3 and not fitted.notes and fitted.lut.explains
+    assert np.sqrt(np.mean((fitted.lut.phase - phase) ** 2)) < 0.03  # the zero order shows what sin² hides at its turns
+    # 0.2·cos(φ/2 − 1) beats with cos(φ/2): (0.5 + 0.2·e^i)·e^iφ, whose angle is 0.27 rad
+    assert fitted.lut.fits[1].start == pytest.approx(np.pi + np.angle(0.5 + 0.2 * np.exp(1j)), abs=0.02)
+
+
+def test_a_fine_grating_that_shares_no_table_with_a_coarse_one_is_left_out() -> None:
+    """A third of its bars is edges, where the phase is three quarters."""
+    _, _, phase = _table("1", 2.7, seed=0)
+    edges = np.abs((1 - np.exp(1j * phase)) / 3 + (1 - np.exp(0.75j * phase)) / 6) ** 2
+    rows = [*_rows(4, "1", edges), *_rows(32, "1", np.sin(phase / 2) ** 2)]
+    fitted = fit_labelled(parse_sweeps(format_readings(rows)))
+    assert [s.period_px for s in fitted.sweeps] == [32]
+    assert "period 4, order 1" in fitted.notes[0] and "bars' edges" in fitted.notes[0]
+    assert np.abs(fitted.lut.phase - phase).max() < 0.05
+
+
+def test_a_sweep_below_a_turning_point_is_left_out_beside_others() -> None:
+    _, _, phase = _table("1", 1.3, seed=0)
+    rows = [*_rows(8, "1", np.sin(phase / 2) ** 2), *_rows(8, "1", np.sin(0.6 * phase / 2) ** 2, 800e-9)]
+    fitted = fit_labelled(parse_sweeps(format_readings(rows)))
+    assert len(fitted.sweeps) == 1 and "800 nm, period 8, order 1" in fitted.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("level,period\n" + "1,8\n" * 20, "headings level and power"),
+        ("level,power,wavelength\n" + "1,2,0.5\n" * 20, "names nm"),
+        ("level,power,order\n" + "1,2,second\n" * 20, '"second"'),
+        ("level,power,period\n" + "1,nan,8\n" * 20, "isn't a finite number"),
+        ("level,power,period\n" + "1,2,8\n" * 20, "8: sweep: grey level 1 occurs twice"),
+        ("level,power,period\n1,2,8\n", "8: sweep: 1 rows"),
+    ],
+)
+def test_bad_tables_of_sweeps_are_refused(text: str, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        parse_sweeps(text)
+
+
+def test_a_drifting_laser_is_told_from_fringing() -> None:
+    """The full power falls by 10 % in proportion to the level, not to the phase, which comes early."""
+    levels = np.arange(256.0)
+    phase = 3.6 * np.pi * (1 - np.exp(-levels / 85)) / (1 - np.exp(-3))
+    power = (1 - 0.1 * levels / 255) * np.cos(phase / 2) ** 2 + np.random.default_rng(22).normal(0, NOISE, 256)
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    assert lut.fits[0].slope == 0 and lut.fits[0].drift == pytest.approx(-0.1, abs=0.03)
+    assert lut.stroke / np.pi == pytest.approx(3.6, abs=0.02)
+    assert any("did the laser drift?" in line for line in format_lut(lut))
+
+
+def test_readings_of_a_saturated_detector_are_refused_and_rounded_ones_are_not() -> None:
+    levels, power, _ = _table("1", 2.7, seed=23, pedestal=0.0)
+    with pytest.raises(UserError, match=r"are all 0\.8, the greatest, with steep ends"):
+        parse_sweep(_text(levels, np.minimum(power, 0.8)))
+    for steps in (40, 255):
+        smooth = np.round(steps * np.sin(2.7 * np.pi * levels / 510) ** 2)
+        assert fit_lut(parse_sweep(_text(levels, smooth))).stroke / np.pi == pytest.approx(2.7, abs=0.05)
+
+
+def test_powers_whose_squares_are_no_numbers_are_refused() -> None:
+    levels, power, _ = _table("1", 2.7, seed=24)
+    for scale in (1e-200, 1e200):
+        with pytest.raises(UserError, match="another unit"):
+            parse_sweep("".join(f"{a:g},{b * scale!r}\n" for a, b in zip(levels.tolist(), power.tolist(), strict=True)))
+
+
+def test_a_table_is_verified_by_a_sweep_through_it() -> None:
+    levels, power, phase = _table("1", 2.7, seed=25)
+    lut = fit_lut(parse_sweep(_text(levels, power)))
+    asked = np.linspace(0, 2 * np.pi, 64)
+    shown = phase[levels_of_phases(lut, asked)]
+    readings = np.sin(shown / 2) ** 2 + np.random.default_rng(26).normal(0, NOISE, 64)
+    good = verify_turn(fit_lut(parse_sweep(_text(np.arange(64.0), readings))), 2 * np.pi)
+    assert good.rms < 0.1  # as of the table itself, above
+    bent = asked + 0.5 * np.sin(asked / 2)
+    bad = verify_turn(fit_lut(parse_sweep(_text(np.arange(64.0), np.sin(bent / 2) ** 2))), 2 * np.pi)
+    assert bad.rms == pytest.approx(0.5 / np.sqrt(2), rel=0.05) and bad.greatest == pytest.approx(0.5, rel=0.1)
+    assert "from a straight line" in str(bad)

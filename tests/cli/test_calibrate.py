@@ -177,3 +177,21 @@ def test_a_pixel_calibration_of_slmsuite_is_a_sweep(holoview: Run) -> None:
     assert [sweep["period"] for sweep in found["sweeps"]] == [8, 16]
     save(Path("f.h5"), fourier(1000.0, (5, 6)))
     assert "is a Fourier calibration" in holoview("calibrate", "lut", "f.h5", "-o", "t.toml").err
+
+
+def test_a_table_of_sweeps_says_what_they_are(holoview: Run, tmp_path: Path) -> None:
+    phase = 2.4 * np.pi * (np.arange(48) / 47) ** 1.2
+    powers = {
+        ("8", "1"): np.sin(phase / 2) ** 2,
+        ("16", "1"): np.sin(phase / 2) ** 2,
+        ("16", "0"): np.cos(phase / 2) ** 2,
+    }
+    rows = [f"532,{p},{o},{k},{v:.6f}" for (p, o), own in powers.items() for k, v in enumerate(own)]
+    Path("s.csv").write_text("\n".join(["wavelength_nm,period_px,order,level,power", *rows]), encoding="utf-8")
+    outcome = holoview("calibrate", "lut", "s.csv", "--order", "auto", "--wavelength", "532nm", "--json")
+    assert outcome.code == 0, outcome.err
+    found = json.loads(outcome.out)
+    assert found["stroke_pi"] == pytest.approx(2.4, abs=0.01)  # without noise; a spline through 16 knots or more
+    assert [sweep["period"] for sweep in found["sweeps"]] == [8, 16, 16] and found["wavelength"] == "532 nm"
+    refused = holoview("calibrate", "lut", "s.csv", "--period", "4")
+    assert refused.code == 2 and "the file states it for each sweep" in refused.err

@@ -37,6 +37,8 @@ IDS = [
     "slm1_fringes",
     "slm2_fringes",
     "crosstalk",
+    "fringing",
+    "twisted_nematic",
     "undiffracted",
     "polarisation",
     "flicker",

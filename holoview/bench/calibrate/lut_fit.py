@@ -1,7 +1,8 @@
 """Fits a modulator's look-up table, the phase of each grey level, to measured sweeps of the level.
 
-fit_lut       the table of one or several sweeps: periods of the grating, wavelengths
-Lut           the table, with its interval and whether anything fits
+fit_lut        the table of one or several sweeps: periods of the grating, wavelengths, orders
+fit_labelled   the same for sweeps whose files or options say what they are
+Lut            the table, with its interval and whether anything fits
 
 With x the distance of a level from the reference level (0 … 1), the power of a spot is
 
@@ -15,7 +16,8 @@ zero order       φ₁ = π: brightest at the reference level
 interferometer   φ₁ free: two halves of a modulator as mirrors, whose paths differ by any phase
 
 a: full power. b: stray light of any size. c: change of the full power with the phase, which fringing fields between
-bars cause; it is fitted where Schwarz's criterion prefers the model with it. f: phase at another wavelength relative to
+bars cause; it is fitted where Schwarz's criterion prefers the model with it. So is a change in proportion to x instead,
+as a laser makes it that drifts during a sweep. f: phase at another wavelength relative to
 the first one. φ is a cubic spline whose coefficients never fall, so that it never falls either (Ramsay, Stat. Sci. 3,
 425 (1988)); half of its knots are equidistant in level and half in phase.
 
@@ -28,17 +30,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 
-from holoview.bench.calibrate.sweep import Floats, Sweep
+from holoview.bench.calibrate.sweep import Floats, LabelledSweep, Order, Sweep
 from holoview.util.errors import UserError
 
-Order = Literal["1", "0", "interferometer"]
-ORDERS: tuple[Order, ...] = get_args(Order)
 ORDER_NAMES: dict[Order, str] = {"1": "first order", "0": "zero order", "interferometer": "interferometer"}
 
 _KNOTS = (8, 12, 16, 24, 32)  # numbers tried; the spread of the stroke over them is in its interval
@@ -47,15 +46,20 @@ _MAX_STROKE_TURNS = 4.0
 _PHASE_STATES = 241  # of the dynamic programme
 _JUMP_PENALTY = 0.05  # cost of a phase step of 1 rad, as a share of the range of the power
 _FULL_POWERS = (0.97, 1.04, 1.12)  # of the range of the power, tried by the dynamic programme
+_SLOPE_BOUNDS, _DRIFTS = (-0.1, 1.0), (-0.5, 0.5)  # 1/rad; along a sweep
 _SLOPES = (-0.03, 0.0, 0.06, 0.2)  # per radian, tried by the dynamic programme
 UNSEEN_SLOPE = 0.05
 """Change of the full power, 1/rad, of which `Lut.unseen_shift` tells the effect: measured ones are 0.02 to 0.2."""
+_FACTORS = tuple(np.geomspace(0.35, 2.8, 64).tolist())  # between wavelengths, to begin with
 _MIN_STEP = 1e-6  # rad between knots, because a modulator's levels must be strictly ascending
 _AT_AN_END = 0.3  # share of the range within which the reference reading is taken as an end of it
+_NEAR_AN_END = 0.12  # the same for a sweep that shows one turning point, where nothing else tells
 _FLAT = 0.02  # share of the range from an end of it, beyond which a start phase may be free
+_SLOPE_RESIDUAL = 0.012  # of the range, from which a changing full power is tried where it needn't show
 _AS_GOOD = 1.25  # ratio of residuals up to which the simpler of two explanations is kept
 _RIVAL = 2.5  # ratio of residuals up to which another model's stroke is in the interval
 _WORST_RESIDUAL = 0.05  # of the range: errors of 0.1 rad where sin² is steepest
+_SHARED_RESIDUAL = 0.02  # of the range, that a table of coarser gratings may leave
 _NOISE_FACTOR = 1.5  # a residual up to this multiple of the readings' noise is noise
 _LEAST_EXPLAINED = 0.9  # of the variance of the power
 
@@ -65,14 +69,15 @@ class SweepFit:
     """A sweep as the fitted table predicts it.
 
     power: (n,), in the sweep's unit. residual: r.m.s. of measured minus fitted power over the range of the power.
-    slope: c, 1/rad; 0 where it wasn't fitted. start: φ₁, rad. factor: f. full_power, stray: a and b, in the sweep's
-    unit.
+    slope: c, 1/rad; 0 where it wasn't fitted. drift: change of the full power along the sweep instead. start: φ₁, rad.
+    factor: f. full_power, stray: a and b, in the sweep's unit.
     """
 
     sweep: Sweep
     power: Floats
     residual: float
     slope: float
+    drift: float
     start: float
     factor: float
     full_power: float
@@ -132,11 +137,15 @@ class Lut:
         return inside
 
 
-def fit_lut(sweeps: Sweep | Sequence[Sweep], order: Order | None = None, groups: Sequence[int] | None = None) -> Lut:
+def fit_lut(
+    sweeps: Sweep | Sequence[Sweep],
+    order: Order | Sequence[Order] | None = None,
+    groups: Sequence[int] | None = None,
+) -> Lut:
     """Fits one table to all sweeps.
 
-    order: of the spot whose power was read; recognised when None. groups: for each sweep the number of its wavelength,
-    0 for that of the first; all are of one wavelength when None.
+    order: of the spot whose power was read, one for all sweeps or one for each; recognised when None. groups: for each
+    sweep the number of its wavelength, 0 for that of the first; all are of one wavelength when None.
 
     Raises UserError if the power of the first or zero order has no turning point inside a sweep: then the phase stays
     below π, and the full power and the phase can't be determined separately; for an interferometer if it has fewer
@@ -155,30 +164,132 @@ def fit_lut(sweeps: Sweep | Sequence[Sweep], order: Order | None = None, groups:
     is_free, reason = order is None, "as stated"
     if order is None:
         sweeps, order, reason = _recognised(sweeps)
-    for sweep in sweeps:
-        _check_turns(sweep, order)
-    best, rivals = _best_fit(sweeps, order, groups)
-    if order != "interferometer" and is_free and _is_off(sweeps[0]):
-        rivals += [rival for rival in _best_fit(sweeps, "interferometer", groups)[1] if rival.residual < best.residual]
+    orders: list[Order] = [order] * len(sweeps) if isinstance(order, str) else list(order)
+    for sweep, own in zip(sweeps, orders, strict=True):
+        _check_turns(sweep, own)
+    best, rivals = _best_fit(sweeps, orders, groups)
+    if orders[0] != "interferometer" and is_free and _is_off(sweeps[0]):
+        free: list[Order] = ["interferometer"] * len(sweeps)
+        rivals += [rival for rival in _best_fit(sweeps, free, groups)[1] if rival.residual < best.residual]
     others = [rival.stroke for rival in rivals]
     margin = 1.96 * best.stroke_sigma
     fits = best.sweep_fits()
     linear = [
-        _linear_residual(first, order, float(stroke))
+        _linear_residual(first, orders[0], float(stroke))
         for stroke in np.arange(0.2, 2 * _MAX_STROKE_TURNS, 0.004) * math.pi
     ]
     return Lut(
         levels=sweeps[0].levels,
         phase=best.phase_of(sweeps[0]),
-        order=order,
+        order=orders[0],
         reason=reason,
         stroke_interval=(max(min(others) - margin, 0.0), max(others) + margin),
         fits=fits,
         explains=all(map(_explains, fits)),
-        unseen_shift=_unseen_shift(best, order),
-        linear_2pi=_linear_residual(first, order, 2 * math.pi),
+        unseen_shift=_unseen_shift(best),
+        linear_2pi=_linear_residual(first, orders[0], 2 * math.pi),
         linear_free=min(linear),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledFit:
+    """A table, the sweeps that it was fitted to, and sentences on those that were left out."""
+
+    lut: Lut
+    sweeps: list[LabelledSweep]
+    notes: list[str]
+
+
+def fit_labelled(labelled: Sequence[LabelledSweep]) -> LabelledFit:
+    """One table of all sweeps, each with its order, if these are known, and in the group of its wavelength.
+
+    Beside first orders the zero order has a free start phase, because light that isn't modulated shifts it. Of several
+    sweeps whose orders are known, those that don't show their full power are left out, and those that the table of the
+    coarsest gratings doesn't describe: there the edges of bars count, which that table hardly contains. Raises as
+    `fit_lut` does.
+    """
+    orders: list[Order] = [one.order for one in labelled if one.order is not None]
+    if orders and len(orders) < len(labelled):
+        raise UserError("--order", f"known of {len(orders)} of {len(labelled)} sweeps", expected="all or none")
+    if orders and "1" in orders:
+        orders = ["interferometer" if order == "0" else order for order in orders]
+    kept, kept_orders, notes = list(labelled), orders, list[str]()
+    if len(orders) > 1:
+        errors = [_unseen_power(one.sweep, order) for one, order in zip(labelled, orders, strict=True)]
+        kept = [one for one, error in zip(labelled, errors, strict=True) if error is None]
+        kept_orders = [order for order, error in zip(orders, errors, strict=True) if error is None]
+        if not kept:
+            raise next(error for error in errors if error is not None)
+        notes = [f"left out: {error}" for error in errors if error is not None]
+        kept, kept_orders, differing = _sharing(kept, kept_orders)
+        notes += differing
+    wavelengths = [one.wavelength_m for one in kept]
+    groups = [sorted(set(wavelengths), key=wavelengths.index).index(value) for value in wavelengths]
+    return LabelledFit(fit_lut([one.sweep for one in kept], kept_orders or None, groups), kept, notes)
+
+
+def _sharing(labelled: list[LabelledSweep], orders: list[Order]) -> tuple[list[LabelledSweep], list[Order], list[str]]:
+    """The sweeps that share the table of the coarsest gratings, with their orders, and sentences on the others."""
+    core: dict[float | None, int] = {}
+    for index, one in enumerate(labelled):
+        best = core.get(one.wavelength_m)
+        is_coarser = best is not None and (one.period_px or 0) > (labelled[best].period_px or 0)
+        if orders[index] == orders[0] and (best is None or is_coarser):
+            core[one.wavelength_m] = index
+    places = list(core.values())
+    if len(places) == len(labelled) or any(one.period_px is None for one in labelled):
+        return labelled, orders, []
+    lut = fit_lut([labelled[k].sweep for k in places], [orders[k] for k in places], range(len(places)))
+    factors = {wavelength: fit.factor for wavelength, fit in zip(core, lut.fits, strict=True)}
+    kept, notes = [], list[str]()
+    for index, (one, order) in enumerate(zip(labelled, orders, strict=True)):
+        if index in places or one.wavelength_m not in factors:
+            kept.append(index)
+            continue
+        phase = factors[one.wavelength_m] * np.interp(one.sweep.levels, lut.levels, lut.phase)
+        residual = _residual_of_phase(one.sweep, order, phase)
+        if residual <= max(_SHARED_RESIDUAL, _RIVAL * lut.residual, _NOISE_FACTOR * one.sweep.noise / one.sweep.range):
+            kept.append(index)
+        else:
+            notes.append(f"{one.label} ({100 * residual:.2g} %)")
+    if notes:
+        why = "left out, because the table of the coarsest grating leaves that much of their range (fields across the "
+        notes = [f"{why}bars' edges count, or other light): {'; '.join(notes)}"]
+    return [labelled[k] for k in kept], [orders[k] for k in kept], notes
+
+
+def _residual_of_phase(sweep: Sweep, order: Order, phase: Floats) -> float:
+    """What phases (n,) of a sweep leave of its power with the best a, b and c or φ₁, r.m.s. as a share of its range."""
+    if order == "interferometer":
+        parts = [np.ones(len(phase)), np.cos(phase), np.sin(phase)]
+    else:
+        share = np.sin((phase - _start_of(sweep, order)) / 2) ** 2
+        parts = [np.ones(len(phase)), share, phase * share]
+    design = np.stack(parts, axis=1)
+    left = sweep.power - design @ np.linalg.lstsq(design, sweep.power, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2))) / sweep.range
+
+
+def _unseen_power(sweep: Sweep, order: Order) -> UserError | None:
+    """Why a sweep doesn't show its full power; None where it does."""
+    try:
+        _check_turns(sweep, order)
+    except UserError as error:
+        return error
+    return None
+
+
+def known_labels(labelled: Sequence[LabelledSweep]) -> tuple[list[float], list[float]]:
+    """Wavelengths (m) and periods (pixels) of all sweeps; none where none is known. Raises UserError for some."""
+    labels = ("wavelength", [one.wavelength_m for one in labelled]), ("period", [one.period_px for one in labelled])
+    found: list[list[float]] = []
+    for name, values in labels:
+        known = [value for value in values if value is not None]
+        if known and len(known) < len(values):
+            raise UserError(f"--{name}", f"known of {len(known)} of {len(values)} sweeps", expected="all or none")
+        found.append(known)
+    return found[0], found[1]
 
 
 def _explains(fit: SweepFit) -> bool:
@@ -202,10 +313,12 @@ def _recognised(sweeps: list[Sweep]) -> tuple[list[Sweep], Order, str]:
     turned = [replace(other, starts_high=not other.starts_high) for other in sweeps]
     here, there = _height(sweep), _height(turned[0])
     share = f"at the reference level {_reference(sweep):g} the power is at {100 * here:.0f} % of its range"
-    if min(here, 1 - here) < _AT_AN_END:
+    if min(here, 1 - here) < (_AT_AN_END if _turns(sweep) > 1 else _NEAR_AN_END):
         order: Order = "1" if here < 0.5 else "0"
         if _is_off(sweep):
-            fixed, free = (_best_fit(sweeps, name, [0] * len(sweeps))[0].residual for name in (order, "interferometer"))
+            tried: tuple[Order, ...] = (order, "interferometer")
+            count = len(sweeps)
+            fixed, free = (_best_fit(sweeps, [name] * count, [0] * count)[0].residual for name in tried)
             if fixed > _AS_GOOD * free:
                 reason = f"{share}, and a free start phase leaves {fixed / free:.1f} times less"
                 return sweeps, "interferometer", reason
@@ -308,30 +421,41 @@ class _Unknowns:
         return self.steps + 4 * self.sweeps + self.factors
 
 
+@dataclass(frozen=True, eq=False)
+class _Begin:
+    """Where a fit begins. path: (n,) phases at the first sweep's levels. starts: φ₁ of each sweep. factors: f of each
+    group."""
+
+    path: Floats
+    starts: Sequence[float]
+    factors: Sequence[float]
+
+
 class _Fit:
     """A bounded least-squares fit of one spline to sweeps."""
 
     def __init__(
         self,
         sweeps: Sequence[Sweep],
-        order: Order,
+        orders: Sequence[Order],
         groups: Sequence[int],
         knots: Floats,
-        path: Floats,
-        starts: Sequence[float],
+        begin: _Begin,
         *,
         slope: float | None = 0.0,
+        drifts: bool = False,
     ) -> None:
-        """knots: (steps + 1,) distances from 0 to 1. path: (n,) phases at the first sweep's distances to start from.
-        starts: φ₁ of each sweep. slope: c; fitted when None."""
-        self.sweeps, self.groups, self.knots = sweeps, groups, knots
+        """knots: (steps + 1,) distances from 0 to 1. slope: c; fitted when None. drifts: whether c is the change of the
+        full power along the sweep instead of that with the phase."""
+        self.drifts = drifts
+        self.sweeps, self.orders, self.groups, self.knots = sweeps, orders, groups, knots
         degree = min(3, len(knots) - 1)
         inner = np.concatenate([[0.0] * (degree + 1), knots[1:-1], [1.0] * (degree + 1)])
         self._spline = inner, degree
         bases = [self._basis(sweep.distance) for sweep in sweeps]
         self._bases, self._u = bases, _Unknowns(bases[0].shape[1], len(sweeps), max(groups))
         self._weights = [_weights(sweep) for sweep in sweeps]
-        u0, low, high = self._start(path, starts, order, slope)
+        u0, low, high = self._start(begin, slope)
         varied = high > low
         u0 = np.clip(u0, low, high)
 
@@ -358,28 +482,26 @@ class _Fit:
         self._solution_residuals = self._residuals(self.u)
         self.unknowns = int(varied.sum())
 
-    def _start(
-        self, path: Floats, starts: Sequence[float], order: Order, slope: float | None
-    ) -> tuple[Floats, Floats, Floats]:
+    def _start(self, begin: _Begin, slope: float | None) -> tuple[Floats, Floats, Floats]:
         """First values and bounds of all unknowns; those that aren't varied have equal bounds."""
         u, first = self._u, self.sweeps[0]
         ordered = np.argsort(first.distance)
-        at_knots = np.interp(_greville(*self._spline), first.distance[ordered], path[ordered])
+        at_knots = np.interp(_greville(*self._spline), first.distance[ordered], begin.path[ordered])
         u0, low, high = (np.zeros(u.count) for _ in range(3))
         u0[: u.steps] = np.clip(np.diff(at_knots), 10 * _MIN_STEP, None)
         low[: u.steps], high[: u.steps] = _MIN_STEP, 2 * math.pi * _MAX_STROKE_TURNS
-        for index, (sweep, start) in enumerate(zip(self.sweeps, starts, strict=True)):
+        for index, (sweep, start) in enumerate(zip(self.sweeps, begin.starts, strict=True)):
             k = u.of_sweep(index)
             u0[k : k + 4] = 0.97, float(sweep.power.min()) / sweep.range, slope or 0.0, start
             low[k], high[k] = 0.05, 5.0
             low[k + 1], high[k + 1] = u0[k + 1] - 1.0, u0[k + 1] + 1.0
-            low[k + 2], high[k + 2] = (-0.1, 1.0) if slope is None else (slope, slope)
-            is_free = order == "interferometer"
+            low[k + 2], high[k + 2] = (_DRIFTS if self.drifts else _SLOPE_BOUNDS) if slope is None else (slope, slope)
+            is_free = self.orders[index] == "interferometer"
             low[k + 3], high[k + 3] = (start - math.pi / 2, start + math.pi / 2) if is_free else (start, start)
         for group in range(1, u.factors + 1):
             place = u.factor(group)
             assert place is not None
-            u0[place], low[place], high[place] = 1.0, 0.2, 5.0
+            u0[place], low[place], high[place] = begin.factors[group], 0.2, 5.0
         return u0, low, high
 
     def _basis(self, distance: Floats) -> Floats:
@@ -395,11 +517,15 @@ class _Fit:
         factor = 1.0 if place is None else float(u[place])
         return a, b, c, start, factor, self._bases[index] @ u[: self._u.steps]
 
+    def _envelope(self, index: int, c: float, phase: Floats) -> Floats:
+        """The full power at the phases (n,) of a sweep, relative to that at the reference level."""
+        return 1 + c * (self.sweeps[index].distance if self.drifts else phase)
+
     def _residuals(self, u: Floats) -> Floats:
         rows = []
         for index, sweep in enumerate(self.sweeps):
             a, b, c, start, f, phase = self._parts(u, index)
-            power = b + a * (1 + c * f * phase) * np.sin((f * phase - start) / 2) ** 2
+            power = b + a * self._envelope(index, c, f * phase) * np.sin((f * phase - start) / 2) ** 2
             rows.append(self._weights[index] * (power - sweep.power / sweep.range))
         return np.concatenate(rows)
 
@@ -407,14 +533,15 @@ class _Fit:
         rows = []
         for index, sweep in enumerate(self.sweeps):
             a, _, c, start, f, phase = self._parts(u, index)
-            share, envelope = np.sin((f * phase - start) / 2) ** 2, 1 + c * f * phase
+            share, envelope = np.sin((f * phase - start) / 2) ** 2, self._envelope(index, c, f * phase)
             half_sine = np.sin(f * phase - start) / 2
-            by_angle = a * (c * share + envelope * half_sine)  # derivative by f·φ
+            by_angle = a * ((0.0 if self.drifts else c * share) + envelope * half_sine)  # derivative by f·φ
+            along = self.sweeps[index].distance if self.drifts else f * phase
             part = np.zeros((len(sweep.power), self._u.count))
             part[:, : self._u.steps] = (f * by_angle)[:, None] * self._bases[index]
             k, place = self._u.of_sweep(index), self._u.factor(self.groups[index])
             part[:, k], part[:, k + 1] = envelope * share, 1.0
-            part[:, k + 2], part[:, k + 3] = a * f * phase * share, -a * envelope * half_sine
+            part[:, k + 2], part[:, k + 3] = a * along * share, -a * envelope * half_sine
             if place is not None:
                 part[:, place] = by_angle * phase
             rows.append(self._weights[index][:, None] * part)
@@ -424,6 +551,16 @@ class _Fit:
         """The phase at a sweep's levels, rad, strictly monotone in the distance from the reference, where it is 0."""
         phase = self._basis(sweep.distance) @ self.u[: self._u.steps]
         return phase + _MIN_STEP * 1e-3 * len(phase) * sweep.distance - float(phase[sweep.distance.argmin()])
+
+    @property
+    def end(self) -> _Begin:
+        """Where it ended, for another fit to begin."""
+        fits = self.sweep_fits()
+        factors = [
+            next(fit.factor for fit, own in zip(fits, self.groups, strict=True) if own == group)
+            for group in range(max(self.groups) + 1)
+        ]
+        return _Begin(self.phase_of(self.sweeps[0]), [fit.start for fit in fits], factors)
 
     @property
     def stroke(self) -> float:
@@ -466,9 +603,11 @@ class _Fit:
         fits = []
         for index, sweep in enumerate(self.sweeps):
             a, b, c, start, f, phase = self._parts(self.u, index)
-            power = sweep.range * (b + a * (1 + c * f * phase) * np.sin((f * phase - start) / 2) ** 2)
+            share = np.sin((f * phase - start) / 2) ** 2
+            power = sweep.range * (b + a * self._envelope(index, c, f * phase) * share)
             residual = float(np.sqrt(np.mean((power - sweep.power) ** 2))) / sweep.range
-            fits.append(SweepFit(sweep, power, residual, c, start, f, a * sweep.range, b * sweep.range))
+            slope, drift = (0.0, c) if self.drifts else (c, 0.0)
+            fits.append(SweepFit(sweep, power, residual, slope, drift, start, f, a * sweep.range, b * sweep.range))
         return tuple(fits)
 
 
@@ -485,34 +624,43 @@ def _weights(sweep: Sweep) -> Floats:
     return weights / math.sqrt(float(np.mean(weights**2)))
 
 
-def _best_fit(sweeps: Sequence[Sweep], order: Order, groups: Sequence[int]) -> tuple[_Fit, list[_Fit]]:
+def _best_fit(sweeps: Sequence[Sweep], orders: Sequence[Order], groups: Sequence[int]) -> tuple[_Fit, list[_Fit]]:
     """The fit that Schwarz's criterion prefers, and all that fit about as well, itself among them."""
-    slopes = (0.0, None) if all(_full_powers(sweep, order) > 1 for sweep in sweeps) else (0.0,)
+    slopes: tuple[float | None, ...] = (0.0, None) if _shows_slopes(sweeps, orders) else (0.0,)
 
-    def fit(count: int, path: Floats, starts: Sequence[float], slope: float | None) -> _Fit:
-        return _Fit(sweeps, order, groups, _knots(sweeps[0], count, path), path, starts, slope=slope)
+    def fit(count: int, begin: _Begin, slope: float | None, *, drifts: bool = False) -> _Fit:
+        knots = _knots(sweeps[0], count, begin.path)
+        return _Fit(sweeps, orders, groups, knots, begin, slope=slope, drifts=drifts)
 
     most = max(len(sweeps[0].power) // 3, 4)
-    rough = []
-    for path, start in _paths(sweeps[0], order):
-        starts = [start, *(_start_of(sweep, order) for sweep in sweeps[1:])]
-        rough += [fit(min(_ROUGH_KNOTS, most), path, starts, slope) for slope in slopes]
+    paths = _paths(sweeps[0], orders[0])
+    begins = [_begin(sweeps, orders, groups, path, start) for path, start in paths]
+    rough = [fit(min(_ROUGH_KNOTS, most), begin, slope) for begin in begins for slope in slopes]
+    noise = max(sweep.noise / sweep.range for sweep in sweeps)
+    if None not in slopes and min(one.residual for one in rough) > max(_RIVAL * noise, _SLOPE_RESIDUAL):
+        slopes = (0.0, None)  # a full power that is the same everywhere doesn't fit
+        rough += [fit(min(_ROUGH_KNOTS, most), begin, None) for begin in begins]
     enough = _AS_GOOD * min(candidate.residual for candidate in rough)
     leader = min((candidate for candidate in rough if candidate.residual <= enough), key=lambda c: c.stroke)
-    path, starts = leader.phase_of(sweeps[0]), [of_sweep.start for of_sweep in leader.sweep_fits()]
     counts = sorted({min(count, most) for count in _KNOTS})
-    fits = [fit(count, path, starts, slope) for count in counts for slope in slopes]
+    fits = [fit(count, leader.end, slope) for count in counts for slope in slopes]
+    if None in slopes:
+        fits += [fit(count, leader.end, None, drifts=True) for count in counts]
     independent = min(fits, key=lambda candidate: candidate.residual).independent
     best = min(fits, key=lambda candidate: candidate.bic(independent))
     return best, [candidate for candidate in fits if candidate.residual <= _RIVAL * best.residual]
 
 
-def _unseen_shift(best: _Fit, order: Order) -> float | None:
+def _shows_slopes(sweeps: Sequence[Sweep], orders: Sequence[Order]) -> bool:
+    """Whether a sweep shows its full power more than once, so that changes of it can be told from the phase."""
+    return any(_full_powers(sweep, order) > 1 for sweep, order in zip(sweeps, orders, strict=True))
+
+
+def _unseen_shift(best: _Fit) -> float | None:
     """The change of the stroke by a slope of the full power that the sweeps can't show; None where they show it."""
-    if order == "interferometer" or all(_full_powers(sweep, order) > 1 for sweep in best.sweeps):
+    if "interferometer" in best.orders or _shows_slopes(best.sweeps, best.orders):
         return None
-    path, starts = best.phase_of(best.sweeps[0]), [fit.start for fit in best.sweep_fits()]
-    changed = _Fit(best.sweeps, order, best.groups, best.knots, path, starts, slope=UNSEEN_SLOPE)
+    changed = _Fit(best.sweeps, best.orders, best.groups, best.knots, best.end, slope=UNSEEN_SLOPE)
     return changed.stroke - best.stroke
 
 
@@ -547,6 +695,33 @@ def _start_of(sweep: Sweep, order: Order) -> float:
     if order != "interferometer":
         return 0.0 if order == "1" else math.pi
     return 2 * math.asin(math.sqrt(min(max(_height(sweep), 0.0), 1.0)))
+
+
+def _begin(
+    sweeps: Sequence[Sweep], orders: Sequence[Order], groups: Sequence[int], path: Floats, start: float
+) -> _Begin:
+    """A beginning with phases (n,) and φ₁ of the first sweep: f and φ₁ of the others as suit these phases best."""
+    first = sweeps[0]
+    ordered = np.argsort(first.distance)
+    phases = [np.interp(sweep.distance, first.distance[ordered], path[ordered]) for sweep in sweeps]
+
+    def best_start(index: int, factor: float) -> tuple[float, float]:
+        """The correlation with the readings, and φ₁ that reaches it."""
+        order = orders[index]
+        free = np.arange(12) * math.pi / 6
+        tried = free if order == "interferometer" else np.array([_start_of(sweeps[index], order)])
+        expected = np.sin((factor * phases[index] - tried[:, None]) / 2) ** 2
+        expected -= expected.mean(axis=1, keepdims=True)
+        power = sweeps[index].power - sweeps[index].power.mean()
+        found = expected @ power / np.maximum(np.sqrt((expected**2).sum(axis=1) * float(power @ power)), 1e-12)
+        return float(found.max()), float(tried[found.argmax()])
+
+    factors = [1.0]
+    for group in range(1, max(groups) + 1):
+        own = [index for index, of in enumerate(groups) if of == group]
+        factors.append(max(_FACTORS, key=lambda factor: sum(best_start(index, factor)[0] for index in own)))
+    starts = [start, *(best_start(index, factors[groups[index]])[1] for index in range(1, len(sweeps)))]
+    return _Begin(path, starts, factors)
 
 
 def _paths(sweep: Sweep, order: Order) -> list[tuple[Floats, float]]:

@@ -4,6 +4,7 @@ lut_table, save_lut, with_lut      the table as keys and values, as TOML, and in
 format_lut, plot_lut               the table for people
 read_vendor_table, compare_vendor  the table that a vendor supplies, and how far it is from the fitted one
 vendor_table                       the fitted table in a vendor's layout
+levels_of_phases, verify_turn      the levels of a sweep through the table, and what it says
 
 A vendor's table says which drive the electronics of a modulator give to a pixel for each grey level, so that the phase
 rises in proportion to the level by one turn. Layouts that are read: two columns, grey level and drive, separated by
@@ -25,8 +26,9 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
-from holoview.bench.calibrate.lut_fit import ORDER_NAMES, UNSEEN_SLOPE, Lut
+from holoview.bench.calibrate.lut_fit import ORDER_NAMES, UNSEEN_SLOPE, Lut, SweepFit
 from holoview.bench.calibrate.sweep import Floats, parse_columns
 from holoview.light.model.system import System
 from holoview.util import units
@@ -81,21 +83,7 @@ def lut_table(
     turn = turn_deviation(lut)
     if turn is not None:
         table["deviation_from_turn_pi"] = {"rms": turn[0] / math.pi, "greatest": turn[1] / math.pi, "level": turn[2]}
-    table["sweeps"] = [
-        {
-            "file": fit.sweep.name,
-            **({"wavelength": units.format_exact(_of(wavelengths_m, k), "nm")} if wavelengths_m else {}),
-            **({"period": _of(periods, k)} if periods else {}),
-            "residual": fit.residual,
-            "full_power": fit.full_power,
-            "stray": fit.stray,
-            "slope_per_radian": fit.slope,
-            "start_pi": fit.start / math.pi,
-            "phase_factor": fit.factor,
-            "notes": list(fit.sweep.notes),
-        }
-        for k, fit in enumerate(lut.fits)
-    ]
+    table["sweeps"] = [_sweep_keys(fit, k, wavelengths_m, periods) for k, fit in enumerate(lut.fits)]
     table["sent"] = lut.levels.tolist()
     table["levels"] = lut.stroke_fractions.tolist()
     levels = _table_levels(lut)
@@ -103,6 +91,23 @@ def lut_table(
     table["phase_levels"] = levels.tolist()
     table["phase_pi"] = [float(phase) if math.isfinite(phase) else None for phase in phases]
     return table
+
+
+def _sweep_keys(fit: SweepFit, index: int, wavelengths_m: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
+    """What a table says of the sweep of this number."""
+    return {
+        "file": fit.sweep.name,
+        **({"wavelength": units.format_exact(_of(wavelengths_m, index), "nm")} if wavelengths_m else {}),
+        **({"period": _of(periods, index)} if periods else {}),
+        "residual": fit.residual,
+        "full_power": fit.full_power,
+        "stray": fit.stray,
+        "slope_per_radian": fit.slope,
+        "drift": fit.drift,
+        "start_pi": fit.start / math.pi,
+        "phase_factor": fit.factor,
+        "notes": list(fit.sweep.notes),
+    }
 
 
 def _of(values: Sequence[float], index: int) -> float:
@@ -128,6 +133,40 @@ def turn_level(lut: Lut) -> float | None:
     if lut.stroke < 2 * math.pi:
         return None
     return float(np.interp(2 * math.pi, lut.stroke_fractions * lut.stroke, lut.levels))
+
+
+def levels_of_phases(lut: Lut, phases: Floats) -> NDArray[np.int64]:
+    """The levels (n,) whose phases are nearest to these, rad above that of the first level."""
+    rising = lut.stroke_fractions * lut.stroke
+    levels = np.arange(round(lut.levels[0]), round(lut.levels[-1]) + 1)
+    found = np.interp(levels, lut.levels, rising)
+    return levels[np.abs(found[:, None] - phases).argmin(axis=0)]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """How far the phase through a table is from the straight line that was asked for.
+
+    target, rms, greatest: rad. step: of the greatest deviation.
+    """
+
+    target: float
+    rms: float
+    greatest: float
+    step: int
+
+    def __str__(self) -> str:
+        return (
+            f"through the table, in equal steps to {self.target / math.pi:.3g} π: {self.rms / math.pi:.3f} π r.m.s. "
+            f"from a straight line, {self.greatest / math.pi:+.3f} π at step {self.step}"
+        )
+
+
+def verify_turn(through: Lut, target: float) -> Verification:
+    """Compares the phase of a sweep through a table, in equal steps from 0 to `target` (rad), with these steps."""
+    error = through.phase - target * through.fits[0].sweep.distance
+    worst = int(np.abs(error).argmax())
+    return Verification(target, float(np.sqrt(np.mean(error**2))), float(error[worst]), worst)
 
 
 def turn_deviation(lut: Lut) -> tuple[float, float, float] | None:
@@ -195,10 +234,10 @@ def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[
             f"from a turn in proportion to the level: {turn[0] / math.pi:.3f} π r.m.s., "
             f"{turn[1] / math.pi:+.3f} π at level {turn[2]:g}"
         )
+    periods_tell = len(periods) == 1 == len(lut.fits) or len(set(periods)) == len(lut.fits)
     for k, fit in enumerate(lut.fits):
-        grating = (
-            f"period {_of(periods, k):g} pixels: " if periods else f"{fit.sweep.name}: " if len(lut.fits) > 1 else ""
-        )
+        named = f"{fit.sweep.name}: " if len(lut.fits) > 1 else ""
+        grating = f"period {_of(periods, k):g} pixels: " if periods_tell else named
         if len(lut.fits) > 1:
             lines.append(f"{grating}residual {fit.residual:.3g}")
         if fit.slope:
@@ -206,6 +245,9 @@ def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[
                 f"{100 * fit.slope:+.1f} % a radian, {100 * fit.slope * fit.factor * lut.stroke:+.0f} % along the sweep"
             )
             lines.append(f"{grating}the spot's full power changes with the phase by {change} (fitted)")
+        if fit.drift:
+            change = f"{100 * fit.drift:+.1f} % along the sweep, in proportion to the level"
+            lines.append(f"{grating}the spot's full power changes by {change} (fitted): did the laser drift?")
     if lut.unseen_shift is not None and abs(lut.unseen_shift) > 0.5 * (high - low) * math.pi:
         lines.append(
             f"the full power shows once: if it changed by {100 * UNSEEN_SLOPE:.0f} % a radian (fringing between bars), "

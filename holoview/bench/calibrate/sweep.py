@@ -1,6 +1,10 @@
 """Sweeps of a modulator's grey level, from text files, checked and with their noise.
 
-`read_sweep` reads a file; `parse_sweep` a text.
+read_sweep, parse_sweep        of a file, of a text
+read_sweeps, format_readings   of a table of several: periods, wavelengths, orders
+
+The table of several sweeps has the headings level and power, and any of period (pixels), wavelength_nm, order (1, -1, 0
+or interferometer) and deviation; rows that agree in the first three are a sweep.
 
 Half of the modulator's pixels (the other bars of a binary grating, or half of an interferometer's field) stays at the
 reference level while the level of the others steps through its range; at each step the power of one spot is read.
@@ -8,26 +12,34 @@ reference level while the level of the others steps through its range; at each s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
-from holoview.util.number_text import find_layout
+from holoview.util.number_text import find_layout, read_csv
+from holoview.util.units import format_rounded
 
 Floats = NDArray[np.float64]
+Order = Literal["1", "0", "interferometer"]
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 _EXPECTED = (
     "two columns, grey level and power, separated by comma, semicolon or space; a third may hold standard errors"
 )
 MIN_ROWS = 12
+_SMALLEST = 1e-100  # power whose square is a number; its reciprocal the largest
 _MIN_SIGNAL = 8.0  # range of the power over its noise; of 256 readings of white noise alone the range is 6 (sd 0.5)
+_SHORTEST_PLATEAU, _STEEP = 4, 6.0  # equal readings; fall two beyond them, in steps of rounding
 _SHORTEST_CUT = 3  # equal readings in a row at the end of a sweep that can't be measured ones
 
 
@@ -69,6 +81,29 @@ class Sweep:
         return float(np.median(np.abs(np.diff(self.power, n=3)))) / (0.6745 * math.sqrt(20))
 
 
+@dataclass(frozen=True, eq=False)
+class LabelledSweep:
+    """A sweep and how it was measured, as far as its file tells.
+
+    period_px: of the grating. wavelength_m: of the laser. order: of the spot. Each None where it isn't known.
+    """
+
+    sweep: Sweep
+    period_px: float | None = None
+    wavelength_m: float | None = None
+    order: Order | None = None
+
+    @property
+    def label(self) -> str:
+        """What is known, for people."""
+        told = [
+            "" if self.wavelength_m is None else format_rounded(self.wavelength_m, "nm"),
+            "" if self.period_px is None else f"period {self.period_px:g}",
+            "" if self.order is None else f"order {self.order}" if self.order in "10" else self.order,
+        ]
+        return ", ".join(text for text in told if text) or self.sweep.name
+
+
 def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     """Reads the columns grey level and power, and perhaps standard errors, separated by comma, semicolon, tab or space.
 
@@ -95,6 +130,93 @@ def parse_sweep(text: str, name: str = "sweep") -> Sweep:
         notes.append("one column: taken as powers of the levels 0, 1, 2, …")
         table = np.column_stack([np.arange(float(len(table))), table])
     return _checked(table, name, notes)
+
+
+_HEADINGS = {
+    "level": ("level", "grey", "gray", "drive"),
+    "power": ("power", "intensity", "counts", "reading", "readings"),
+    "deviation": ("deviation", "error", "sigma", "std"),
+    "period": ("period",),
+    "wavelength": ("wavelength",),
+    "order": ("order",),
+}
+_LABELS = ("period", "wavelength", "order")
+_EXPECTED_TABLE = "the headings level and power beside period, wavelength_nm or order"
+
+
+def read_sweeps(path: str | os.PathLike[str]) -> list[LabelledSweep]:
+    """The sweeps of a file: of a table of several, or the one of `read_sweep`, whose errors it raises, too."""
+    file = Path(path)
+    text = read_text(file, f"a CSV file of {_EXPECTED}")
+    try:
+        return parse_sweeps(text, file.name)
+    except UserError as error:
+        raise error if str(error).startswith(str(file)) else error.inside(f"{file}: ") from error
+
+
+def parse_sweeps(text: str, name: str = "sweep") -> list[LabelledSweep]:
+    """`read_sweeps` of a text."""
+    lines = [line for line in text.lstrip("\ufeff").splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    columns = _columns(lines[0]) if lines else {}
+    if not any(label in columns for label in _LABELS):
+        return [LabelledSweep(parse_sweep(text, name))]
+    if not {"level", "power"} <= set(columns):
+        raise UserError("table of sweeps", f'"{lines[0][:60]}"', expected=_EXPECTED_TABLE)
+    if "wavelength" in columns and "nm" not in columns["wavelength"].lower():
+        raise UserError("table of sweeps", f'"{columns["wavelength"]}"', expected="a heading that names nm")
+    rows, has_decimal_commas = read_csv("\n".join(lines), "table of sweeps")
+    groups: dict[tuple[str, ...], list[list[float]]] = {}
+    for row in rows:
+        cells = {key: (row[heading] or "").strip() for key, heading in columns.items()}
+        if has_decimal_commas:
+            cells = {key: cell.replace(",", ".") for key, cell in cells.items()}
+        numbers = [_finite(cells[key], key) for key in ("level", "power", "deviation") if key in cells]
+        groups.setdefault(tuple(cells.get(label, "") for label in _LABELS), []).append(numbers)
+    return [_labelled(name, labels, np.array(table)) for labels, table in groups.items()]
+
+
+def _columns(line: str) -> dict[str, str]:
+    """The headings of a line by what they mean."""
+    headings = [cell.strip() for cell in line.split(";" if ";" in line else ",")]
+    words = {heading: re.split(r"[^a-z]+", heading.lower()) for heading in headings}
+    return {
+        key: found
+        for key, names in _HEADINGS.items()
+        if (found := next((heading for heading in headings if set(words[heading]) & set(names)), None)) is not None
+    }
+
+
+def _labelled(name: str, labels: tuple[str, ...], table: Floats) -> LabelledSweep:
+    period_text, wavelength_text, order_text = labels
+    period = _finite(period_text, "period") if period_text else None
+    wavelength_m = _finite(wavelength_text, "wavelength") * 1e-9 if wavelength_text else None
+    order = next((own for own in ORDERS if own == order_text.lstrip("+-")), None)
+    if order_text and order is None:
+        raise UserError("order", f'"{order_text[:40]}"', expected=f"1, -1, {', '.join(ORDERS[1:])}")
+    label = ", ".join(text for text in labels if text)
+    try:
+        sweep = _checked(table, name, [])
+    except UserError as error:
+        raise error.inside(f"{label}: ") from error
+    found = LabelledSweep(sweep, period, wavelength_m, order)
+    return dataclasses.replace(found, sweep=dataclasses.replace(sweep, name=found.label))
+
+
+def _finite(cell: str, key: str) -> float:
+    if not _is_number(cell) or not math.isfinite(float(cell)):
+        raise UserError(key, f'"{cell[:40]}" isn\'t a finite number')
+    return float(cell)
+
+
+def format_readings(rows: Sequence[tuple[float, float, str, float, float]]) -> str:
+    """The table of several sweeps that `read_sweeps` reads. rows: wavelength (m), period (pixels), order, level, power.
+
+    >>> print(format_readings([(532e-9, 8, "1", 0, 0.5)]), end="")
+    wavelength_nm,period_px,order,level,power
+    532,8,1,0,0.5
+    """
+    lines = [f"{λ * 1e9:.9g},{period:g},{order},{level:g},{power:.7g}" for λ, period, order, level, power in rows]
+    return "\n".join(["wavelength_nm,period_px,order,level,power", *lines, ""])
 
 
 def parse_columns(text: str, most: int, expected: str, where: str) -> Floats:
@@ -143,6 +265,7 @@ def _checked(table: Floats, name: str, notes: list[str]) -> Sweep:
     starts_high = bool((np.diff(table[:, 0]) < 0).all())
     if starts_high:
         notes.append(f"levels count down: level {table[0, 0]:g} of the first row is taken as the reference")
+    _check_saturation(table)
     cut = _cut_off(table[:, 1])
     if cut:
         first, last = sorted((table[-cut, 0], table[-1, 0]))
@@ -161,6 +284,8 @@ def _checked(table: Floats, name: str, notes: list[str]) -> Sweep:
     if deviation is not None and not (deviation > 0).all():
         raise UserError("sweep", "a standard error of 0 or less in the third column", expected="positive numbers")
     sweep = Sweep(levels, power, starts_high, deviation, name, tuple(notes))
+    if not _SMALLEST < np.abs(power).max() < 1 / _SMALLEST:
+        raise UserError("sweep", f"powers up to {np.abs(power).max():g}", expected="powers in another unit")
     if sweep.range <= _MIN_SIGNAL * sweep.noise or sweep.range <= 1e-9 * np.abs(power).max():
         found = f"power from {power.min():g} to {power.max():g}, with noise of {sweep.noise:.2g} a reading"
         expected = (
@@ -168,6 +293,26 @@ def _checked(table: Floats, name: str, notes: list[str]) -> Sweep:
         )
         raise UserError("sweep", found, expected=expected, remedy="the columns are grey level, then power")
     return sweep
+
+
+def _check_saturation(table: Floats) -> None:
+    """Raises UserError where the greatest power is a plateau with steep ends, as of a detector that is saturated.
+
+    A smooth maximum that is rounded to steps q has a plateau of 2·w readings, w ≥ 2, and is at most 4·q lower two
+    readings beyond its ends.
+    """
+    power = table[np.argsort(table[:, 0], kind="stable"), 1]
+    highest = power == power.max()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], highest.astype(int), [0]])))
+    begin, end = max(edges.reshape(-1, 2), key=lambda run: int(run[1] - run[0]))
+    if end - begin < _SHORTEST_PLATEAU:
+        return
+    quantum = float(np.diff(np.unique(power)).min(initial=np.inf))
+    beyond = [power[k] for k in (begin - 3, end + 2) if 0 <= k < len(power)]
+    drops = [float(power.max() - value) for value in beyond]
+    if drops and min(drops) > _STEEP * quantum and len(np.unique(power)) > _SHORTEST_PLATEAU:
+        found = f"{end - begin} readings in a row are all {power.max():g}, the greatest, with steep ends"
+        raise UserError("sweep", found, expected="a detector that isn't saturated", remedy="measure with less light")
 
 
 def _cut_off(power: Floats) -> int:

@@ -11,4 +11,7 @@ camera_loop     camera in the loop: measured pictures take the place of predicte
                 formed (Peng et al., ACM Trans. Graph. 39, 6 (2020), sec. 4); checkpoints, the whole job on a rig
 camera_problem  loss and gradients at measured intensities; how the camera sees the model's samples
 bench_camera    shows patterns and takes pictures: exposures, dark level, saturated pixels
+
+lut_sweep       the readings for a modulator's look-up table: levels, periods, orders, wavelengths
+grating_orders  where the orders of a binary grating are in a picture, and how strong they are
 """

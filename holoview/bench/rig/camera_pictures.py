@@ -273,6 +273,10 @@ class Settling:
     deviation_s: float
     wait_s: float
 
+    def wait_until(self, share: float) -> float:
+        """Seconds until this share of the pattern before is left, at least REMAINING."""
+        return max(self.wait_s - self.constant_s * math.log(share / REMAINING), 0.0)
+
 
 def measure_settling(
     modulator: ModulatorDevice, camera: CameraDevice, facts: Camera, clock: BenchClock, levels: Levels, num_levels: int
@@ -288,6 +292,17 @@ def measure_settling(
             if shares[-1] < max(0.1, _SEEN_SIGMAS * deviation) or is_last:
                 return fit_settling(delays, shares, deviation)
         settled_s *= _SLOWER
+
+
+def share_deviation(
+    modulator: ModulatorDevice, camera: CameraDevice, facts: Camera, clock: BenchClock, levels: Levels, num_levels: int
+) -> float:
+    """Standard deviation of a share of the pattern before as `measure_settling` would measure it: above 0.1 or so the
+    pictures hardly show the steps of the pattern."""
+    patterns = _three_patterns(levels, num_levels)
+    difference, variance, _ = _difference(modulator, camera, facts, clock, patterns, _SETTLED_S)
+    seen = float((difference**2 - variance / 2).sum())
+    return math.inf if seen <= 0 else float((variance * difference**2).sum()) ** 0.5 / seen
 
 
 def fit_settling(delays_s: NDArray[np.float64], shares: NDArray[np.float64], deviation: float) -> Settling:

@@ -34,7 +34,9 @@ rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devi
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -328,3 +330,16 @@ def _device(name: str, table: Mapping[str, Any], where: str) -> DeviceSpec:
     if not is_auto:
         Number(low=0.0, high=1000.0).parse(own["settle"], f"{where}: {name}.settle")
     return DeviceSpec(name, kind, own | {"settle": _LONG_SETTLE_S} if is_auto else own, is_auto)
+
+
+def with_settle(text: str, name: str, settle_s: float) -> str:
+    """The text of rig.toml with another `settle` in the table [name], in milliseconds rounded up."""
+    lines, value = text.splitlines(keepends=True), f"settle = {math.ceil(settle_s * 1e3) / 1e3:g}"
+    begin = next(k for k, line in enumerate(lines) if re.match(rf"\s*\[\s*{name}\s*\]", line))
+    end = next((k for k in range(begin + 1, len(lines)) if lines[k].lstrip().startswith("[")), len(lines))
+    for k in range(begin + 1, end):
+        if re.match(r"\s*settle\s*=", lines[k]):
+            lines[k] = re.sub(r"settle\s*=\s*(\"[^\"]*\"|[^\s#]+)", value, lines[k])
+            return "".join(lines)
+    lines.insert(begin + 1, f"{value}\n")
+    return "".join(lines)

@@ -16,7 +16,8 @@ modulator_response
                  the optical path of full drive (stroke), and its variation over the area (stroke_map); of each level
                  (lut); at each wavelength (dispersion), and the shape of the table there (lut_dispersion)
 settling         a part of the pattern before remains (settling), ripple of the phase within an exposure (flicker)
-crosstalk        fringing fields between pixels (crosstalk)
+crosstalk        fringing fields between pixels (crosstalk), and those that smear edges of one sign (fringing)
+twisted_nematic  an amplitude that changes with the phase (twisted_nematic)
 undiffracted     light that isn't modulated (undiffracted), and adds in intensity (polarisation)
 slm_flatness     static wavefront of a modulator (slm_flatness)
 slm_stuck        columns, rows and pixels of a modulator that are stuck (slm1_stuck, slm2_stuck)

@@ -38,8 +38,9 @@ class TorchEffects(ActiveEffects):
         before, first: as `share`, of the pattern sent before and of the first of all; None where they aren't known.
         """
 
-        def applied(hook: str, values: Tensor) -> Tensor:
-            changed: Tensor = self.applied(hook, values, context, pairs=self.on_modulator(context.number, hook))
+        def applied(hook: str, values: Tensor, shown: Tensor | None = None) -> Tensor:
+            told = context if shown is None else replace(context, shown=shown)
+            changed: Tensor = self.applied(hook, values, told, pairs=self.on_modulator(context.number, hook))
             return changed
 
         shown = applied("stroke_response", share)
@@ -50,7 +51,7 @@ class TorchEffects(ActiveEffects):
         path_m = applied("optical_path", shown * context.stroke_m)
         if path_factor != 1.0:
             path_m = path_m * path_factor
-        transmission = applied("transmission", phasor(path_m, context.wavelength_m, dtype))
+        transmission = applied("transmission", phasor(path_m, context.wavelength_m, dtype), shown)
         pose = self.slm2_pose() if context.number == 1 else Pose()
         return transmission if pose.is_identity else context.warped(transmission, pose)
 

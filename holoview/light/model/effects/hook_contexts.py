@@ -74,6 +74,7 @@ class ModulatorContext:
     frame: (rows, columns) of the modulator that these pixels are a part of; their own where None.
     centre_m: (y, x), where these pixels' centre is in that modulator.
     first_shown: share of the stroke (rows, columns) of the first pattern of all, for `settled_share`; None elsewhere.
+    shown: share of the stroke (rows, columns) that the pixels show, for `transmission`; None elsewhere.
     """
 
     number: int
@@ -86,6 +87,7 @@ class ModulatorContext:
     frame: tuple[int, int] | None = None
     centre_m: tuple[float, float] = (0.0, 0.0)
     first_shown: Tensor | None = None
+    shown: Tensor | None = None
 
     @property
     def whole_shape(self) -> tuple[int, int]:
