@@ -23,7 +23,7 @@ from holoview.light.model.effects.registry import (
 )
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import Region
+from holoview.light.numerics.sampling import AREA, Region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
@@ -55,9 +55,14 @@ def add_bench_sampling(parser: argparse._ActionsContainer) -> None:
     for option, low, high, help in (
         ("finer", 1, 8, "samples each way for each of the model's own (default 1)"),
         ("padding", 2, 8, "size of the grid in sizes of the modulators (default 2)"),
-        ("points", 1, 16, "points each way that a camera pixel averages (default: its samples)"),
     ):
         parser.add_argument(f"--{option}", metavar="N", type=whole(low, high), help=help)
+    parser.add_argument(
+        "--points",
+        metavar="N|area",
+        type=lambda text: AREA if text == "area" else whole(1, 16)(text),
+        help="points each way that a camera pixel averages, or its area (default: as the captures state or show)",
+    )
 
 
 def bench_sampling(args: argparse.Namespace) -> dict[str, int]:
