@@ -311,7 +311,11 @@ def add_fields(
         elif isinstance(kind, Word):
             options = {"choices": (*kind.options, *more_words)}
         elif isinstance(kind, Integer):
-            options = {"type": whole(kind.low, kind.high), "metavar": "N"}
+            numbered, named = whole(kind.low, kind.high), dict(kind.named)
+            options = {
+                "type": lambda text, of=numbered, named=named: named[text] if text in named else of(text),
+                "metavar": "|".join(["N", *named]),
+            }
         elif isinstance(kind, Number):
             metavar = (unit or field.name[len(key) + 1 :] or key).upper()
             options = {"type": _in_unit(unit) if unit else number(), "metavar": metavar}

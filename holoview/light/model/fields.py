@@ -144,13 +144,20 @@ class Array:
 
 @dataclasses.dataclass(frozen=True)
 class Integer:
-    """A whole number from `low` to `high`, both included. words: the range in an error's words; "" for the usual."""
+    """A whole number from `low` to `high`, both included. words: the range in an error's words; "" for the usual.
+
+    named: words with the numbers, outside the range, for which they stand.
+    """
 
     low: int = 1
     high: int = 1 << 20
     words: str = ""
+    named: tuple[tuple[str, int], ...] = ()
 
     def parse(self, value: Any, where: str) -> int:
+        for pair in self.named:
+            if value in pair and not isinstance(value, bool):
+                return pair[1]
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not self.low <= value <= self.high:
             raise UserError(where, f"{value!r}", expected=self.format_range())
         return int(value)
@@ -160,7 +167,8 @@ class Integer:
 
     def format_range(self) -> str:
         """The range in words, for error messages."""
-        return self.words or f"a whole number from {self.low} to {self.high}"
+        usual = f"a whole number from {self.low} to {self.high}"
+        return self.words or ", or ".join([usual, *(f'"{word}"' for word, _ in self.named)])
 
 
 @dataclasses.dataclass(frozen=True)
