@@ -26,10 +26,10 @@ from holoview.bench.captures.picture_geometry import (
 from holoview.bench.captures.retrieved_placement import retrieved_placement
 from holoview.bench.captures.unknown_settings import with_estimates
 from holoview.bench.captures.validation import check_captures
-from holoview.figures import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.light.numerics.speckle_match import SpeckleMatch
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.figures import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.util.progress import ProgressCallback, no_progress
 
 _CLEAR = 1.1  # ratio of the speckle's correlation over that of the next placement
