@@ -23,6 +23,7 @@ from holoview.bench.captures.picture_geometry import (
     upright_place,
     zero_order_mask,
 )
+from holoview.bench.captures.retrieved_placement import retrieved_placement
 from holoview.bench.captures.unknown_settings import PLACE, with_estimates
 from holoview.bench.captures.validation import check_captures
 from holoview.light.numerics.speckle_match import SpeckleMatch
@@ -116,8 +117,22 @@ def import_pictures(
     pictures = [one.picture.astype(np.float64) for one in shown]
     cuts = [zero_order_mask(one.picture, saturation) | ~counted for one in shown]
     phases = [one.pattern / (of_levels - 1) for one in shown]
-    placements = _placements(shown, pictures, cuts, phases, scale, progress)
-    best, matches = common_placement(pictures, cuts, phases, placements[0])
+    slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
+    sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
+
+    found_by = f"{PLACE}, from the speckle of the pictures"
+
+    def captures_of(placed: Placement) -> Captures:
+        keep = np.stack([undone(~cut, placed.orientation) for cut in cuts])
+        captures = _upright_captures(shown, placed, wavelength_m, slm, sensor)
+        captures = replace(captures, usable=None if keep.all() else keep, estimated=(found_by,))
+        return with_estimates(captures, known.compression_counts)
+
+    placements, stands = _placements(pictures, cuts, phases, scale, progress)
+    if stands:
+        best, matches = common_placement(pictures, cuts, phases, placements[0])
+    else:
+        best, matches = retrieved_placement(placements, captures_of)
     _require_standing(shown, matches)
     found_m = best.scale_px * pitch_m * camera_pitch_m / wavelength_m
     keep = np.stack([undone(~cut, best.orientation) for cut in cuts])
@@ -129,13 +144,8 @@ def import_pictures(
     if stroke_m is None:
         turn = units.format_rounded(wavelength_m, "nm")
         notes.append(f"assumed: level {of_levels - 1} is a full turn at {turn}, even light, one modulator")
-    slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
-    sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
-    captures = _upright_captures(shown, best, wavelength_m, slm, sensor)
-    placed = f"{PLACE}, from the speckle of the pictures"
-    captures = replace(captures, usable=None if keep.all() else keep, estimated=(placed,))
-    captures = with_estimates(captures, known.compression_counts)
-    notes += [f"estimated: {sentence}" for sentence in captures.estimated if sentence != placed]
+    captures = captures_of(best)
+    notes += [f"estimated: {sentence}" for sentence in captures.estimated if sentence != found_by]
     check_captures(captures)
     return ImportedPictures(captures, (best, *placements[1:]), tuple(notes))
 
@@ -196,22 +206,21 @@ def _require_far_field(one: Shown, scale_px: float | None) -> None:
 
 
 def _placements(
-    shown: Sequence[Shown],
     pictures: Sequence[NDArray[np.float64]],
     cuts: Sequence[Masks],
     phases: Sequence[NDArray[np.float64]],
     scale: float | None,
     progress: ProgressCallback,
-) -> list[Placement]:
-    """The placements by the first picture whose speckle stands. Raises UserError where no picture's does."""
-    significance = []
+) -> tuple[list[Placement], bool]:
+    """The placements by the first picture whose speckle stands with a simple beam; else of the first, and False."""
+    first = None
     for picture, cut, phase in zip(pictures, cuts, phases, strict=True):
         found = find_placements(picture, phase, cut, scale, progress)
         speckle = found[0].speckle
         if speckle is not None and speckle.significance >= _LEAST_SIGNIFICANCE:
-            return found
-        significance.append(0.0 if speckle is None else speckle.significance)
-    raise _never_shown(shown[0], significance[0])
+            return found, True
+        first = first or found
+    return first or [], False
 
 
 def _require_standing(shown: Sequence[Shown], matches: Sequence[SpeckleMatch]) -> None:

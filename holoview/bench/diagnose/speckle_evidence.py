@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection
 
 import numpy as np
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.picture_geometry import bright_window, zero_order_mask
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures, neighbour_variance, prepare_captures
-from holoview.bench.captures.records.trials import cut_pictures
+from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.diagnose.speckle_search import FoundLight, SpeckleSearch, find_light
 from holoview.util.progress import ProgressCallback
 
@@ -19,7 +17,7 @@ _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
 _FAR_CHI2 = 4.0
 """[χ²/n] Nominal predictions that leave less are near enough for derivatives. Evidence: none recorded."""
-_STANDING = 0.6
+_STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
 _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.
 _LEAST = 0.3  # [1] Of it, below which nothing is handed on. Evidence: none recorded.
@@ -29,17 +27,6 @@ _PART_PX = 192, 384  # [px] … of its brightest part, in which it is sought at 
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
-
-
-def window_of(captures: Captures, size: tuple[int, int]) -> Captures:
-    """The brightest window of the pictures of a Fourier bench, without the zero order; near fields as they are."""
-    if not captures.is_fourier:
-        return captures
-    brightest = captures.images.max(axis=0).astype(np.float64) - captures.camera.black_level
-    usable = ~zero_order_mask(captures.images.max(axis=0), captures.camera.saturation)
-    counted = np.stack([captures.usable_pixels(k) & usable for k in range(len(captures))])
-    window = bright_window(np.maximum(brightest, 0.0), np.asarray(counted.any(axis=0)), size)
-    return cut_pictures(dataclasses.replace(captures, usable=counted), window)
 
 
 def light_by_speckle(
@@ -55,7 +42,7 @@ def light_by_speckle(
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
-    if _nominal_chi2(data) < _FAR_CHI2 or float(SpeckleSearch(data, 0.5).held_out_blocks(None).sum()) > _STANDING:
+    if _nominal_chi2(data) < _FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING:
         return None
     found = find_light(data, prepare_captures(window_of(window, _PART_PX)), progress)
     return (window, found) if found.after > max(found.before + _GAIN, _LEAST) else None

@@ -13,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -21,11 +22,13 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures
+from holoview.bench.captures.speckle_measure import SpeckleMeasure
+from holoview.bench.captures.speckle_retrieval import LightRetrieval, NearestBeam
 from holoview.light.effects.beam import WAVEFRONT_TERMS
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.effects.registry import get_effect
-from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX, match_speckle
+from holoview.light.numerics.speckle_match import match_speckle
 from holoview.light.numerics.surfaces import zernike
 from holoview.util.progress import ProgressCallback
 
@@ -61,21 +64,34 @@ PARTS: dict[str, dict[str, float]] = {
     "stray light": {"stray": 0.0},
 }
 """Parts of the light that may be superfluous, with the numbers that stand for their absence."""
-_LOW_PASS_PX = 0.6
-_START_SIZES = 0.7, 1.0, 1.5, 2.2, 3.3  # half the modulator's longer side over the beam's radius
-_START_STROKES = 0.5, 0.9
+_STROKES = 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.4  # over the assumed one, with which light is retrieved
+_MOST_SCALE = 0.0155  # of the focal length
+_LEADERS = 2
+_START_SIZES, _START_STROKES = (0.7, 1.0, 1.5, 2.2, 3.3), (0.5, 0.9)  # of simple beams
+_CLEAR = 0.85
+"""[1] Correlation above which no other start is tried. Evidence: drawn benches: wrong valleys stayed below 0.75."""
+_SCANS = len(_STROKES) + 1
 _REACH_PX, _AROUND_PX = 25, 80
 _KICKS = 7
+_STAGES = _SCANS + _LEADERS + 1 + _KICKS
 _LEAST_STEP = 0.002  # of the correlation
-_SCALES = tuple(1 + 0.001 * step for step in range(-6, 7))  # of the focal length
-_HELD_SIDE_PX = 64  # at most, of the squares of which a quarter is held out
-_HELD_SQUARES = 6  # at least, along the shorter side
-_BLOCK_PX = 32  # at most, of the blocks by whose scatter a gain is judged: independent of each other
 LEAST_LOSS = 0.01
 """[1] Of the held-out correlation without a part, below which the part isn't named. Evidence: the prototype: a trefoil
 and unmodulated light that weren't there gave 0.001, the least true part 0.011."""
 LEAST_SIGMAS = 5.0
 """[σ] … and of its mean over held-out blocks. Evidence: the prototype: 1.7 σ and less of parts that weren't there."""
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle on the modulator over which terms of a wavefront are stated, in half sides of the longer side."""
+
+    radius: float
+    centre_y: float = 0.0
+    centre_x: float = 0.0
+
+
+_MIDDLE = Circle(0.5)
 
 
 class FreeLight(Effect):
@@ -88,9 +104,8 @@ class FreeLight(Effect):
     acts_on = ("source", "modulator 1", "modulator 2")
     listed: ClassVar = False
 
-    def __init__(self, circle: float, unit_m: float) -> None:
-        """circle: radius of the circle of the wavefront's terms, in units of half the modulator's longer side. unit_m:
-        the wavelength of which their radians are."""
+    def __init__(self, circle: Circle, unit_m: float) -> None:
+        """circle: of the wavefront's terms. unit_m: the wavelength of which their radians are."""
         self.point: dict[str, Tensor] = {}
         self.circle, self._unit_m = circle, unit_m
         self._terms: dict[tuple[int, ...], Tensor] = {}
@@ -111,8 +126,8 @@ class FreeLight(Effect):
         light = get_effect("beam").transmission(transmission, context, values)  # type: ignore[arg-type]
         one, shape = transmission.real.detach(), tuple(transmission.shape)
         if shape not in self._terms:
-            radius_m = self.circle * half_m
-            terms = [context.zernike(one, {noll: 1.0}, (0.0, 0.0), radius_m) for noll in _TERMS]
+            radius_m, *centre_m = (length * half_m for length in dataclasses.astuple(self.circle))
+            terms = [context.zernike(one, {noll: 1.0}, tuple(centre_m), radius_m) for noll in _TERMS]
             self._terms[shape] = torch.stack(terms)
         phase = torch.tensordot(torch.stack([p[f"z{noll}"] for noll in _TERMS]), self._terms[shape], dims=1)
         phase = phase * (self._unit_m / context.wavelength_m)
@@ -134,50 +149,56 @@ class FoundLight:
     losses: dict[str, tuple[float, float]]
 
 
+@dataclass(frozen=True)
+class Standing:
+    """Correlation of held-out speckle, and what each block of all bright pixels lacks of 1."""
+
+    held_out: float
+    missing: NDArray[np.float64]
+
+    def loss(self, without: Standing) -> tuple[float, float]:
+        """By how much held-out speckle stands better than without something, and by how many standard deviations of
+        the difference over all blocks: few numbers fit so many pixels that fitted ones tell as much as others."""
+        lost = without.missing - self.missing
+        spread = float(lost.std(ddof=1)) * math.sqrt(len(lost)) if len(lost) > 1 else math.inf
+        return self.held_out - without.held_out, float(lost.sum()) / max(spread, 1e-12)
+
+
 class SpeckleSearch:
     """Ascents of the correlation of local contrasts of pictures.
 
-    data: the pictures, few enough to be predicted together.
+    data: the pictures, few enough to be predicted together. circle: that of the wavefront's terms.
     """
 
-    def __init__(self, data: PreparedCaptures, circle: float) -> None:
+    def __init__(self, data: PreparedCaptures, circle: Circle = _MIDDLE) -> None:
         captures = data.captures
         self._data, self._light = data, FreeLight(circle, float(captures.wavelength_m[0]))
         self._predict = Predictor(captures, [self._light], cache_mb=1)
         self._indices, self._calls = np.arange(len(captures)), 0
-        self._low = [_window(n, _LOW_PASS_PX) for n in captures.shape]
-        self._mean = [_window(n, LOCAL_MEAN_PX) for n in captures.shape]
-        self._usable = usable = torch.from_numpy(data.usable)
-        self._share = self._blurred(usable.float(), self._mean).clamp_min(1e-3)
-        light = torch.from_numpy(np.maximum(data.light, 0.0))
-        mean = self._blurred(light * usable, self._mean) / self._share
-        middle = mean.flatten()[:: max(1, mean.numel() // 100_000)].quantile(0.5)
-        bright = usable & (mean > middle)
-        self._side = max(8, min(_HELD_SIDE_PX, min(captures.shape) // _HELD_SQUARES))
-        y, x = np.mgrid[: captures.shape[0], : captures.shape[1]]
-        held = torch.from_numpy((y // self._side + x // self._side) % 4 == 0)
-        self.fitted, self.held_out = bright & ~held, bright & held
-        self._contrast = self._local_contrast(light)
-        side = max(1, min(_BLOCK_PX, self._side // 2))
-        blocks = (y // side) * captures.shape[1] + x // side
-        stacked = np.stack([blocks + number * blocks.size for number in self._indices])
-        self._blocks = torch.from_numpy(np.unique(stacked[self.held_out.numpy()], return_inverse=True)[1])
+        self._measure = SpeckleMeasure(data)
 
-    def start(self, size: float, stroke: float) -> Point:
-        """A point without a wavefront."""
-        point = dict.fromkeys(_STEPS, 0.0)
-        return point | {"log_size": math.log(size), "edge": 2.0, "stroke": stroke}
+    def near(self, beam: NearestBeam, stroke: float) -> Point:
+        """The point of a beam with a wavefront."""
+        point = dict.fromkeys(_STEPS, 0.0) | {"stroke": stroke}
+        point |= {"log_size": -math.log(beam.radius), "edge": beam.edge}
+        point |= {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}
+        point |= {f"z{noll}": radians for noll, radians in beam.terms.items()}
+        return _rebased(point, Circle(beam.radius, *beam.centre), self._light.circle) if beam.terms else point
 
     def score(self, point: Point) -> float:
         """Correlation of the speckle on the fitted pixels."""
         with torch.no_grad():
-            return float(self._products(self._predicted(point), self.fitted).sum())
+            return float(self._measure.correlation(self._predicted(point), self._measure.fitted))
 
-    def held_out_blocks(self, point: Point | None) -> NDArray[np.float64]:
-        """What each block of held-out pixels adds to their correlation; of the nominal bench without a point."""
+    def held_out(self, point: Point | None) -> float:
+        """Correlation of the speckle on held-out pixels; of the nominal bench without a point."""
         with torch.no_grad():
-            products = self._products(self._predicted(point), self.held_out)
-        return np.asarray(np.bincount(self._blocks.numpy(), products.double().numpy()), np.float64)
+            return float(self._measure.correlation(self._predicted(point), self._measure.held_out))
+
+    def standing(self, point: Point) -> Standing:
+        """How well the speckle of a point stands."""
+        with torch.no_grad():
+            return Standing(self.held_out(point), self._measure.missing_by_block(self._predicted(point)))
 
     def moved_to_peak(self, point: Point) -> tuple[float, Point]:
         """The peak of the correlation over shifts of the picture, and the point with the tilts that move it there."""
@@ -185,9 +206,13 @@ class SpeckleSearch:
             predicted = self._predicted(point)[0].numpy()
         reach = min(_REACH_PX, min(self._data.captures.shape) // 4)
         found = match_speckle(
-            self._data.light[0], predicted, self.fitted[0].numpy(), reach_px=reach, around_px=max(_AROUND_PX, reach + 8)
+            self._data.light[0],
+            predicted,
+            self._measure.fitted[0].numpy(),
+            reach_px=reach,
+            around_px=max(_AROUND_PX, reach + 8),
         )
-        per_px = self._per_metre(self._light.circle) * self._data.captures.camera.pitch_m
+        per_px = self._per_metre(self._light.circle.radius) * self._data.captures.camera.pitch_m
         moved = {"z3": point["z3"] + found.shift[0] * per_px, "z2": point["z2"] + found.shift[1] * per_px}
         return found.correlation, point | moved
 
@@ -203,31 +228,13 @@ class SpeckleSearch:
                 name: _bounded(name, value + _STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
                 for name, value in point.items()
             }
-            score = self._products(self._predicted(values), self.fitted).sum()
+            score = self._measure.correlation(self._predicted(values), self._measure.fitted)
             if score.item() > best[0]:
                 best = (score.item(), {name: float(value.detach()) for name, value in values.items()})
             adam.zero_grad()
             (-score).backward()  # type: ignore[no-untyped-call]
             adam.step()
         return best
-
-    def rebased(self, point: Point, circle: float, centre: tuple[float, float] = (0.0, 0.0)) -> Point:
-        """The same wavefront in terms over another circle, by least squares over it."""
-        line = torch.linspace(-1, 1, 41, dtype=torch.float64)
-        y, x = torch.meshgrid(line, line, indexing="ij")
-        inside = y.square() + x.square() <= 1
-        y, x = y[inside] * circle, x[inside] * circle
-
-        def terms(y: Tensor, x: Tensor) -> Tensor:
-            return torch.stack([zernike(noll, torch.hypot(y, x), torch.atan2(y, x)) for noll in (1, *_TERMS)], 1)
-
-        before = self._light.circle
-        wanted = (
-            terms((y + centre[0]) / before, (x + centre[1]) / before)[:, 1:]
-            @ torch.tensor([point[f"z{noll}"] for noll in _TERMS]).double()
-        )
-        solved = torch.linalg.lstsq(terms(y / circle, x / circle), wanted[:, None]).solution[1:, 0]
-        return point | {f"z{noll}": float(value) for noll, value in zip(_TERMS, solved, strict=True)}
 
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
         """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
@@ -239,7 +246,8 @@ class SpeckleSearch:
             circle = min(math.exp(-point["log_size"]), circle)
             beam = {"size": math.exp(point["log_size"]), "edge": point["edge"]}
             beam |= {f"centre_{axis}": point[f"centre_{axis}"] for axis in "yx"}
-        centred = self.rebased(point, circle, (point["centre_y"], point["centre_x"]))  # (0, 0) without a shape
+        own = Circle(circle, point["centre_y"], point["centre_x"])  # in the middle without a shape
+        centred = _rebased(point, self._light.circle, own)
         per_radian = float(captures.wavelength_m[0]) / (2 * math.pi)
         names = [f"z{noll}" for noll in WAVEFRONT_TERMS]
         is_dropped = {name for part in dropped for name in PARTS[part]}
@@ -285,33 +293,27 @@ class SpeckleSearch:
         light = self._predict(self._indices, values, grad=torch.is_grad_enabled()).signal
         return light + stray * light.mean()
 
-    def _products(self, predicted: Tensor, pixels: Tensor) -> Tensor:
-        """What each of some pixels adds to the correlation of local contrasts."""
-        a, b = self._contrast[pixels], self._local_contrast(predicted)[pixels]
-        a, b = a - a.mean(), b - b.mean()
-        return a * b / torch.sqrt(a.square().sum() * b.square().sum() + 1e-12)
-
-    def _local_contrast(self, pictures: Tensor) -> Tensor:
-        """Of pictures in which pixels that aren't usable, as of a saturated zero order, count as their surroundings."""
-        mean = self._blurred(pictures * self._usable, self._mean) / self._share
-        low = self._blurred(torch.where(self._usable, pictures, mean), self._low)
-        return low / (low + mean + 1e-9 * mean.max())
-
-    @staticmethod
-    def _blurred(pictures: Tensor, windows: list[Tensor]) -> Tensor:
-        return windows[0] @ pictures @ windows[1].T
-
-
-def _window(count: int, sigma: float) -> Tensor:
-    """The matrix (count, count) of a Gaussian mean that is normalised at the edges."""
-    index = torch.arange(count, dtype=torch.float32)
-    weights = torch.exp(-0.5 * ((index[:, None] - index[None, :]) / sigma).square())
-    return weights / weights.sum(dim=1, keepdim=True)
-
 
 def _bounded(name: str, value: Tensor) -> Tensor:
     low, high = _BOUNDS.get(name, (-math.inf, math.inf))
     return value.clamp(low, high)
+
+
+def _rebased(point: Point, before: Circle, after: Circle) -> Point:
+    """The same wavefront in terms over another circle, by least squares over it."""
+    line = torch.linspace(-1, 1, 41, dtype=torch.float64)
+    y, x = torch.meshgrid(line, line, indexing="ij")
+    inside = y.square() + x.square() <= 1
+    y, x = y[inside] * after.radius + after.centre_y, x[inside] * after.radius + after.centre_x
+
+    def terms(circle: Circle) -> Tensor:
+        down, across = (y - circle.centre_y) / circle.radius, (x - circle.centre_x) / circle.radius
+        radius, angle = torch.hypot(down, across), torch.atan2(down, across)
+        return torch.stack([zernike(noll, radius, angle) for noll in (1, *_TERMS)], 1)
+
+    wanted = terms(before)[:, 1:] @ torch.tensor([point[f"z{noll}"] for noll in _TERMS], dtype=torch.float64)
+    solved = torch.linalg.lstsq(terms(after), wanted[:, None]).solution[1:, 0]
+    return point | {f"z{noll}": float(value) for noll, value in zip(_TERMS, solved, strict=True)}
 
 
 # --- the search -------------------------------------------------------------------------------------------------------
@@ -323,44 +325,107 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     data: one or a few pictures. part: a smaller window of them, in which the light is sought before it is refined and
     judged.
     """
-    told, steps = "light on the modulator, by speckle", 14 + len(PARTS)
-    before = float(SpeckleSearch(data, 0.5).held_out_blocks(None).sum())
-    search = SpeckleSearch(part, 0.5)
-    starts = [search.moved_to_peak(search.start(size, stroke)) for size in _START_SIZES for stroke in _START_STROKES]
-    best_start = max(starts, key=lambda found: found[0])[1]
-    for noll in (4, 5, 6, 7, 8, 11):
-        starts += [search.moved_to_peak(best_start | {f"z{noll}": radians}) for radians in (-1.0, 1.0)]
-    rough = []
-    for number, (_, point) in enumerate(_spread(sorted(starts, key=lambda found: -found[0]))):
-        progress(number, steps, told)
-        rough.append(search.ascend(point, 12))
-    rough.sort(key=lambda found: -found[0])
-    circle = min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25)
-    leaders = [search.rebased(point, circle) for _, point in rough[:2]]
-    search, magnification, rng = SpeckleSearch(part, circle), 1.0, np.random.default_rng(seed)
-    score, point = max((search.ascend(leader, 24) for leader in leaders), key=lambda found: found[0])
+    told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
+    before = SpeckleSearch(data).held_out(None)
+    first = _from_retrieved(part, lambda number: progress(number, steps, told))
+    if first.score <= _CLEAR:
+        progress(_SCANS + _LEADERS, steps, told)
+        first = max(first, _from_simple_beams(part), key=lambda one: one.score)
+    score, point, circle, factor = first.score, first.point, first.circle, first.factor
+    search = SpeckleSearch(_magnified(part, factor), circle)
+    rng = np.random.default_rng(seed)
     for number in range(_KICKS):
-        progress(6 + number, steps, told)
-        if number in (0, _KICKS - 1):  # the focal length is known to some thousandths only
-            rivals = [SpeckleSearch(_magnified(part, magnification * factor), circle) for factor in _SCALES]
-            scores = [rival.score(point) for rival in rivals]
-            best = int(np.argmax(scores))
-            search, magnification, score = rivals[best], magnification * _SCALES[best], scores[best]
+        progress(_SCANS + _LEADERS + 1 + number, steps, told)
+        if part.captures.is_fourier and number in (0, _KICKS - 1):
+            factor = _climbed(partial(_score_of, part, circle, point), 0.001, factor)
+            search = SpeckleSearch(_magnified(part, factor), circle)
+            score = search.score(point)
+        if score > _CLEAR:
+            continue
         other = search.ascend(search.moved_to_peak(_kicked(point, number, rng))[1], 14)
         if other[0] > score + _LEAST_STEP:
             score, point = other
-    search = SpeckleSearch(_magnified(data, magnification), circle)
+    search = SpeckleSearch(_magnified(data, factor), circle)
     score = search.score(point)
     for _ in range(3):
         polished = search.ascend(point, 20, rate=0.5)
-        gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda found: found[0])
+        gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda one: one[0])
         if gained < 2 * _LEAST_STEP:
             break
-    point, losses = without_superfluous(search, point, lambda number: progress(14 + number, steps, told))
+    point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
     dropped = [part for part, loss in losses.items() if not _is_needed(loss)]
     values = search.effect_values(point, dropped)
-    values["camera_alignment"]["magnification"] = magnification - 1
-    return FoundLight(values, before, float(search.held_out_blocks(point).sum()), losses)
+    values["camera_alignment"]["magnification"] = factor - 1
+    return FoundLight(values, before, search.held_out(point), losses)
+
+
+@dataclass(frozen=True)
+class _Leader:
+    """A point from which a search goes on, its score, the circle of its terms, and the factor of the focal length."""
+
+    score: float
+    point: Point
+    circle: Circle
+    factor: float
+
+
+def _from_retrieved(part: PreparedCaptures, progress: Callable[[int], None]) -> _Leader:
+    """The best of the beams that resemble retrieved lights, after an ascent. The focal length is that at which the
+    speckle of retrieved light stands best; the strokes are those with which it stands best there."""
+    retrieval, factor, starts = LightRetrieval(part), 1.0, []
+    for number, stroke in enumerate(_STROKES):
+        progress(number)
+        starts.append(retrieval.start(stroke))
+    starts.sort(key=lambda one: -one.correlation)
+    if part.captures.is_fourier:
+        progress(len(_STROKES))
+        stroke = starts[0].stroke
+        factor = _climbed(lambda factor: LightRetrieval(_magnified(part, factor)).start(stroke).correlation, 0.006, 1.0)
+        retrieval = LightRetrieval(_magnified(part, factor))
+    if factor != 1:
+        starts = [retrieval.start(one.stroke) for one in starts[:_LEADERS]]
+    leaders = []
+    for number, start in enumerate(starts[:_LEADERS]):
+        progress(_SCANS + number)
+        retrieved = retrieval.ascend(start, 30)
+        beam = retrieval.nearest_beam(retrieved, _TERMS)
+        circle = Circle(beam.radius, *beam.centre)
+        search = SpeckleSearch(_magnified(part, factor), circle)
+        leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, factor))
+        if leaders[-1].score > _CLEAR:
+            break
+    return max(leaders, key=lambda one: one.score)
+
+
+def _from_simple_beams(part: PreparedCaptures) -> _Leader:
+    """The best ascent from beams in the middle with at most one term of a wavefront, of several sizes and strokes: it
+    finds light of some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines
+    rather than speckle."""
+    search = SpeckleSearch(part)
+    starts = [
+        search.moved_to_peak(search.near(NearestBeam(1 / size, 2.0, (0.0, 0.0), {}, 1.0), stroke))
+        for size in _START_SIZES
+        for stroke in _START_STROKES
+    ]
+    best_start = max(starts, key=lambda found: found[0])[1]
+    for noll in (4, 5, 6, 7, 8, 11):
+        starts += [search.moved_to_peak(best_start | {f"z{noll}": radians}) for radians in (-1.0, 1.0)]
+    starts = _spread(sorted(starts, key=lambda found: -found[0]))
+    rough = sorted((search.ascend(point, 12) for _, point in starts), key=lambda found: -found[0])
+    circle = Circle(min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25))
+    search = SpeckleSearch(part, circle)
+    finer = [search.ascend(_rebased(point, _MIDDLE, circle), 24) for _, point in rough[:2]]
+    return _Leader(*max(finer, key=lambda found: found[0]), circle, 1.0)
+
+
+def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
+    """The two best starts, and the best of each third of the sizes and of the larger stroke, each once."""
+    chosen = starts[:2]
+    sizes = [math.log(size) for size in _START_SIZES]
+    for low, high in ((-9.0, sizes[1] + 0.01), (sizes[1] + 0.01, sizes[3] - 0.01), (sizes[3] - 0.01, 9.0)):
+        chosen += [found for found in starts if low < found[1]["log_size"] <= high][:1]
+    chosen += [found for found in starts if found[1]["stroke"] > _START_STROKES[0]][:1]
+    return [found for number, found in enumerate(chosen) if found not in chosen[:number]]
 
 
 def without_superfluous(
@@ -368,29 +433,23 @@ def without_superfluous(
 ) -> tuple[Point, dict[str, tuple[float, float]]]:
     """The point without parts that held-out speckle doesn't need, and the loss without each part: of the correlation
     after a refit of all others, and in standard deviations of its mean over blocks."""
-    whole, losses, without = search.held_out_blocks(point), {}, {}
+    whole, losses = search.standing(point), {}
     for number, (part, absent) in enumerate(PARTS.items()):
         progress(number)
-        without[part] = search.ascend(point | absent, 12, rate=0.5, fixed=absent)[1]
-        losses[part] = _loss(whole, search.held_out_blocks(without[part]))
+        without = search.ascend(point | absent, 12, rate=0.5, fixed=absent)[1]
+        losses[part] = whole.loss(search.standing(without))
     for part in sorted(losses, key=lambda name: losses[name][0]):
         if _is_needed(losses[part]):
             continue
         dropped = [name for name, loss in losses.items() if not _is_needed(loss)]
         absent = {name: value for one in dropped for name, value in PARTS[one].items()}
         fewer = search.ascend(point | absent, 20, rate=0.5, fixed=absent)[1]
-        together = _loss(whole, search.held_out_blocks(fewer))
+        together = whole.loss(search.standing(fewer))
         if len(dropped) == 1 or not _is_needed(together):
             return fewer, losses
         needed = max(dropped, key=lambda name: losses[name][0])  # several stood for each other
         losses[needed] = together
     return point, losses
-
-
-def _loss(whole: NDArray[np.float64], without: NDArray[np.float64]) -> tuple[float, float]:
-    lost = whole - without
-    spread = float(lost.std(ddof=1)) * math.sqrt(len(lost)) if len(lost) > 1 else math.inf
-    return float(lost.sum()), float(lost.sum()) / max(spread, 1e-12)
 
 
 def _is_needed(loss: tuple[float, float]) -> bool:
@@ -405,14 +464,17 @@ def _magnified(data: PreparedCaptures, factor: float) -> PreparedCaptures:
     return dataclasses.replace(data, captures=dataclasses.replace(data.captures, focal_length_m=focal_length_m))
 
 
-def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
-    """The two best starts, and the best of each third of the sizes and of the larger stroke, each once."""
-    chosen = starts[:2]
-    sizes = [math.log(size) for size in _START_SIZES]
-    for low, high in ((-9.0, sizes[1] + 0.01), (sizes[1] + 0.01, sizes[3] - 0.01), (sizes[3] - 0.01, 9.0)):
-        chosen += [found for found in starts if low < found[1]["log_size"] <= high][:1]
-    chosen += [found for found in starts if found[1]["stroke"] > _START_STROKES[0]][:1]
-    return [found for number, found in enumerate(chosen) if found not in chosen[:number]]
+def _score_of(part: PreparedCaptures, circle: Circle, point: Point, factor: float) -> float:
+    return SpeckleSearch(_magnified(part, factor), circle).score(point)
+
+
+def _climbed(score: Callable[[float], float], step: float, factor: float) -> float:
+    """The factor of the focal length up to which a score rises, in steps."""
+    best = score(factor)
+    for change in (step, -step):
+        while abs(factor + change - 1) < _MOST_SCALE and (other := score(factor + change)) > best:
+            best, factor = other, factor + change
+    return factor
 
 
 def _kicked(point: Point, number: int, rng: np.random.Generator) -> Point:

@@ -61,8 +61,9 @@ def match_speckle(
     """The match of two pictures (y, x) of equal shape.
 
     usable: pixels of the measured picture that count. reach_px: shifts among which the peak is sought; around_px: those
-    that tell what chance gives, larger than the reach.
+    that tell what chance gives, larger than the reach; less than the picture's shorter side of them is used.
     """
+    around_px = min(around_px, min(measured.shape) - 1)
     contrast = local_contrast(measured, usable, mean_px)
     count = max(int(usable.sum()), 1)
     a = np.where(usable, contrast - contrast[usable].mean(), 0.0)
