@@ -4,15 +4,17 @@ Light before the first modulator is a beam (disc, Gaussian or ellipse anywhere o
 dust. A modulator pixel shows one phase on its active part; what is between the active parts reflects unmodulated.
 
 Far field (`far_field`): each pixel is cut into squares over which the light is taken as constant; their Fourier
-transforms are added at the camera's pixels, at 2 × 2 points of each, by a chirp z-transform along each axis.
+transforms are added at places across each of the camera's pixels, by a chirp z-transform along each axis.
 
-Near field (`near_field`): `FINE` × `FINE` samples a pixel, each a small square (whose transform is a factor of the
-spectrum), the angular spectrum in a window from which no light can come round, irises with sharp edges; a camera pixel
-is the mean of its samples.
+Near field (`near_field`): `fine` × `fine` samples a pixel, each a small square (whose transform is a factor of the
+spectrum), the angular spectrum in a window from which no light can come round, irises of which a frequency on the edge
+passes in part; a camera pixel is the mean of its samples. Of small benches twice as many samples and twice the window
+change the light by 0.03 %.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -26,10 +28,14 @@ from scipy.signal import CZT
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FINE = 4
-"""Samples a pixel and axis in the near field."""
+FINE, SMALL_FINE = 4, 8
+"""Samples a pixel and axis in the near field, of benches above `SMALL_PX` and of small ones."""
+SMALL_PX = 256
 PARTS = 2
-"""Squares a pixel and axis in the far field, and points a camera pixel and axis."""
+"""Squares a pixel and axis in the far field."""
+PLACES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(4))
+"""Across a camera pixel in the far field, in pixels from its middle: the mean of light with a period of two pixels is
+right to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -135,16 +141,17 @@ def far_field(bench: Bench, modulated: Sequence[Complex], wavelength_m: float) -
     """The picture in the focal plane of a lens: of modulator 1 alone."""
     assert bench.focal_length_m is not None
     period_px = wavelength_m * bench.focal_length_m / (bench.pitch_m * bench.camera_pitch_m)
-    at = [(np.arange(n * PARTS) + 0.5) / PARTS - n / 2 - a for n, a in zip(bench.camera, bench.axis_px, strict=True)]
-    k = [a / period_px for a in at]  # periods a modulator pixel
     between = 1 if bench.fill < 1 else 0  # the frame around the active square reflects, without modulation
     pixels = (1 - abs(bench.unmodulated)) * modulated[0] + bench.unmodulated - between
-    field_at_camera = _squares_transformed(bench, pixels, math.sqrt(bench.fill), k)
-    if between:
-        field_at_camera = field_at_camera + _squares_transformed(bench, np.ones_like(pixels), 1.0, k)
-    rows, columns = bench.camera
-    light = np.abs(field_at_camera) ** 2
-    return np.asarray(light.reshape(rows, PARTS, columns, PARTS).mean(axis=(1, 3)) / math.prod(bench.shape))
+    light = np.zeros(bench.camera)
+    for places, share in zip(itertools.product(PLACES, PLACES), np.outer(SHARES, SHARES).ravel(), strict=True):
+        along = zip(bench.camera, bench.axis_px, places, strict=True)
+        k = [(centred(n) - axis + place) / period_px for n, axis, place in along]  # periods a modulator pixel
+        field_there = _squares_transformed(bench, pixels, math.sqrt(bench.fill), k)
+        if between:
+            field_there = field_there + _squares_transformed(bench, np.ones_like(pixels), 1.0, k)
+        light += share * np.abs(field_there) ** 2
+    return np.asarray(light / math.prod(bench.shape))
 
 
 def _squares_transformed(bench: Bench, pixels: Complex, side: float, k: Sequence[Floats]) -> Complex:
@@ -177,38 +184,42 @@ def _along(values: NDArray[np.generic], axis: int) -> NDArray[np.generic]:
 
 def near_field(bench: Bench, modulated: Sequence[Complex], wavelength_m: float) -> Floats:
     """The picture in a plane behind one or two modulators, of camera pixels as wide as 1, 2 or 4 samples."""
+    fine = SMALL_FINE if max(bench.shape) <= SMALL_PX else FINE
     reach_m = (bench.distance_m + (bench.gap_m or 0.0)) * math.tan(math.asin(bench.iris))
-    beyond = math.ceil(reach_m / bench.pitch_m * FINE) + 32 * FINE  # where light comes round, nobody looks
-    size = [2 * fft.next_fast_len((n * FINE + beyond) // 2 + 1) for n in bench.shape]
-    y, x = (_along(centred(n) / FINE, axis) for axis, n in enumerate(size))
-    sines = [_along(fft.fftfreq(n, bench.pitch_m / FINE) * wavelength_m, axis) for axis, n in enumerate(size)]
-    field_now = bench.light(y, x) * _window(bench, modulated[0], size)
-    cells = np.sinc(sines[0] * bench.pitch_m / FINE / wavelength_m) * np.sinc(
-        sines[1] * bench.pitch_m / FINE / wavelength_m
+    beyond = math.ceil(reach_m / bench.pitch_m * fine) + 32 * fine  # where light comes round, nobody looks
+    wider = 2 if fine == SMALL_FINE else 1
+    size = [2 * fft.next_fast_len(wider * (n * fine + beyond) // 2 + 1) for n in bench.shape]
+    y, x = (_along(centred(n) / fine, axis) for axis, n in enumerate(size))
+    sines = [_along(fft.fftfreq(n, bench.pitch_m / fine) * wavelength_m, axis) for axis, n in enumerate(size)]
+    field_now = bench.light(y, x) * _window(bench, modulated[0], size, fine)
+    cells = np.sinc(sines[0] * bench.pitch_m / fine / wavelength_m) * np.sinc(
+        sines[1] * bench.pitch_m / fine / wavelength_m
     )
-    passes = sines[0] ** 2 + sines[1] ** 2 <= bench.iris**2
-    cosine = np.sqrt(np.maximum(1 - sines[0] ** 2 - sines[1] ** 2, 0))
+    square = sines[0] ** 2 + sines[1] ** 2
+    cell = wavelength_m * fine / (bench.pitch_m * min(size))  # of the frequencies, as a sine
+    passes = np.clip((bench.iris - np.sqrt(square)) / cell + 0.5, 0, 1)
+    cosine = np.sqrt(np.maximum(1 - square, 0))
     spectrum = fft.fft2(field_now) * cells
     if bench.gap_m is not None:
         wave = passes * np.exp(2j * np.pi * bench.gap_m / wavelength_m * cosine)
-        second = _window(bench, modulated[1], size)
+        second = _window(bench, modulated[1], size, fine)
         if any(bench.second_px):
-            second = np.roll(second, [round(s * FINE) for s in bench.second_px], (0, 1))
+            second = np.roll(second, [round(s * fine) for s in bench.second_px], (0, 1))
         spectrum = fft.fft2(fft.ifft2(spectrum * wave) * second)
     path_m = bench.distance_m * cosine
     for sine, moved in zip(sines, bench.axis_px, strict=True):
         path_m = path_m - sine * moved * bench.camera_pitch_m
     seen = np.abs(fft.ifft2(spectrum * passes * np.exp(2j * np.pi * path_m / wavelength_m))) ** 2
-    side = round(bench.camera_pitch_m / bench.pitch_m * FINE)
+    side = round(bench.camera_pitch_m / bench.pitch_m * fine)
     first = [(n - count * side) // 2 for n, count in zip(size, bench.camera, strict=True)]
     rows, columns = bench.camera
     inner = seen[first[0] : first[0] + rows * side, first[1] : first[1] + columns * side]
     return np.asarray(inner.reshape(rows, side, columns, side).mean(axis=(1, 3)))
 
 
-def _window(bench: Bench, modulated: Complex, size: Sequence[int]) -> Complex:
+def _window(bench: Bench, modulated: Complex, size: Sequence[int], fine: int) -> Complex:
     """The transmission of a modulator in the middle of a dark window of samples."""
-    samples = np.kron((1 - abs(bench.unmodulated)) * modulated + bench.unmodulated, np.ones((FINE, FINE)))
+    samples = np.kron((1 - abs(bench.unmodulated)) * modulated + bench.unmodulated, np.ones((fine, fine)))
     window = np.zeros(size, np.complex128)
     first = [(n - inner) // 2 for n, inner in zip(size, samples.shape, strict=True)]
     window[first[0] : first[0] + samples.shape[0], first[1] : first[1] + samples.shape[1]] = samples

@@ -339,7 +339,7 @@ class NumberSchema:
     def read(self, value: Any, where: str) -> float:
         """The number. Raises UserError, with the place `where`, for anything else and for numbers out of bounds."""
         array = np.asarray(value)
-        if array.size != 1 or array.dtype.kind not in "fiu":
+        if array.size != 1 or array.dtype.kind not in ("fiub" if self.whole else "fiu"):
             raise UserError(where, short_repr(value), expected=self._describe())
         number = float(array.reshape(())[()])
         if not (math.isfinite(number) and self.low <= number <= self.high and (not self.whole or number.is_integer())):

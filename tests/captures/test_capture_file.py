@@ -60,6 +60,19 @@ def test_what_is_written_is_read_again(captures: Captures, tmp_path: Path) -> No
     assert _same(read_captures(tmp_path / "c.h5"), captures)
 
 
+@pytest.mark.parametrize("value", [None, 0, 1, np.True_])
+def test_a_file_may_state_whether_camera_pixels_integrate(value: object, tmp_path: Path) -> None:
+    """As a number or as h5py writes a truth value; files without it keep their meaning."""
+    write_captures(tmp_path / "c.h5", _captures())
+    with h5py.File(tmp_path / "c.h5", "a") as h5:
+        if value is not None:
+            h5["camera"].attrs["integrates"] = value
+    read = read_captures(tmp_path / "c.h5")
+    assert read.camera.integrates is (None if value is None else bool(value))
+    write_captures(tmp_path / "again.h5", read)
+    assert read_captures(tmp_path / "again.h5").camera == read.camera
+
+
 def test_what_is_unknown_is_ignored(tmp_path: Path) -> None:
     write_captures(tmp_path / "c.h5", _captures())
     with h5py.File(tmp_path / "c.h5", "a") as h5:

@@ -101,7 +101,7 @@ def test_the_camera_is_estimated_where_nobody_states_it() -> None:
     stated = KnownCamera(8, electrons_per_count=8.0, read_noise=8.0, black_level=2.0)
     shown = [replace(one, power=2.0, exposure_s=0.1) for one in _shown([11, 12])]
     known = import_pictures(shown, focal_length_m=0.25, camera=stated, **KNOWN).captures
-    assert known.estimated == ()
+    assert len(known.estimated) == 1 and known.estimated[0].startswith("focal length and axis")
     assert known.camera.electrons_per_count == 8.0
     assert known.exposure_s.tolist() == [0.1, 0.1]
 

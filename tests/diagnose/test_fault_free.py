@@ -7,13 +7,17 @@ independent program.
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from benchmarks import real_benches
 from benchmarks.fault_free import ARRANGEMENTS, BLURS_PX, SMALLEST, draw, solve
 from holoview.bench.captures import Captures, read_captures
+from holoview.bench.captures.picture_import import Shown, import_pictures
 from holoview.bench.captures.records.light import measure_light
 from holoview.bench.captures.validation import check_captures
 from holoview.bench.captures.virtual_measurement import make_captures
@@ -23,6 +27,7 @@ from holoview.bench.diagnose.judge import Verdict
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.light.model.effects.registry import listed_effects
+from holoview.util.units import parse as parse_length
 from tests.diagnose.conftest import make_context_of
 from tests.diagnose.independent_fourier import FourierLaboratory, write_session
 from tests.explored import explored
@@ -48,6 +53,29 @@ def test_a_bench_without_a_fault_is_consistent(seed: int) -> None:
     """A file is called anything else with a chance of 1e-6, and one of its captures is blamed with 1e-6 at most."""
     found = solve(seed, SMALLEST, [EFFECTS[n] for n in FEW])
     assert found.is_right, found
+
+
+@pytest.mark.parametrize("kind", real_benches.KINDS)
+def test_nor_is_the_area_of_camera_pixels_a_fault(kind: str, tmp_path: Path) -> None:
+    """Of a simulator that shares no code, whose camera pixels integrate. Of a picture the gain, the black level,
+    the axis and the scale are estimated, which are no faults either."""
+    told = json.loads(real_benches.measure(real_benches.draw(3, "none", kind, 64), tmp_path, 3).read_text())
+    if kind == "picture":
+        option = dict(zip(told["import"][::2], told["import"][1::2], strict=True))
+        lengths = {name: parse_length(option[f"--{name}"], name) for name in ("wavelength", "pitch", "camera-pitch")}
+        names = ("none-picture-3", "none-picture-3-mask")
+        picture, pattern = (np.asarray(Image.open(tmp_path / f"{name}.png")) for name in names)
+        captures = import_pictures(
+            [Shown(picture, pattern)],
+            **{f"{name.replace('-', '_')}_m": length for name, length in lengths.items()},
+            focal_length_m=parse_length(option["--focal-length"], "focal length"),
+        ).captures
+    else:
+        captures = read_captures(tmp_path / f"none-{kind}-3.h5")
+    assert captures.camera.integrates is None
+    few = [EFFECTS[n] for n in (*FEW, "camera_black", "ambient")]
+    found = diagnose(captures, few, workers=1, free_maps=False)
+    assert found.verdict is Verdict.CONSISTENT and not found.causes and not found.bad_captures
 
 
 @pytest.mark.explores

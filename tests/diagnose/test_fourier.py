@@ -66,6 +66,57 @@ def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
     assert found.verdict is Verdict.CONSISTENT and not found.causes
 
 
+def _averaged(effects: dict[str, dict[str, float]], seed: int) -> Captures:
+    """Captures whose pixels, a third of a speckle wide, are the mean of 4 × 4 points; nobody states so."""
+    session = AcquisitionSettings(
+        captures_per_condition=3,
+        seed=seed,
+        focal_length_m=0.1,
+        camera_pitch_m=20e-6,
+        camera_shape=(160, 200),
+        full_well=1e3,
+    )
+    fine = make_captures(small_system(1), effects, session)
+    parts = fine.images.reshape(len(fine), 40, 4, 50, 4)
+    full = fine.camera.saturation
+    means = np.where(parts.max(axis=(2, 4)) == full, full, parts.mean(axis=(2, 4)))
+    camera = dataclasses.replace(
+        fine.camera,
+        pitch_m=80e-6,
+        electrons_per_count=16 * fine.camera.electrons_per_count,
+        read_noise=4 * fine.camera.read_noise,
+        integrates=None,
+    )
+    return dataclasses.replace(fine, images=np.rint(means).astype(np.uint16), camera=camera)
+
+
+FEW = ("stroke", "camera_blur", "camera_black", "tilt")
+
+
+@pytest.mark.parametrize("effects", [{}, {"camera_blur": {"sigma": 3.0}}, {"stroke": {"stroke_error": 0.1}}])
+def test_camera_pixels_that_integrate_arent_a_blur(effects: dict[str, dict[str, float]]) -> None:
+    """A blur that is more than the pixels' area is named, and no other one."""
+    found = diagnose(_averaged(effects, 5), [listed_effects()[n] for n in FEW], workers=1, free_maps=False)
+    assert [cause.effect for cause in found.causes] == [*effects]
+    assert found.verdict is (Verdict.EXPLAINED if effects else Verdict.CONSISTENT)
+    assert any("camera pixels measure the mean light over their area" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("states", [True, False])
+def test_captures_that_sample_points_are_consistent_whether_they_state_it_or_not(states: bool) -> None:
+    session = AcquisitionSettings(
+        captures_per_condition=3, seed=4, focal_length_m=0.1, camera_pitch_m=80e-6, camera_shape=(40, 50)
+    )
+    captures = make_captures(small_system(1), {}, session)
+    assert captures.camera.integrates is False
+    if not states:
+        captures = dataclasses.replace(captures, camera=dataclasses.replace(captures.camera, integrates=None))
+    found = diagnose(captures, [listed_effects()[n] for n in FEW], workers=1, free_maps=False)
+    assert found.verdict is Verdict.CONSISTENT and not found.causes
+    assumed = [note for note in found.notes if "camera pixels measure the light at their middle" in note]
+    assert bool(assumed) is not states
+
+
 def test_free_maps_are_fitted_where_no_candidate_explains_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step at each place that such a bench has: there is no pupil behind its modulator."""
     session = AcquisitionSettings(

@@ -22,7 +22,9 @@ direction (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A def
 If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
 pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera
 gets it from a grid twice as fine, by windowed sinc interpolation, with an error of 1e-4. A pixel larger than a sample
-averages the intensity at several points. A camera that moves during an exposure averages it over positions.
+averages the intensity at several points; one that integrates averages it at Gauss–Legendre places across its area, as
+many as the finest structure of the light needs (`pixel_quadrature`). A camera that moves during an exposure averages it
+over positions.
 
 `FrequencyBand` has the FFTs between a field and the frequencies that a relay passes. With an iris most frequencies of a
 padded grid are zero, and columns outside the band are never transformed. The field occupies the first samples of the
@@ -37,6 +39,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import torch
@@ -49,7 +52,7 @@ from holoview.light.model.passband import Transfer, band_of_rows
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import chirp_z_transform, phasor_of_turns
 from holoview.light.numerics.resample import affine_warp, band_limited_warp, centred_indices
-from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.numerics.sampling import AREA, frequency_indices
 from holoview.light.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
 from holoview.light.optics.propagate import nominal_pupil, transfer_function_at
 from holoview.light.optics.slm import phasor
@@ -62,12 +65,35 @@ _POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
 _INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
 
 
+_AREA_ERROR = 0.005
+_MOST_NODES = 8  # a pixel that holds three grains a side
+Nodes = tuple[tuple[float, float], ...]
+_MIDDLE: Nodes = ((0.0, 1.0),)
+
+
+@lru_cache(maxsize=256)
+def pixel_quadrature(grains: float) -> Nodes:
+    """Places along a side of a pixel, in pixels from its middle, and their weights: the mean over its area.
+
+    grains: periods of the finest structure of the intensity along the side. Gauss–Legendre: the fewest places with
+    which the mean of every wave of at most so many periods, sin(πx)/(πx) of its contrast, is right to 0.005 of it; at
+    most 8.
+    """
+    periods = np.linspace(0.0, max(grains, 1e-3), 65)
+    for count in range(1, _MOST_NODES + 1):
+        places, weights = (values / 2 for values in np.polynomial.legendre.leggauss(count))
+        means = weights @ np.cos(2 * np.pi * places[:, None] * periods)
+        if np.abs(means - np.sinc(periods)).max() <= _AREA_ERROR:
+            break
+    return tuple(zip(places.tolist(), weights.tolist(), strict=True))
+
+
 @dataclass(frozen=True)
 class PixelGrid:
     """The camera's pixels, referred to the modulator's plane and centred on the axis: pitch, (rows, columns).
 
     points_per_axis: a pixel averages the intensity over this number of points along each axis; None: one point for
-    each simulation sample that fits on the pixel.
+    each simulation sample that fits on the pixel; `AREA`: it averages over its area.
     axis_m: (y, x), where the axis is from the centre of the picture on a Fourier bench.
     """
 
@@ -85,12 +111,16 @@ def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_gr
     and acts only if the camera has the simulation's pitch.
     """
     same_pitch = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
-    points = pixel_grid.points_per_axis or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
-    if same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
+    points, nodes = pixel_grid.points_per_axis, _MIDDLE
+    if points == AREA:
+        highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
+        nodes = pixel_quadrature(round(2 * highest * pixel_grid.pitch_m / grid.pitch_m, 6))
+    points = points or (1 if points == AREA else max(1, round(pixel_grid.pitch_m / grid.pitch_m)))
+    if len(nodes) == 1 and same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
         return squared_magnitude(band.inverse(spectrum, grid.shape))
     point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
-    field_at = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
-    image = mean_over_pixels(squared_magnitude(field_at(spectrum, band, grid, point_grid, pose)), points)
+    intensity = _intensity_by_fourier_sum if pose.rotation_rad == 0 else _intensity_by_interpolation
+    image = mean_over_pixels(intensity(spectrum, band, grid, point_grid, pose, nodes), points)
     if pose.softness and same_pitch:
         unshifted = squared_magnitude(band.inverse(spectrum, grid.shape))
         soft = affine_warp(unshifted, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
@@ -103,21 +133,29 @@ def squared_magnitude(field: Tensor) -> Tensor:
     return field.real.square() + field.imag.square()
 
 
-def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
-    """The field at points whose rows and columns are parallel to the grid's: a Fourier sum along each axis.
+def _intensity_by_fourier_sum(
+    spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose, nodes: Nodes
+) -> Tensor:
+    """The intensity at points whose rows and columns are parallel to the grid's: a Fourier sum along each axis.
+
+    nodes: places across a point, of which the intensity is the weighted mean.
 
     Zero beyond half the padded grid, where the periodic field would repeat itself.
     """
     affine, ratio = pose.inverse_affine(points.pitch_m), points.pitch_m / grid.pitch_m
-    y, x = (
-        _fourier_sum(
-            (points.shape[axis], affine[axis][axis], affine[axis][2], ratio),
-            (grid.shape[axis], grid.padded[axis], band.max_indices[axis]),
-            spectrum.dtype,
-        )
-        for axis in (0, 1)
-    )
-    return y @ (spectrum @ x.T)
+
+    def sums(axis: int, node: float) -> Tensor:
+        scale, offset = affine[axis][axis], affine[axis][2]
+        place = (points.shape[axis], scale, offset + node * scale, ratio)
+        return _fourier_sum(place, (grid.shape[axis], grid.padded[axis], band.max_indices[axis]), spectrum.dtype)
+
+    total: Tensor | float = 0.0
+    for node_x, weight_x in nodes:
+        lines = spectrum @ sums(1, node_x).T
+        for node_y, weight_y in nodes:
+            total = total + weight_y * weight_x * squared_magnitude(sums(0, node_y) @ lines)
+    assert isinstance(total, Tensor)
+    return total
 
 
 @lru_cache(maxsize=_FOURIER_SUMS)
@@ -137,8 +175,10 @@ def _fourier_sum(points: tuple[int, float, float, float], grid: tuple[int, int, 
     return torch.polar(amplitude, 2 * math.pi * turns).to(dtype)
 
 
-def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
-    """The field at points of any orientation: windowed sinc interpolation on a grid twice as fine.
+def _intensity_by_interpolation(
+    spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose, nodes: Nodes
+) -> Tensor:
+    """As `_intensity_by_fourier_sum`, of any orientation: windowed sinc interpolation on a grid twice as fine.
 
     The finer grid begins `margins` samples before the field.
     """
@@ -156,8 +196,13 @@ def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, p
     scale = points.pitch_m / (grid.pitch_m / 2)
     half = 0.5  # both grids begin at the same sample, so the finer one's centre lies half a finer sample further
     (a, b, c), (d, e, f) = affine
-    source = ((a * scale, b * scale, c * scale - half), (d * scale, e * scale, f * scale - half))
-    return band_limited_warp(field, source, points.shape)
+    total: Tensor | float = 0.0
+    for (y, weight_y), (x, weight_x) in product(nodes, nodes):
+        moved = c + a * y + b * x, f + d * y + e * x
+        source = ((a * scale, b * scale, moved[0] * scale - half), (d * scale, e * scale, moved[1] * scale - half))
+        total = total + weight_y * weight_x * squared_magnitude(band_limited_warp(field, source, points.shape))
+    assert isinstance(total, Tensor)
+    return total
 
 
 def _margins(grid: Grid, points: PixelGrid, affine: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
@@ -609,17 +654,24 @@ class FourierBenchModel(CameraModel):
         return self.cache.get(("fourier", *behind, plane_m, relay, pose_key), compute)
 
     def _camera_intensity(self, field: Tensor, component: IncoherentComponent, pose: Pose) -> Tensor:
-        points = self.pixel_grid.points_per_axis or 1
+        points, nodes = self.pixel_grid.points_per_axis or 1, _MIDDLE
+        if self.pixel_grid.points_per_axis == AREA:
+            speckle_m = self._speckle_m(component)
+            nodes = pixel_quadrature(round(self.pixel_grid.pitch_m / (speckle_m * pose.magnification), 3))
         shape = (self.pixel_grid.shape[0] * points, self.pixel_grid.shape[1] * points)
         point_grid = PixelGrid(self.pixel_grid.pitch_m / points, shape)
         if pose.rotation_rad == 0:
-            return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose), points)
-        finer = self._finer_grid(field, self.wavelength_m(component), pose)
-        unrotated = self._intensity_at_pixels(field, component, finer, Pose())
+            return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose, nodes), points)
+        finer = self._finer_grid(component, pose)
+        unrotated = self._intensity_at_pixels(field, component, finer, Pose(), _MIDDLE)
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
         scale = point_grid.pitch_m / finer.pitch_m
-        source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
-        return mean_over_pixels(band_limited_warp(unrotated, source, shape), points)
+        total = torch.zeros(shape, dtype=self.real_dtype)
+        for (y, weight_y), (x, weight_x) in product(nodes, nodes):
+            moved = c + scale * (a * y + b * x), f + scale * (d * y + e * x)
+            source = ((a * scale, b * scale, moved[0]), (d * scale, e * scale, moved[1]))
+            total = total + weight_y * weight_x * band_limited_warp(unrotated, source, shape)
+        return mean_over_pixels(total, points)
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""
@@ -638,24 +690,36 @@ class FourierBenchModel(CameraModel):
         return field
 
     def _intensity_at_pixels(
-        self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose
+        self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose, nodes: Nodes
     ) -> Tensor:
-        """|E|² at pixels whose rows and columns are parallel to the modulator's; zero where a stop blocks the light."""
+        """|E|² at pixels whose rows and columns are parallel to the modulator's; zero where a stop blocks the light.
+
+        nodes: along each side of a pixel, whose weighted mean it is.
+        """
         λ, modulator, slopes = self.wavelength_m(component), self.plan.system.modulators[0], self.slopes(component)
         pitch_m = modulator.pitch_m * modulator.shape[0] / field.shape[0]
-        affine, light, sines = pose.inverse_affine(pixel_grid.pitch_m), field, []
-        for axis in (0, 1):
-            pixels = centred_indices(pixel_grid.shape[axis], torch.float64, field.device)
+        affine = pose.inverse_affine(pixel_grid.pitch_m)
+
+        def along(light: Tensor, axis: int, node: float) -> tuple[Tensor, Tensor]:
+            """The sums along an axis (last of the result), and the direction sines of the pixels."""
+            pixels = centred_indices(pixel_grid.shape[axis], torch.float64, field.device) + node
             scale, offset = affine[axis][axis], affine[axis][2]
             sine = (pixels * scale + offset) * (pixel_grid.pitch_m / self.focal_length_m)
             cycles = sine * (pitch_m / λ)  # per point of the field
             step = scale * pixel_grid.pitch_m / self.focal_length_m * pitch_m / λ
-            light = chirp_z_transform(light.transpose(-2, -1), float(cycles[0]), step, pixel_grid.shape[axis])
+            sums = chirp_z_transform(light.transpose(-2, -1), float(cycles[0]), step, pixel_grid.shape[axis])
             slope = slopes[axis] * (pitch_m / self.plan.grid.pitch_m)  # turns per point of the field
             envelope = torch.special.sinc(cycles - slope) / field.shape[axis] ** 0.5
-            light = light * envelope.to(self.real_dtype)
-            sines.append(sine)
-        return squared_magnitude(light) * self._stop_mask(λ, *sines)
+            return sums * envelope.to(self.real_dtype), sine
+
+        total = torch.zeros(pixel_grid.shape, dtype=self.real_dtype)
+        for node_y, weight_y in nodes:
+            lines, sine_y = along(field, 0, node_y)
+            for node_x, weight_x in nodes:
+                light, sine_x = along(lines, 1, node_x)
+                seen = squared_magnitude(light) * self._stop_mask(λ, sine_y, sine_x)
+                total = total + weight_y * weight_x * seen
+        return total
 
     def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
         """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
@@ -671,10 +735,14 @@ class FourierBenchModel(CameraModel):
             passes &= sine2 > self.plan.system.relay2.dc_block_na**2
         return passes.to(self.real_dtype)
 
-    def _finer_grid(self, field: Tensor, λ: float, pose: Pose) -> PixelGrid:
+    def _speckle_m(self, component: IncoherentComponent) -> float:
+        """Period on the camera of the finest structure, by light from both ends of the modulator's longer side."""
+        modulator = self.plan.system.modulators[0]
+        return self.wavelength_m(component) * self.focal_length_m / (max(modulator.shape) * modulator.pitch_m)
+
+    def _finer_grid(self, component: IncoherentComponent, pose: Pose) -> PixelGrid:
         """A square grid that covers the rotated camera, with at least _SAMPLES_PER_SPECKLE samples in a speckle."""
-        modulator_width_m = max(field.shape) * self.plan.system.modulators[0].pitch_m
-        speckle_m = λ * self.focal_length_m / modulator_width_m
+        speckle_m = self._speckle_m(component)
         pitch_m = min(self.pixel_grid.pitch_m, speckle_m / _SAMPLES_PER_SPECKLE)
         reach_m = math.hypot(*self.pixel_grid.shape) * self.pixel_grid.pitch_m + 2 * math.hypot(*pose.shift_m)
         samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m) + _SPARE_SAMPLES

@@ -97,6 +97,7 @@ CAMERA_NUMBERS = (
     NumberSchema("electrons_per_count", 1e-9, 1e9),
     NumberSchema("read_noise", 0, 1e9),
     NumberSchema("black_level", 0, 65535),
+    NumberSchema("integrates", 0, 1, whole=True, optional=True),
 )
 AXIS_NUMBERS = (NumberSchema("axis_y", -1.0, 1.0, optional=True), NumberSchema("axis_x", -1.0, 1.0, optional=True))
 """Of the camera on a Fourier bench: where the zero order is from the centre of the pictures, m."""
@@ -160,6 +161,8 @@ def write_captures(
             camera.attrs.update(axis_y=captures.axis_m[0], axis_x=captures.axis_m[1])
         camera.attrs.update(pitch=c.pitch_m, bit_depth=c.bit_depth, electrons_per_count=c.electrons_per_count)
         camera.attrs.update(read_noise=c.read_noise, black_level=c.black_level)
+        if c.integrates is not None:
+            camera.attrs["integrates"] = int(c.integrates)
         columns = (captures.wavelength_m, captures.distance_m, captures.power, captures.exposure_s)
         for schema, values in zip(PER_CAPTURE, columns, strict=True):
             h5.create_dataset(schema.name, data=values.astype(np.float64))

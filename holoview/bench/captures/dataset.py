@@ -114,6 +114,8 @@ class Camera:
     electrons_per_count: photo-electrons that raise a pixel by one count.
     read_noise: standard deviation in electrons.
     black_level: counts of a pixel without light.
+    integrates: whether a pixel measures the mean light over its area, as real ones do, or the light at its middle, as
+    some simulations have it. None: nobody stated it.
     """
 
     pitch_m: float
@@ -121,6 +123,7 @@ class Camera:
     electrons_per_count: float
     read_noise: float
     black_level: float
+    integrates: bool | None = None
 
     @property
     def saturation(self) -> int:

@@ -21,7 +21,7 @@ import numpy as np
 
 from holoview.bench.captures.dataset import Camera, SlmSpec
 from holoview.light.model.bench_parts import Relay
-from holoview.light.model.fields import FieldType, Number, fields_by_key, to_mapping
+from holoview.light.model.fields import FieldType, Number, Truth, fields_by_key, to_mapping
 from holoview.util.errors import UserError
 from holoview.util.tables import check_keys, read_table
 
@@ -92,13 +92,15 @@ def _with_attribute_names(text: str, names: Mapping[str, str]) -> str:
 # --- tables of bench.toml --------------------------------------------------------------------------------------------
 
 _SLM_KEYS: dict[str, Number] = {"pitch": Number("um"), "num_levels": Number(), "opd_range": Number("nm")}
-_CAMERA_KEYS: dict[str, Number] = {
+_CAMERA_KEYS: dict[str, FieldType] = {
     "pitch": Number("um"),
     "bit_depth": Number(),
     "electrons_per_count": Number(),
     "read_noise": Number(),
     "black_level": Number(),
+    "integrates": Truth(),
 }
+_MAY_BE_ABSENT = ("integrates",)
 _GEOMETRY_KEYS: dict[str, FieldType] = {"gap": Number("mm"), "focal_length": Number("mm"), **STOP_KEYS}
 KEYS: Mapping[str, Mapping[str, FieldType]] = {
     "slm1": _SLM_KEYS,
@@ -140,7 +142,7 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
         if not isinstance(table, Mapping):
             raise UserError(f"{where}: {name}", f"{table!r}", expected=f"a table [{name}]")
         unknown = [k for k in MAY_BE_UNKNOWN if name == "camera" and table.get(k) == "unknown"]
-        required = () if name == "geometry" else [key for key in KEYS[name] if key not in unknown]
+        required = () if name == "geometry" else [key for key in KEYS[name] if key not in (*unknown, *_MAY_BE_ABSENT)]
         stated = {key: value for key, value in table.items() if key not in unknown}
         bench[name] = read_table(stated, KEYS[name], f"{where}: {name}.", required=required)
         bench[name] |= dict.fromkeys(unknown, math.nan)
@@ -168,4 +170,5 @@ def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
         electrons_per_count=attributes["electrons_per_count"],
         read_noise=attributes["read_noise"],
         black_level=attributes["black_level"],
+        integrates=None if attributes.get("integrates") is None else bool(attributes["integrates"]),
     )

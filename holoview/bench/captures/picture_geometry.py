@@ -24,7 +24,8 @@ from scipy.fft import fft2, fftshift, irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter, label
 
 from holoview.bench.captures.dataset import ORIENTATIONS, inverse_orientation, turned, undone
-from holoview.light.numerics.speckle_match import SpeckleMatch, match_speckle
+from holoview.bench.captures.unknown_settings import dark_noise
+from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX, SpeckleMatch, match_speckle
 from holoview.util.progress import ProgressCallback, no_progress
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,9 @@ _WINDOW = 480, 640  # camera pixels in which speckle is compared
 _REACH_PX, _AROUND_PX = 25, 80
 _BEAMS = 1.0, 0.7, 0.5, 0.35, 0.25  # radii of light tried, of half the modulator's shorter side
 _STROKES = 0.5, 0.9  # tried, of the assumed one
+_DARK_SHARE = 0.005  # of the pixels, the darkest, which tell what is no light
+_LIT_NOISES = 4.0  # standard deviations of dark pixels by which the local mean is above them
+_LEAST_LIT = 0.02  # of the pixels
 _FAINT = 3.0, 15.0  # standard deviations between which wavefronts are tried
 _WAVEFRONTS_RAD = -8.0, -4.0, -2.0, 2.0, 4.0, 8.0
 
@@ -174,7 +178,7 @@ class WindowedPicture:
     def __init__(self, picture: NDArray[np.floating], cut: Masks, phase: Floats, orientation: str) -> None:
         upright, usable = undone(picture, orientation).astype(np.float64), undone(~cut, orientation)
         self._window = bright_window(upright, usable, _WINDOW)
-        self._light, self._usable = upright[self._window], usable[self._window]
+        self._light, self._usable = upright[self._window], _lit(upright, usable)[self._window]
         self._phase, self._shape = phase, picture.shape
         least = min(self._light.shape)
         self._reach = {"reach_px": min(_REACH_PX, least // 8), "around_px": min(_AROUND_PX, least // 3)}
@@ -183,6 +187,18 @@ class WindowedPicture:
         """The placement with the match of the speckle that its beam, stroke and wavefront predict."""
         predicted = simple_prediction(self._phase, placement, self._shape, self._window)
         return replace(placement, speckle=match_speckle(self._light, predicted, self._usable, **self._reach))
+
+
+def _lit(picture: Floats, usable: Masks) -> Masks:
+    """The usable pixels (y, x) in whose surroundings light stands out of the noise; all where hardly any does.
+
+    In the dark, local contrast is that of the noise alone.
+    """
+    dark = float(np.quantile(picture[usable], _DARK_SHARE)) if usable.any() else 0.0
+    share = np.maximum(gaussian_filter(usable.astype(np.float64), LOCAL_MEAN_PX), 1e-6)
+    mean = gaussian_filter(np.where(usable, picture - dark, 0.0), LOCAL_MEAN_PX) / share
+    lit = usable & (mean > _LIT_NOISES * dark_noise(picture))
+    return lit if lit.mean() > _LEAST_LIT else usable
 
 
 def _with_speckle(seen: WindowedPicture, placement: Placement) -> Placement:
@@ -237,7 +253,7 @@ def common_placement(
     parts = zip(pictures, cuts, phases, strict=True)
     seen = [WindowedPicture(*part, start.orientation) for part in parts]
     best: tuple[float, Placement, list[SpeckleMatch]] | None = None
-    for factor in _COMMON_SCALES if len(pictures) > 1 else (1.0,):
+    for factor in _COMMON_SCALES:
         tried = replace(start, scale_px=start.scale_px * factor)
         found = [one.matched(tried).speckle for one in seen]
         matches = [match for match in found if match is not None]

@@ -23,7 +23,7 @@ from holoview.bench.captures.picture_geometry import (
     upright_place,
     zero_order_mask,
 )
-from holoview.bench.captures.unknown_settings import with_estimates
+from holoview.bench.captures.unknown_settings import PLACE, with_estimates
 from holoview.bench.captures.validation import check_captures
 from holoview.light.numerics.speckle_match import SpeckleMatch
 from holoview.util import units
@@ -132,9 +132,10 @@ def import_pictures(
     slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
     sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
     captures = _upright_captures(shown, best, wavelength_m, slm, sensor)
-    captures = replace(captures, usable=None if keep.all() else keep)
+    placed = f"{PLACE}, from the speckle of the pictures"
+    captures = replace(captures, usable=None if keep.all() else keep, estimated=(placed,))
     captures = with_estimates(captures, known.compression_counts)
-    notes += [f"estimated: {sentence}" for sentence in captures.estimated]
+    notes += [f"estimated: {sentence}" for sentence in captures.estimated if sentence != placed]
     check_captures(captures)
     return ImportedPictures(captures, (best, *placements[1:]), tuple(notes))
 

@@ -36,6 +36,7 @@ from holoview.light.model.effects.registry import ActiveEffects, EffectTable, Ef
 from holoview.light.model.fields import Integer, Maybe, described_field
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.validity import check_plan
+from holoview.light.numerics.sampling import AREA
 from holoview.light.optics.torch_effects import TorchEffects
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -93,8 +94,8 @@ class SamplingConfig:
     finer: int = described_field(Integer(1, 8), "Samples each way for each of the model's own.", default=1)
     padding: int = described_field(Integer(2, 8), "Sides of the grid over those of the modulators.", default=2)
     points: int | None = described_field(
-        Maybe(Integer(1, 16)),
-        "Points each way that a camera pixel averages; one for each sample on it if absent.",
+        Maybe(Integer(AREA, 16)),
+        "Points each way that a camera pixel averages, or 0: its area; as the captures state or show if absent.",
         default=None,
     )
 
@@ -108,6 +109,11 @@ class SamplingConfig:
         return math.prod(captures.levels.shape[2:]) * captures.upsample**2 * self.samples_factor
 
     @property
+    def without_points(self) -> SamplingConfig:
+        """The same but for the camera's pixels."""
+        return dataclasses.replace(self, points=None)
+
+    @property
     def keywords(self) -> dict[str, Any]:
         """The keywords of `Predictor`."""
         return dataclasses.asdict(self)
@@ -117,13 +123,14 @@ class SamplingConfig:
         """The settings that differ from the defaults."""
         parts = ["finer samples"] if self.finer > 1 else []
         parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
-        parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
+        of_pixels = {AREA: "camera pixels that integrate", 1: "light at the middle of camera pixels"}
+        parts += [] if self.points is None else [of_pixels.get(self.points, "several points of a camera pixel")]
         return " and ".join(parts)
 
     @property
     def cli_options(self) -> str:
         """The options of `holoview diagnose` and `calibrate` that choose this sampling."""
-        points = f" --points {self.points}" if self.points else ""
+        points = "" if self.points is None else f" --points {self.points}"
         return f"--finer {self.finer} --padding {self.padding}{points}"
 
 
@@ -154,7 +161,7 @@ class Predictor:
     finer: factor by which the simulation pitch is finer than that of `Captures.upsample`.
     padding: size of the padded grid over that of the modulators.
     propagation: as of `Sampling`, for a padding of 2.
-    points: points along each axis at which a camera pixel averages the intensity; None: the pixel's samples.
+    points: as of `SamplingConfig`.
     has_weighted_stops: as of `make_plan`.
     fields_requested: how many fields the calls so far have summed, including those that came from the cache.
     """
@@ -180,6 +187,7 @@ class Predictor:
         require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32
+        points = AREA if points is None and captures.camera.integrates else points
         self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points, captures.axis_m)
         self._laser_number, self._properties = captures.laser_number, captures.data_properties()
         self.fields_requested = 0

@@ -20,7 +20,28 @@ from holoview.light.numerics.photon_transfer import PhotonTransfer, transfer_of_
 FULL_WELL = 10_000.0
 """Electrons of a full pixel, where nobody knows."""
 _DARK_SHARE = 0.005  # of the pixels, the darkest, which tell the black level
+_FEW = 4  # pictures whose dark noise tells how well a black level was estimated
 _MOST_PICTURES = 16  # whose noise is looked at
+
+
+BLACK_LEVEL, GAIN, READ_NOISE, PLACE = "black level", "electrons a count", "read noise", "focal length and axis"
+"""How the sentences of `Captures.estimated` begin on what a diagnosis may put right without calling it a fault."""
+_BLACK_NOISES = 2.0  # standard deviations of dark pixels: of an estimated black level
+_PLACE_PX, _SCALE_ERROR = 0.5, 0.005  # standard deviations of an axis and of a scale that speckle told
+
+
+def uncertainties(captures: Captures) -> dict[str, dict[str, float]]:
+    """Standard deviations {effect: {parameter: value}} of settings that were estimated and that pictures tell better.
+
+    A difference from them is no fault of the bench: nobody stated them.
+    """
+    found: dict[str, dict[str, float]] = {}
+    if any(sentence.startswith(BLACK_LEVEL) for sentence in captures.estimated):
+        found["camera_black"] = {"black": _BLACK_NOISES * max(dark_noise(image) for image in captures.images[:_FEW])}
+    if any(sentence.startswith(PLACE) for sentence in captures.estimated):
+        shift_m = _PLACE_PX * captures.camera.pitch_m
+        found["camera_alignment"] = {"shift_y": shift_m, "shift_x": shift_m, "magnification": _SCALE_ERROR}
+    return found
 
 
 def has_unknown(captures: Captures) -> bool:
@@ -49,7 +70,7 @@ def _camera(captures: Captures, compression_counts: float) -> tuple[Camera, list
         counts = np.concatenate([captures.images[k][captures.usable_pixels(k)] for k in some])
         camera = replace(camera, black_level=float(np.quantile(counts, _DARK_SHARE)))
         share = 100 * _DARK_SHARE
-        notes.append(f"black level {camera.black_level:g} counts, from the darkest {share:g} % of the pixels")
+        notes.append(f"{BLACK_LEVEL} {camera.black_level:g} counts, from the darkest {share:g} % of the pixels")
     if not (math.isnan(camera.electrons_per_count) or math.isnan(camera.read_noise)):
         return camera, notes
     found, how = (None, "") if compression_counts else _transfer(captures, camera.black_level, some)
@@ -64,10 +85,10 @@ def _camera(captures: Captures, compression_counts: float) -> tuple[Camera, list
         noise_told = how
     if math.isnan(camera.electrons_per_count):
         camera = replace(camera, electrons_per_count=gain)
-        notes.append(f"electrons a count {gain:.3g}: {told}; χ²/n is relative to it")
+        notes.append(f"{GAIN} {gain:.3g}: {told}; χ²/n is relative to it")
     if math.isnan(camera.read_noise):
         camera = replace(camera, read_noise=noise * camera.electrons_per_count)
-        notes.append(f"read noise {noise:.2g} counts ({camera.read_noise:.3g} electrons): {noise_told}")
+        notes.append(f"{READ_NOISE} {noise:.2g} counts ({camera.read_noise:.3g} electrons): {noise_told}")
     return camera, notes
 
 
@@ -94,7 +115,7 @@ def _dark_noise(captures: Captures, some: list[int]) -> float:
     return float(np.median([dark_noise(captures.images[k]) for k in some]))
 
 
-def dark_noise(picture: NDArray[np.unsignedinteger]) -> float:
+def dark_noise(picture: NDArray[np.unsignedinteger] | NDArray[np.floating]) -> float:
     """Standard deviation (counts) of dark pixels, from differences of neighbours in the darkest tenth, at least 0.3."""
     light = picture.astype(np.float64)
     means = (light[:, 1:] + light[:, :-1]) / 2

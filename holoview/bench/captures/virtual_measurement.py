@@ -144,7 +144,12 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
         exposure_s=np.ones(count),
         slms=slms,
         camera=Camera(
-            pitch_m, settings.bit_depth, settings.full_well / full_scale, settings.read_noise, settings.black_level
+            pitch_m,
+            settings.bit_depth,
+            settings.full_well / full_scale,
+            settings.read_noise,
+            settings.black_level,
+            integrates=None if settings.focal_length_m is None else False,
         ),
         gap_m=system.gap_m,
         relay1=system.relay1,

@@ -58,9 +58,13 @@ def known_corrections(
         nothing = rank_on_held_out(context, [])
         if not placed or nothing.best.excess < jitter_excess(nothing.pixel_count):
             return {}
-        bases = [NOMINAL_FIT, *_single_causes(context, placed, progress)]
-        fits = context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
-        best = rank_on_held_out(context, fits).best.fit
+        fits = [_fit_beside(context, NOMINAL_FIT, placed)]
+        ranked = rank_on_held_out(context, fits)
+        if ranked.best.excess > jitter_excess(ranked.pixel_count):
+            bases = _single_causes(context, placed, progress)
+            fits += context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
+            ranked = rank_on_held_out(context, fits)
+        best = ranked.best.fit
     except SearchEnded:
         return None
     finally:

@@ -9,7 +9,8 @@ the residuals to the noise and its mean isn't significant.
 
 Coarse samples of the model look like lost contrast, which a blur, bandwidth and an extended source partly explain. So
 the held-out captures are predicted once more with finer samples, larger grids, and camera pixels that integrate or
-don't. A cause that such samples make superfluous isn't named.
+don't (`sampling_choice`). A cause that such samples make superfluous isn't named. Where nobody stated whether pixels
+integrate, that counts as much as a cause: one that isn't needed beside it isn't named even if it explains all.
 """
 
 from __future__ import annotations
@@ -35,21 +36,11 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison, Values, mean_is_significant
+from holoview.bench.diagnose.sampling_choice import other_samplings
 from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.numerics.sampling import AREA
 
-_OTHER_SAMPLINGS = (
-    SamplingConfig(1, 2, 2),
-    SamplingConfig(2, 2, 1),
-    SamplingConfig(2, 2, 2),
-    SamplingConfig(1, 3, 1),
-    SamplingConfig(1, 4, 1),
-    SamplingConfig(2, 3, 2),
-)
-"""[1] Ways of sampling that are tried. Evidence: the screening study: data made with samples a fourth as large and read
-with half as large ones were misread as partial coherence."""
-_SAMPLING_CAPTURES = 4  # [captures] Held-out captures that are predicted with each.
-_SAMPLING_MAX_SAMPLES = 1 << 26
-"""[samples] Larger grids aren't tried. Evidence: derivation: half a gigabyte for a field in single precision."""
+_SAMPLING_CAPTURES = 4  # [captures] Held-out captures that are predicted with each sampling.
 _CACHE_MB = 64
 """[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
 prediction."""
@@ -150,30 +141,37 @@ AlternativeComparisons = Mapping[SamplingConfig, Comparison]
 
 def drop_sampling_artefacts(
     context: SearchContext, result: SearchResult, decision: Decision
-) -> tuple[Decision, list[str]]:
-    """The decision without causes that other samples make superfluous; with notes.
+) -> tuple[Decision, list[str], SamplingConfig | None]:
+    """The decision without causes that other samples make superfluous; with notes, and with the sampling that would
+    explain the captures better where nobody stated whether camera pixels integrate.
 
-    A model that predicts the captures down to their noise isn't checked.
+    A model that predicts the captures down to their noise is compared with the other kind of pixels alone.
     """
     best, config = decision.best, context.config
     at_noise = best is not None and best.excess <= chance_excess(result.pixel_count)
-    if decision.verdict is Verdict.CONSISTENT or at_noise:
-        return decision, []
+    is_open = context.has_open_sampling
+    if decision.verdict is Verdict.CONSISTENT or (at_noise and not is_open):
+        return decision, [], None
     comparison = _check_comparison(context, decision)
-    alternatives = _alternative_comparisons(context, comparison)
+    alternatives = _alternative_comparisons(context, comparison, at_noise)
+    needed_gain = (-1.0 if at_noise else 1.0) * config.verdict.min_delta_chi2
     dropped: list[str] = []
-    while best is not None and (name := _find_dispensable_cause(config, comparison, alternatives, best)):
-        dropped.append(name)
-        fewer = best.fit.without(name)
+    better: SamplingConfig | None = None
+    while best is not None and (found := _dispensable_cause(config, comparison, alternatives, best, needed_gain)):
+        dropped.append(found[0])
+        better = found[1]
+        fewer = best.fit.without(found[0])
         best = score_on_held_out(fewer, result.comparison, result.tolerant_comparison) if fewer.causes else None
-    notes = [f"{name} is not named: other samples of the same bench explain more than it does." for name in dropped]
+    as_much = "as much as" if at_noise else "more than"
+    notes = [f"{name} is not named: other samples of the same bench explain {as_much} it does." for name in dropped]
     if dropped:
         decision = Decision(Verdict.PARTLY if best else Verdict.UNEXPLAINED, best)
-    if decision.verdict not in (Verdict.PARTLY, Verdict.UNEXPLAINED):
-        return decision, notes
-    values = best.fit.values if best else {}
-    decision, more = _credit_sampling(config, comparison, alternatives, decision, values)
-    return decision, notes + more
+    if decision.verdict in (Verdict.PARTLY, Verdict.UNEXPLAINED):
+        values = best.fit.values if best else {}
+        decision, more, credited = _credit_sampling(config, comparison, alternatives, decision, values)
+        notes, better = notes + more, credited or better
+    is_open &= better is not None and (better.points == AREA) != (context.sampling.points == AREA)
+    return decision, notes, better if is_open and decision.verdict is not Verdict.CONSISTENT else None
 
 
 def _credit_sampling(
@@ -182,21 +180,21 @@ def _credit_sampling(
     alternatives: AlternativeComparisons,
     decision: Decision,
     values: Values,
-) -> tuple[Decision, list[str]]:
-    """The decision with a note on other samples that explain much of the remaining excess; consistent if they explain
-    all of it."""
+) -> tuple[Decision, list[str], SamplingConfig | None]:
+    """The decision with a note on other samples that explain much of the remaining excess, and these samples;
+    consistent if they explain all of it."""
     alternative, left = _best_alternative(alternatives, values), comparison.chi2_per_pixel(values)
     if alternative is None:
-        return decision, []
+        return decision, [], None
     sampling, chi2 = alternative
     gained = (left - chi2) * comparison.pixel_count
     max_excess = _MAX_LEFT_SHARE * (left - 1.0)
     if gained < config.verdict.min_delta_chi2 or chi2 - 1.0 > max_excess:
-        return decision, []
+        return decision, [], None
     note = f"With {sampling.description} χ²/n is {chi2:.4g}, not {left:.4g}; {sampling.cli_options} diagnoses so."
     if decision.best is None and chi2 - 1.0 < jitter_excess(comparison.pixel_count):
         decision = Decision(Verdict.CONSISTENT, None)
-    return decision, [note]
+    return decision, [note], sampling
 
 
 def _best_alternative(alternatives: AlternativeComparisons, values: Values) -> tuple[SamplingConfig, float] | None:
@@ -208,17 +206,16 @@ def _best_alternative(alternatives: AlternativeComparisons, values: Values) -> t
     )
 
 
-def _alternative_comparisons(context: SearchContext, comparison: Comparison) -> dict[SamplingConfig, Comparison]:
-    """The comparison with each other sampling, except those whose grids would be too large."""
-    rows, columns = context.system.modulators[0].shape
-    samples = context.system.sampling.upsample**2 * rows * columns
-    affordable = [
-        sampling
-        for sampling in _OTHER_SAMPLINGS
-        if sampling != context.sampling and samples * sampling.samples_factor <= _SAMPLING_MAX_SAMPLES
-    ]
+def _alternative_comparisons(
+    context: SearchContext, comparison: Comparison, only_pixels: bool
+) -> dict[SamplingConfig, Comparison]:
+    """The comparison with each other sampling; only_pixels: with those that differ in the camera's pixels alone."""
+    captures, own = context.data.captures, context.sampling
+    possible = other_samplings(captures, own)
+    if only_pixels:
+        possible = [one for one in possible if replace(one, points=None) == replace(own, points=None)]
     create = partial(context.predictor.create, cache_mb=_CACHE_MB)
-    return {sampling: comparison.with_predictor(create(**sampling.keywords)) for sampling in affordable}
+    return {sampling: comparison.with_predictor(create(**sampling.keywords)) for sampling in possible}
 
 
 def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:
@@ -228,21 +225,25 @@ def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:
     return context.model_weighted_comparison(few, decision.best.fit.values if decision.best else {})
 
 
-def _find_dispensable_cause(
-    config: SearchConfig, comparison: Comparison, alternatives: AlternativeComparisons, best: HeldOutScore
-) -> str | None:
-    """A cause that other samples make superfluous: without it they leave less than the model with it, and adding it
-    gains nothing."""
+def _dispensable_cause(
+    config: SearchConfig,
+    comparison: Comparison,
+    alternatives: AlternativeComparisons,
+    best: HeldOutScore,
+    needed_gain: float,
+) -> tuple[str, SamplingConfig] | None:
+    """A cause that other samples make superfluous, and these samples: without it they leave so much less of χ² than the
+    model with it, and adding it gains nothing."""
     left = comparison.chi2_per_pixel(best.fit.values)
     for name in reversed(best.causes):
         alternative = _best_alternative(alternatives, best.fit.without(name).values)
         if alternative is None:
             continue
         sampling, chi2 = alternative
-        if (left - chi2) * comparison.pixel_count < config.verdict.min_delta_chi2:
+        if (left - chi2) * comparison.pixel_count < needed_gain:
             continue
         gain = chi2 - alternatives[sampling].chi2_per_pixel(best.fit.values)
-        needed_gain = _MAX_LEFT_SHARE * (chi2 - 1.0)
-        if gain < max(needed_gain, config.verdict.min_delta_chi2 / comparison.pixel_count):
-            return name
+        needed = _MAX_LEFT_SHARE * (chi2 - 1.0)
+        if gain < max(needed, config.verdict.min_delta_chi2 / comparison.pixel_count):
+            return name, sampling
     return None

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
+from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
 from holoview.bench.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
 from holoview.bench.diagnose.judge import (
@@ -36,6 +37,7 @@ class SearchOutcome:
     """The result of a search, the decision on it, notes, and the bad captures. context: at the end of the search.
     was_ended: whether its time, or the caller, ended it early. middle: of large pictures, in which causes were searched
     before whole pictures were looked at. fitted: in which the named causes were fitted; None: in `context`.
+    better_sampling: with which the captures are explained better, where nobody stated whether camera pixels integrate.
     """
 
     context: SearchContext
@@ -46,6 +48,7 @@ class SearchOutcome:
     was_ended: bool = False
     middle: SearchContext | None = None
     fitted: SearchContext | None = None
+    better_sampling: SamplingConfig | None = None
 
     @property
     def searched(self) -> SearchContext:
@@ -91,14 +94,15 @@ def search_once(
     result = result or rank_on_held_out(context, initial.fits if initial else ())
     decision = decide(result, context.equivalents, context.config.verdict)
     decision, notes = excuse_laser_drift(context, result, decision)
+    better: SamplingConfig | None = None
     if initial is None:
-        decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
+        decision, sampling_notes, better = drop_sampling_artefacts(context, result, decision)
         notes = [*notes, *sampling_notes]
     if context.missing_light is None:  # which counts as noise as well, and may be overstated
         decision, noise_notes = limited_by_noise(decision, check_noise(result.comparison, decision.values))
         notes = [*noise_notes, *notes]
     notes = [*notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
-    return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
+    return SearchOutcome(context, result, decision, notes, was_ended=was_ended, better_sampling=better)
 
 
 def judge_captures(

@@ -16,6 +16,7 @@ from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.patterns import pattern_roughness
 from holoview.bench.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
 from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.unknown_settings import uncertainties
 from holoview.bench.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
 from holoview.bench.diagnose.capture_split import split_captures
 from holoview.bench.diagnose.config import SearchConfig
@@ -40,6 +41,7 @@ from holoview.bench.diagnose.parts import parts_of_context
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
+from holoview.bench.diagnose.sampling_choice import choose_sampling, describe_better, with_noise_of_residuals
 from holoview.bench.diagnose.screening import LOCAL_MAX_ERROR
 from holoview.bench.diagnose.search import InitialCandidates
 from holoview.bench.diagnose.search_context import (
@@ -121,7 +123,8 @@ def diagnose(
     so_far: called with a sentence when the search has found a better result.
     forecast: called with a sentence before the search: how many fields it computes at most, and the seconds that these
     are expected to take on this machine, measured with the first predictions. Notes of `progress` go on from there.
-    sampling: how predictions sample light.
+    sampling: how predictions sample light. Where neither it nor the captures say whether camera pixels measure the mean
+    light over their area, the captures decide, and a note says so.
     config: settings of all stages.
 
     Where corrected records leave the captures unexplained, and a gross error of the bench can imitate these wrong
@@ -137,7 +140,9 @@ def diagnose(
     candidates = list(listed_effects().values() if effects is None else effects)
     ceiling_s = math.inf if time_s is None else time_s
     options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
-    request = _Request(candidates, known, uncertain or {}, *options, sampling, config or SearchConfig())
+    request = _Request(
+        candidates, known, uncertain or {}, *options, sampling, config or SearchConfig(), sampling == PLAIN
+    )
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -164,6 +169,7 @@ class _Request:
     forecast: TextCallback | None
     sampling: SamplingConfig
     config: SearchConfig
+    has_open_sampling: bool  # neither the caller nor, so far, the captures say how camera pixels sample the light
 
     def start_workers(self) -> WorkerPool:
         """Processes for a search."""
@@ -185,7 +191,12 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
         diagnosis = _search(replace(records, captures=window), request, 1.0, light)
         return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
     share = 0.5 if records.are_doubtful else 1.0
+    request, _ = _with_chosen_sampling(records.captures, request)
+    request = replace(request, uncertain={**uncertainties(records.captures), **request.uncertain})
     request, notes = _with_corrected_known(records, request)
+    useless = [bad.index for bad in find_useless_captures(records.captures, request.known)]
+    captured = with_noise_of_residuals(records.captures, useless, request.known, request.sampling)
+    records = replace(records, captures=captured)
     diagnosis = _search(records, request, share)
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
@@ -235,7 +246,7 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, request.known)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
-    whole = _limited(whole, request, share)
+    whole = replace(_limited(whole, request, share), has_open_sampling=request.has_open_sampling)
     with whole.measuring_pace():
         middle = middle_of_context(whole)
     parts = None if middle is None else parts_of_context(whole, middle, request.known)
@@ -285,19 +296,45 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
 
 def _search(records: CheckedRecords, request: _Request, share: float, light: FoundLight | None = None) -> Diagnosis:
     """The diagnosis of captures with checked records, within a share of the budget. light: found by speckle before."""
+    began = time.monotonic()
+    request, assumed = _with_chosen_sampling(records.captures, request)
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
         if light is None:
             outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
         else:
             outcome = _judge_light(prepared, light, request.progress)
-        wants_maps = request.free_maps and not prepared.whole.end.was_asked
-        diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
+        better = None if outcome.was_ended else outcome.better_sampling
+        if better is None:
+            outcome = replace(outcome, notes=[*assumed, *outcome.notes])
+            diagnosis = _assembled(prepared, outcome, request)
+    if better is not None:
+        left_s = max(request.time_s - (time.monotonic() - began) / share, 0.0)
+        again = replace(request, sampling=better, has_open_sampling=False, time_s=left_s)
+        diagnosis = _search(records, again, share)
+        return replace(diagnosis, notes=(describe_better(better), *diagnosis.notes))
+    return with_wrong_records(diagnosis, records)
+
+
+def _with_chosen_sampling(captures: Captures, request: _Request) -> tuple[_Request, list[str]]:
+    """The request with the sampling that suits the captures where neither they nor the caller state it; with a note."""
+    if not request.has_open_sampling:
+        return request, []
+    if captures.camera.integrates is not None:
+        return replace(request, has_open_sampling=False), []
+    useless = [bad.index for bad in find_useless_captures(captures, request.known)]
+    chosen = choose_sampling(captures, useless, request.known)
+    return (request, []) if chosen is None else (replace(request, sampling=chosen.sampling), [chosen.note])
+
+
+def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request) -> Diagnosis:
+    wants_maps = request.free_maps and not prepared.whole.end.was_asked
+    diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress)
     if len(prepared.only) == 1:  # its picture was split into two
         only = min(prepared.only)
         samples = tuple(replace(sample, capture=only) for sample in diagnosis.samples)
         diagnosis = replace(diagnosis, samples=samples)
-    return with_wrong_records(diagnosis, records)
+    return diagnosis
 
 
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
@@ -323,7 +360,8 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
     if prepared.middle is None:
         search = partial(search_once, whole, progress=progress)
-        return judge(whole, search(_doubtful(whole, progress, forecast, [])), search)
+        found = search(_doubtful(whole, progress, forecast, []))
+        return found if found.better_sampling is not None else judge(whole, found, search)
     progress(0, 1, "light from beyond the middle")
     with whole.measuring_pace():
         missing = measure_missing_light(whole, prepared.middle)
@@ -333,6 +371,8 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     later = [middle, *([prepared.parts] if prepared.parts is not None else []), whole] if is_corrected else [whole]
     found = search(_doubtful(middle, progress, forecast, later))
     where = describe_middle(middle)
+    if found.better_sampling is not None and not whole.end.was_asked:
+        return found
     if whole.end.was_asked:
         outcome = judge(middle, found, search)
         return replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])

@@ -282,6 +282,7 @@ class SearchContext:
     variances: NeighbourVariances
     config: SearchConfig = field(default_factory=SearchConfig)
     sampling: SamplingConfig = PLAIN
+    has_open_sampling: bool = False
     field_budget: float = math.inf
     prnu: float = 0.0
     has_camera_jitter: bool = False

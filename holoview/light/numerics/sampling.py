@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
+AREA = 0
+"""In place of the number of points that a camera pixel averages: it averages its area."""
+
 
 def is_fast_length(n: int) -> bool:
     """Whether n = 2^a·3^b·5^c, a length that the FFT in shaders can transform."""

@@ -1,0 +1,226 @@
+"""How predictions sample the light of a bench: whether camera pixels integrate, and how fine a simulation has to be.
+
+A real camera's pixel measures the mean light over its area; many simulations take the light at its middle. Where the
+light's grains are a few pixels wide, the difference looks like a blur of 0.29 pixels (the standard deviation across a
+pixel), and so do samples that are too coarse for a steep iris. None of these is a fault of the bench. What the captures
+state holds. Where they state nothing, it is decided by likelihood, and said:
+
+- On a Fourier bench, where nothing else depends on samples, pixels integrate unless the captures fit points better.
+- In the near field the nominal bench is predicted with ever finer samples. They are taken where they explain what the
+  usual ones leave; a fault isn't explained so.
+
+Far from the truth whatever smooths fits better. So both are compared once more beside the causes that a search names
+(`nuisances.drop_sampling_artefacts`), and the search is repeated where the other one fits better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig
+from holoview.bench.captures.prepared_captures import Images, Masks, prepare_captures
+from holoview.bench.captures.unknown_settings import GAIN, READ_NOISE
+from holoview.bench.diagnose.capture_split import spread_over_wavelengths
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.likelihood import Comparison, Values
+from holoview.light.numerics.sampling import AREA
+
+MOST_UPSAMPLING = 16  # [samples] A modulator pixel has along each side; `Sampling` refuses more.
+_POINTS, _AREAS = SamplingConfig(points=1), SamplingConfig(points=AREA)
+_LADDER = (
+    _AREAS,
+    SamplingConfig(2, 2, AREA),
+    SamplingConfig(2, 3, AREA),
+    SamplingConfig(2, 4, AREA),
+)
+"""[1] Of the near field, each finer than the one before."""
+_OTHERS = (
+    SamplingConfig(1, 2, 2),
+    SamplingConfig(2, 2, 1),
+    SamplingConfig(2, 2, 2),
+    SamplingConfig(1, 3, 1),
+    SamplingConfig(1, 4, 1),
+    SamplingConfig(2, 3, 2),
+)
+"""[1] Further ways that are tried beside causes. Evidence: the screening study: data made with samples a fourth as
+large and read with half as large ones were misread as partial coherence."""
+_MAX_SAMPLES = 1 << 26
+"""[samples] Larger grids aren't tried. Evidence: derivation: half a gigabyte for a field in single precision."""
+_CAPTURES = 4  # [captures] That are predicted with each.
+_CACHE_MB = 64  # [MB] Cache of each predictor. Evidence: none recorded.
+_NOISE_ROUNDS = 4  # [1] The variances follow the gain that was found, within 1 % after so many.
+_ROUNDING = 1 / 12  # [counts²] Variance of whole counts, which `Camera.noise_variance` adds.
+_MOST_ALIKE = 0.1
+"""[1] Correlation of neighbouring residuals of noise alone. Evidence: derivation: that of 10 000 pixels is 0.01; errors
+of a bench extend over a grain, where it is 0.5."""
+_MIN_DELTA_CHI2 = 25.0  # [Δχ²] As `VerdictConfig.min_delta_chi2`.
+_MAX_STEP_SHARE = 0.7
+"""[1] A finer step of the ladder leaves less than this share of the excess. Evidence: measured on drawn benches: each
+of the first three leaves a third to two thirds; at the floor a step leaves all."""
+_MAX_LEFT_SHARE = 0.3
+"""[1] Finer samples explain the nominal bench if they leave less than this share of its excess …"""
+_MAX_LEFT = 0.1
+"""[χ²/n] … and no more than this. Evidence: fault-free near fields of 48 to 128 pixels were left with at most 0.03."""
+
+
+def other_samplings(captures: Captures, own: SamplingConfig) -> list[SamplingConfig]:
+    """The ways of sampling beside `own` that these captures may have been made with, and that memory allows."""
+    if captures.is_fourier:
+        possible: Sequence[SamplingConfig] = (_AREAS, _POINTS)
+    else:
+        possible = (*_OTHERS, *_LADDER)
+    stated = captures.camera.integrates
+    if stated is not None:
+        possible = [one for one in possible if _integrates(one, captures) == stated]
+    return [
+        one
+        for one in possible
+        if _as_stated(one, captures) != _as_stated(own, captures)
+        and one.finer * captures.upsample <= MOST_UPSAMPLING
+        and one.padded_samples(captures) // 4 <= _MAX_SAMPLES
+    ]
+
+
+@dataclass(frozen=True)
+class ChosenSampling:
+    """A sampling that was assumed. chi2: χ²/n of the nominal bench with it; other: with the other kind of pixels."""
+
+    sampling: SamplingConfig
+    chi2: float
+    other: float
+
+    @property
+    def note(self) -> str:
+        """What was assumed, and why."""
+        finer = self.sampling.without_points
+        also = f", with {finer.description}" if finer != PLAIN else ""
+        return (
+            f"Assumed, because nobody stated it: {_describe_pixels(self.sampling)}{also}; χ²/n of the nominal bench is "
+            f"{self.chi2:.4g} so, otherwise {self.other:.4g}."
+        )
+
+
+def describe_better(sampling: SamplingConfig) -> str:
+    """A note on a sampling that was assumed after a search."""
+    return f"Assumed, because nobody stated it and the causes fit better so: {_describe_pixels(sampling)}."
+
+
+def _describe_pixels(sampling: SamplingConfig) -> str:
+    where = "the light at their middle" if sampling.points in (None, 1) else "the mean light over their area"
+    return f"camera pixels measure {where}"
+
+
+def choose_sampling(captures: Captures, left_out: Sequence[int], known: Values) -> ChosenSampling | None:
+    """How the nominal bench, with known effects, is to be sampled, where the captures don't state it.
+
+    None for the usual sampling: it explains the captures as well as another one, or nothing explains them. left_out:
+    captures that don't count.
+    """
+    kept = np.setdiff1d(np.arange(len(captures)), np.array(left_out, dtype=np.intp))
+    if not len(kept):
+        return None
+    few = captures.subset(spread_over_wavelengths(captures, kept, _CAPTURES))
+    data, indices, usual = prepare_captures(few), np.arange(len(few)), _predictor(few, known, PLAIN)
+    variance = few.camera.noise_variance(np.maximum(data.light, 0.0))
+    expected = Comparison(usual, data, indices, variance).fit_gains({}).expected
+    comparison = Comparison(usual, data, indices, few.camera.noise_variance(expected))
+    nominal, pixels = comparison.chi2_per_pixel({}), comparison.pixel_count
+
+    def measured(sampling: SamplingConfig) -> float:
+        return comparison.with_predictor(_predictor(few, known, sampling)).chi2_per_pixel({})
+
+    if not few.is_fourier:
+        return _climbed(nominal, pixels, measured, other_samplings(few, PLAIN))
+    areas = measured(_AREAS)
+    if abs(nominal - areas) * pixels < _MIN_DELTA_CHI2:
+        return None
+    return ChosenSampling(_AREAS, areas, nominal) if areas < nominal else ChosenSampling(_POINTS, nominal, areas)
+
+
+def _climbed(
+    nominal: float,
+    pixels: float,
+    measured: Callable[[SamplingConfig], float],
+    possible: Sequence[SamplingConfig],
+) -> ChosenSampling | None:
+    """The finest sampling of the ladder that is needed, where it explains the nominal bench."""
+    best, left = PLAIN, nominal
+    for sampling in (one for one in _LADDER if one in possible):
+        found = measured(sampling)
+        if (left - found) * pixels < _MIN_DELTA_CHI2 or found - 1 > _MAX_STEP_SHARE * (left - 1):
+            break
+        best, left = sampling, found
+    if best == PLAIN or left - 1 > min(_MAX_LEFT, _MAX_LEFT_SHARE * (nominal - 1)):
+        return None
+    return ChosenSampling(best, left, nominal)
+
+
+def with_noise_of_residuals(
+    captures: Captures, left_out: Sequence[int], known: Values, sampling: SamplingConfig
+) -> Captures:
+    """The captures with the electrons a count and the read noise that the residuals of the nominal bench, with known
+    effects, show, where these were estimated from the pictures alone; with a sentence on it.
+
+    As they were where residuals of neighbouring pixels are alike: an error of the bench is alike over a grain.
+    """
+    kept = np.setdiff1d(np.arange(len(captures)), np.array(left_out, dtype=np.intp))
+    if not len(kept) or not any(sentence.startswith(GAIN) for sentence in captures.estimated):
+        return captures
+    few = captures.subset(spread_over_wavelengths(captures, kept, _CAPTURES))
+    data, indices, predictor = prepare_captures(few), np.arange(len(few)), _predictor(few, known, sampling)
+    camera, expected = few.camera, np.maximum(data.light, 0.0)
+    for _ in range(_NOISE_ROUNDS):
+        comparison = Comparison(predictor, data, indices, camera.noise_variance(expected))
+        fitted, usable = comparison.fit_gains({}), comparison.weight > 0
+        expected = np.maximum(fitted.expected, 0.0)
+        if max(abs(_neighbour_correlation(fitted.residual, usable, axis)) for axis in (1, 2)) > _MOST_ALIKE:
+            return captures
+        square, light = np.square(comparison.residual_counts(fitted))[usable], expected[usable]
+        weight = comparison.weight[usable].astype(np.float64) ** 4  # of the square's variance, 2σ⁴
+        slope, dark = np.polyfit(light.astype(np.float64), square.astype(np.float64), 1, w=np.sqrt(weight))
+        if slope <= 0 or dark <= _ROUNDING:
+            return captures
+        camera = replace(camera, electrons_per_count=1 / slope, read_noise=math.sqrt(dark - _ROUNDING) / slope)
+    how = "from what the nominal bench leaves, which neighbouring pixels don't share"
+    sentences = [f"{GAIN} {camera.electrons_per_count:.3g}: {how}"]
+    sentences.append(f"{READ_NOISE} {camera.read_noise / camera.electrons_per_count:.2g} counts: {how}")
+    others = [one for one in captures.estimated if not one.startswith((GAIN, READ_NOISE))]
+    return replace(captures, camera=camera, estimated=(*others, *sentences))
+
+
+def _neighbour_correlation(residual: Images, usable: Masks, axis: int) -> float:
+    """Of whitened residuals (capture, y, x) of pixels that are neighbours along an axis."""
+    moved, seen = np.moveaxis(residual, axis, 0), np.moveaxis(usable, axis, 0)
+    both = seen[1:] & seen[:-1]
+    power = float(np.square(residual[usable], dtype=np.float64).mean()) if both.any() else 0.0
+    return float((moved[1:] * moved[:-1])[both].mean(dtype=np.float64)) / power if power else 0.0
+
+
+def _predictor(captures: Captures, known: Values, sampling: SamplingConfig) -> PredictorWithKnownEffects:
+    return PredictorWithKnownEffects(captures, known, cache_mb=_CACHE_MB, **sampling.keywords)
+
+
+def _integrates(sampling: SamplingConfig, captures: Captures) -> bool:
+    """Whether camera pixels average more than one place."""
+    if sampling.points is None:
+        return bool(captures.camera.integrates)
+    return sampling.points != 1
+
+
+def _as_stated(sampling: SamplingConfig, captures: Captures) -> SamplingConfig:
+    """The sampling with the points that the captures state, where it says nothing; of a Fourier bench these alone."""
+    points = sampling.points
+    if points is None and captures.camera.integrates:
+        points = AREA
+    elif points is None and captures.is_fourier:
+        points = 1
+    return (
+        SamplingConfig(points=points)
+        if captures.is_fourier
+        else SamplingConfig(sampling.finer, sampling.padding, points)
+    )
