@@ -21,6 +21,8 @@ fit                 local fits, scans of a range, and what improves a fit
 refine              refine: joint fits of several causes, polished near the noise floor
 judge               judge: candidates ranked on held-out captures, and the verdict
 rivals              the simplest of equal names; look-alikes that these captures can't exclude
+sampling_choice     whether camera pixels integrate, how fine predictions have to be
+detail_veto         no cause that takes away detail which the pictures show
 nuisances           sensitivity of pixels, movements of the camera, drift of lasers, sampling of the model
 outlier_rejection   a search without the bad captures
 intervals           confidence intervals, values as text; correlations between effects

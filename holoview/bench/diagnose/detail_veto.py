@@ -1,0 +1,94 @@
+"""No cause is named that takes away detail which the pictures show.
+
+Far from the truth predicted grains stand elsewhere than measured ones, and whatever smooths the prediction lowers χ²: a
+blur, an extended source, a bandwidth. But detail that such a cause takes away isn't in the pictures either, if the
+cause is real. So the detail of the measured and of the predicted pictures is compared, wherever their grains stand.
+Effects are judged by what they do to the prediction, none by its name.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from holoview.bench.diagnose.capture_split import spread_over_wavelengths
+from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, score_on_held_out
+from holoview.bench.diagnose.likelihood import Values
+from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX
+
+_CAPTURES = 4  # [captures] Held-out ones whose detail is compared.
+_LEAST_DETAIL = 0.6
+"""[1] Detail that a true cause leaves, over that of the pictures, is about 1."""
+_LIT_NOISES = 4.0  # [σ] Local light above the noise, below which there is nothing to see.
+_LEAST_LIT = 500  # [pixels] Of fewer, detail isn't told.
+
+Floats = NDArray[np.float64]
+Masks = NDArray[np.bool_]
+
+
+def veto_lost_detail(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
+    """The decision without causes that leave less detail than the pictures have, while the prediction without them has
+    as much; with notes. A decision that explains the captures stays as it is.
+    """
+    best, notes = decision.best, list[str]()
+    if decision.verdict is not Verdict.PARTLY or best is None:
+        return decision, notes
+    for name in reversed(best.causes):
+        fewer = best.fit.without(name)
+        left, without = _detail_share(context, best.fit.values), _detail_share(context, fewer.values)
+        if left is None or without is None or left >= _LEAST_DETAIL or abs(np.log(without)) > abs(np.log(left)) / 2:
+            continue
+        notes.append(
+            f"{name} is not named: with it the prediction keeps {left:.0%} of the detail that the pictures show, "
+            f"without it {without:.0%}."
+        )
+        if not fewer.causes:
+            return Decision(Verdict.UNEXPLAINED, None), notes
+        best = score_on_held_out(fewer, result.comparison, result.tolerant_comparison)
+    return (Decision(Verdict.PARTLY, best), notes) if notes else (decision, notes)
+
+
+def _detail_share(context: SearchContext, values: Values) -> float | None:
+    """The detail of predicted pictures over that of the measured ones, noise taken out; None where none is seen."""
+    few = spread_over_wavelengths(context.data.captures, context.split.held_out, _CAPTURES)
+    comparison = context.data_weighted_comparison(few, 0.0)
+    expected = comparison.fit_gains(values).expected.astype(np.float64)
+    seen = predicted = 0.0
+    lit_pixels = 0
+    for light, model, weight in zip(comparison.light.astype(np.float64), expected, comparison.weight, strict=True):
+        usable = weight > 0
+        variance = context.data.camera.noise_variance(np.maximum(light, 0.0))
+        mean = _local_mean(light, usable)
+        lit = usable & (mean > _LIT_NOISES * np.sqrt(variance)) & (_local_mean(model, usable) > 0)
+        lit_pixels += int(lit.sum())
+        seen += detail(light, mean, lit) - _noise_of_detail(variance, mean, lit)
+        predicted += detail(model, _local_mean(model, usable), lit)
+    return predicted / seen if lit_pixels >= _LEAST_LIT and seen > 0 and predicted > 0 else None
+
+
+def detail(light: Floats, mean: Floats, lit: Masks) -> float:
+    """Σ of the squared differences of neighbouring lit pixels (y, x), relative to their local mean."""
+    relative = light / np.maximum(mean, 1e-30)
+    return float(sum(np.square(np.diff(relative, axis=a))[_both(lit, a)].sum() for a in (0, 1)))
+
+
+def _noise_of_detail(variance: Floats, mean: Floats, lit: Masks) -> float:
+    """What noise of this variance adds to `detail` on average."""
+    relative = variance / np.maximum(mean, 1e-30) ** 2
+    total = 0.0
+    for axis in (0, 1):
+        moved, both = np.moveaxis(relative, axis, 0), np.moveaxis(_both(lit, axis), axis, 0)
+        total += float((moved[1:] + moved[:-1])[both].sum())
+    return total
+
+
+def _both(lit: Masks, axis: int) -> Masks:
+    moved = np.moveaxis(lit, axis, 0)
+    return np.moveaxis(moved[1:] & moved[:-1], 0, axis)
+
+
+def _local_mean(light: Floats, usable: Masks) -> Floats:
+    share = np.maximum(gaussian_filter(usable.astype(np.float64), LOCAL_MEAN_PX), 1e-6)
+    return np.asarray(gaussian_filter(np.where(usable, light, 0.0), LOCAL_MEAN_PX) / share)

@@ -1,0 +1,60 @@
+"""What takes away detail that the pictures show isn't named, however much it lowers χ²."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.detail_veto import detail, veto_lost_detail
+from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
+from tests.diagnose.conftest import make_context_of, small_system
+
+BLURRED = {"camera_blur": {"sigma": 3.0}}
+
+
+def _measured(effects: dict[str, dict[str, float]]) -> Captures:
+    session = AcquisitionSettings(
+        captures_per_condition=6, seed=5, focal_length_m=0.1, camera_pitch_m=40e-6, camera_shape=(61, 81)
+    )
+    return make_captures(small_system(1), effects, session)
+
+
+def _with_patterns_of_others(captures: Captures) -> Captures:
+    """Captures whose patterns are none that were shown: their speckle stands nowhere."""
+    rng = np.random.default_rng(6)
+    levels = np.stack([rng.permuted(a, axis=-1) for a in captures.levels])
+    return dataclasses.replace(captures, levels=levels)
+
+
+def test_detail_is_that_of_the_grains_whatever_their_place_and_brightness() -> None:
+    """A moved and brighter picture has the same detail; a Gaussian blur of the grains' own width leaves less."""
+    rng = np.random.default_rng(1)
+    grains = np.exp(gaussian_filter(rng.standard_normal((64, 80)), 1.5, mode="wrap") * 5)
+    lit, mean = np.ones(grains.shape, bool), np.full(grains.shape, grains.mean())
+    whole = detail(grains, mean, lit)
+    moved = 7 * np.roll(grains, (20, 33), (0, 1))
+    # The border between the last and first row and column counts in the moved picture alone: 1 pair of 64, 1 of 80.
+    assert detail(moved, 7 * mean, lit) == pytest.approx(whole, rel=0.1)
+    assert detail(gaussian_filter(grains, 1.5, mode="wrap"), mean, lit) < 0.6 * whole
+
+
+@pytest.mark.parametrize("is_real", [True, False])
+def test_a_blur_is_named_only_where_the_pictures_lack_the_detail(is_real: bool) -> None:
+    """Beside patterns that were never shown a blur lowers χ² as well, of pictures with all of their detail."""
+    captures = _measured(BLURRED) if is_real else _with_patterns_of_others(_measured({}))
+    context = make_context_of(captures)
+    fit = CandidateFit(("camera_blur",), BLURRED, 0.0)
+    result = rank_on_held_out(context, [fit])
+    assert result.best.causes == ("camera_blur",)  # χ² prefers it
+    decision, notes = veto_lost_detail(context, result, Decision(Verdict.PARTLY, result.best))
+    if is_real:
+        assert decision.best is not None and decision.best.causes == ("camera_blur",) and not notes
+    else:
+        assert decision.verdict is Verdict.UNEXPLAINED and decision.best is None
+        assert notes[0].startswith("camera_blur is not named")
