@@ -123,8 +123,7 @@ def diagnose(
     so_far: called with a sentence when the search has found a better result.
     forecast: called with a sentence before the search: how many fields it computes at most, and the seconds that these
     are expected to take on this machine, measured with the first predictions. Notes of `progress` go on from there.
-    sampling: how predictions sample light. Where neither it nor the captures say whether camera pixels measure the mean
-    light over their area, the captures decide, and a note says so.
+    sampling: how predictions sample light. Where nobody states how camera pixels do, the captures decide.
     config: settings of all stages.
 
     Where corrected records leave the captures unexplained, and a gross error of the bench can imitate these wrong
@@ -138,11 +137,9 @@ def diagnose(
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
     candidates = list(listed_effects().values() if effects is None else effects)
-    ceiling_s = math.inf if time_s is None else time_s
-    options = (workers, progress or no_progress, free_maps, thorough, ceiling_s, is_asked_to_end, so_far, forecast)
-    request = _Request(
-        candidates, known, uncertain or {}, *options, sampling, config or SearchConfig(), sampling == PLAIN
-    )
+    most_s = math.inf if time_s is None else time_s
+    given = (workers, progress or no_progress, free_maps, thorough, most_s, is_asked_to_end, so_far, forecast, sampling)
+    request = _Request(candidates, known, uncertain or {}, *given, config or SearchConfig(), sampling == PLAIN)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
