@@ -20,7 +20,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError
 from holoview.viewer.document.archive import SessionArchive, SessionData
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.session_store import Preferences, SessionStore
+from holoview.viewer.document.session_store import Preferences, SavedSession, SessionStore
 from holoview.viewer.document.target_builder import TargetSpec
 from holoview.viewer.render.view_settings import TARGET, ComparisonSide, ViewSettings
 from tests.file_limits import limit_of_file_size
@@ -99,6 +99,23 @@ def _wait_for_a_later_save(folder: Path) -> None:
     (path,) = folder.glob("sessions/*/session.json")
     first = path.stat().st_mtime_ns
     wait_until(lambda: path.stat().st_mtime_ns != first)
+
+
+def test_looks_come_back_with_a_session(tmp_path: Path) -> None:
+    session = EditingSession(bench.small_system())
+    session.edit_view("Exposure", exposure_stops=1.0)
+    session.edit_view("Page", page="phase")
+    session.look_back()
+    data = SessionData(session.history, 0, {}, looks=session.looks)
+    SessionArchive(tmp_path).write(data, {"title": "", "when": 0.0})
+    again = SavedSession(tmp_path, "", 0.0, 1).restore()
+    assert again.view_settings == session.view_settings and again.messages.all == ()
+    assert again.look_forward() == "Page" and again.view_settings.page == "phase"
+    assert (again.look_back(), again.look_back(), again.look_back()) == ("Page", "Exposure", None)
+    text = (tmp_path / "session.json").read_text()
+    (tmp_path / "session.json").write_text(text.replace('"label": "Page"', '"label": 3'))
+    damaged = SavedSession(tmp_path, "", 0.0, 1).restore()
+    assert "earlier looks" in damaged.messages.all[0].text and not damaged.can_look_back
 
 
 def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, target_spec: TargetSpec) -> None:

@@ -51,11 +51,10 @@ class Served:
         found, _ = _next_match(self.process, _ADDRESS)
         return replace(self, address=found[1], token=found[2])
 
-    def edits(self) -> list[str]:
-        """What was done in the viewer and not undone, as far as it has been saved."""
+    def looks(self) -> list[str]:
+        """How the look was changed in the viewer and not changed back, as far as it has been saved."""
         found = SessionStore(self.folder / "holoview").saved_sessions()
-        sessions = [saved.restore() for saved in found]
-        return [step.label for session in sessions for step in session.history[1 : session.history_position + 1]]
+        return [step.label for saved in found for step in saved.restore().looks[0]]
 
 
 def _next_match(process: subprocess.Popen[str], pattern: str) -> tuple[re.Match[str], str]:

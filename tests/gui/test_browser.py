@@ -96,11 +96,11 @@ def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, brow
         wait_for_sizes(second, 700, 440)
         first.get_by_text("Another page uses this viewer").wait_for()
         second.keyboard.press("e")
-        wait_until(lambda: served.edits() == ["Exposure"])
+        wait_until(lambda: served.looks() == ["Exposure"])
         second.close()
         wait_for_sizes(first, 800, 500)
         first.keyboard.press("g")
-        wait_until(lambda: served.edits() == ["Exposure", "Page"])
+        wait_until(lambda: served.looks() == ["Exposure", "Page"])
 
 
 @pytest.mark.explores
@@ -109,12 +109,12 @@ def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_pa
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("e")
-        wait_until(lambda: served.edits() == ["Exposure"])
+        wait_until(lambda: served.looks() == ["Exposure"])
         page.close()
         again = browser.open(served.url, 640, 400)
         wait_for_sizes(again, 640, 400)
         again.keyboard.press("g")
-        wait_until(lambda: served.edits() == ["Exposure", "Page"])
+        wait_until(lambda: served.looks() == ["Exposure", "Page"])
 
 
 @pytest.mark.explores
@@ -144,7 +144,7 @@ def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: P
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("e")
-        wait_until(lambda: served.edits() == ["Exposure"])
+        wait_until(lambda: served.looks() == ["Exposure"])
         viewers = [p for p in psutil.Process(served.process.pid).children() if "spawn_main" in " ".join(p.cmdline())]
         viewers[0].send_signal(signal.SIGABRT)
         page.get_by_text("No connection to the viewer").wait_for()
@@ -152,10 +152,10 @@ def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: P
         again = browser.open(served.next_url(), 700, 440)
         wait_for_sizes(again, 700, 440)
         again.keyboard.press("g")
-        wait_until(lambda: served.edits()[:2] == ["Exposure", "Page"])
+        wait_until(lambda: served.looks()[:2] == ["Exposure", "Page"])
         # Of the first page, and of the second while the viewer starts: some are told late.
         assert all("WebSocket" in problem for problem in browser.close_pages())
-    assert served.edits() == ["Exposure", "Page"]
+    assert served.looks() == ["Exposure", "Page"]
 
 
 @pytest.mark.explores

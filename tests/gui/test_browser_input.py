@@ -46,10 +46,10 @@ def opened(served: Served, browser: Browser) -> Any:
 
 @pytest.fixture
 def page(opened: Any, served: Served) -> Any:
-    """The page, with the edits of other tests undone."""
-    for _ in served.edits():
-        opened.keyboard.press("Control+z")
-    wait_until(lambda: served.edits() == [])
+    """The page, with the looks of other tests undone."""
+    for _ in served.looks():
+        opened.keyboard.press("Alt+z")
+    wait_until(lambda: served.looks() == [])
     return opened
 
 
@@ -61,7 +61,7 @@ def test_keys_and_wheel_work_before_the_first_click(page: Any, served: Served) -
         page.mouse.wheel(0, -100)
     page.keyboard.up("Control")
     page.keyboard.press("g")
-    wait_until(lambda: served.edits() == ["Exposure", "Focal plane", "Page"])
+    wait_until(lambda: served.looks() == ["Exposure", "Focal plane", "Page"])
 
 
 def test_what_follows_a_click_at_once_isnt_lost(page: Any, served: Served) -> None:
@@ -69,7 +69,7 @@ def test_what_follows_a_click_at_once_isnt_lost(page: Any, served: Served) -> No
     page.mouse.click(450, 250)
     for key in ("g", "e", "c"):
         page.keyboard.press(key)
-    wait_until(lambda: served.edits() == ["Page", "Exposure", "Channel"])
+    wait_until(lambda: served.looks() == ["Page", "Exposure", "Channel"])
 
 
 def test_keys_that_the_browser_uses_itself_are_the_viewers(page: Any, served: Served) -> None:
@@ -77,7 +77,7 @@ def test_keys_that_the_browser_uses_itself_are_the_viewers(page: Any, served: Se
     page.keyboard.press("Control+p")
     page.keyboard.type("wipe")
     page.keyboard.press("Enter")
-    wait_until(lambda: served.edits() == ["Compare"])
+    wait_until(lambda: served.looks() == ["Compare"])
     page.keyboard.press("Control+s")
     page.keyboard.type("mine")
     page.keyboard.press("Control+a")
@@ -96,7 +96,7 @@ def test_a_composed_text_is_taken_once(page: Any, served: Served) -> None:
     keyboard.send("Input.insertText", {"text": "wip"})
     page.keyboard.type("e")
     page.keyboard.press("Enter")
-    wait_until(lambda: served.edits() == ["Compare"])
+    wait_until(lambda: served.looks() == ["Compare"])
 
 
 def test_a_key_that_is_released_elsewhere_is_released(page: Any, served: Served) -> None:
@@ -105,7 +105,7 @@ def test_a_key_that_is_released_elsewhere_is_released(page: Any, served: Served)
     page.keyboard.up("Control")
     page.mouse.click(450, 250)
     page.keyboard.press("g")
-    wait_until(lambda: served.edits() == ["Page"])
+    wait_until(lambda: served.looks() == ["Page"])
 
 
 @pytest.mark.explores

@@ -34,7 +34,7 @@ from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import ArraySchema, parse_json_table, record_from_table, typed_value
-from holoview.viewer.document.document import Document, HistoryStep, as_readonly_drive
+from holoview.viewer.document.document import Document, HistoryStep, Looks, LookStep, as_readonly_drive
 from holoview.viewer.document.editing_session import OptimisationChoices
 from holoview.viewer.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.viewer.document.target_builder import TargetSpec, example_target
@@ -74,7 +74,8 @@ class SessionData:
     """The data of a session that are saved.
 
     steps: of the history: steps up to the present, and undone steps; position: index of the present step. snapshots: by
-    name. unfinished: an optimisation that was running. choices: for the next one.
+    name. unfinished: an optimisation that was running. choices: for the next one. looks: those before the present one,
+    and those that were gone back from.
     """
 
     steps: tuple[HistoryStep, ...]
@@ -82,6 +83,7 @@ class SessionData:
     snapshots: Mapping[str, Document]
     unfinished: UnfinishedOptimisation | None = None
     choices: OptimisationChoices = field(default_factory=OptimisationChoices)
+    looks: Looks = ((), ())
 
     @property
     def present(self) -> Document:
@@ -129,6 +131,10 @@ class SessionArchive:
             if (unfinished := data.unfinished) is None
             else table_of(unfinished.best) | {"rest": unfinished.rest_table()},
             "choices": asdict(data.choices),
+            "looks": [
+                [{"label": step.label, "when": step.when, "look": _view_table(step.look, paths)} for step in some]
+                for some in data.looks
+            ],
             "systems": systems,
             "targets": targets,
             "pupil_paths": paths,
@@ -257,10 +263,8 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
         label = typed_value(entry["label"], str, "label")
         document = reader.document(entry, f'step "{label}"')
         if document is not None:
-            when, sets_look = (
-                typed_value(entry["when"], float, "when"),
-                typed_value(entry.get("sets_look", True), bool, "sets_look"),
-            )
+            when = typed_value(entry["when"], float, "when")
+            sets_look = typed_value(entry.get("sets_look", True), bool, "sets_look")
             steps.append(HistoryStep(label, document, when, sets_look=sets_look))
         if number <= present:
             position = max(len(steps) - 1, 0)
@@ -270,7 +274,8 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
     unfinished = reader.unfinished(table.get("unfinished"))
     readable = {name: document for name, document in snapshots.items() if document is not None}
     choices = reader.choices(table.get("choices", {}))
-    return SessionData(tuple(steps), position, readable, unfinished, choices), reader.unreadable
+    looks = reader.looks(table.get("looks", [[], []]))
+    return SessionData(tuple(steps), position, readable, unfinished, choices, looks), reader.unreadable
 
 
 def _reason(error: Exception) -> str:
@@ -315,6 +320,19 @@ class _Reader:
         except _DAMAGE as error:
             self.unreadable.append(f"choices for the next optimisation: {_reason(error)}")
             return OptimisationChoices()
+
+    def looks(self, table: Any) -> Looks:
+        """The looks before and after the present one; none where they can't be read, which is then noted."""
+        try:
+            before, after = (tuple(self._look_step(entry) for entry in some) for some in table)
+        except _DAMAGE as error:
+            self.unreadable.append(f"earlier looks: {_reason(error)}")
+            return (), ()
+        return before, after
+
+    def _look_step(self, entry: Mapping[str, Any]) -> LookStep:
+        label, when = typed_value(entry["label"], str, "label"), typed_value(entry["when"], float, "when")
+        return LookStep(label, self._view(entry["look"]), when)
 
     def unfinished(self, entry: Mapping[str, Any] | None) -> UnfinishedOptimisation | None:
         """An optimisation that was running; without the rest of the optimisation where that can't be read."""

@@ -326,12 +326,15 @@ class LookStep:
     merge_key: Hashable = None
 
 
+Looks = tuple[tuple[LookStep, ...], tuple[LookStep, ...]]
+"""The looks before the present one, and those that were gone back from; the last of each is the nearest."""
+
+
 class LookHistory:
     """The looks before the present one, and those that were gone back from; the last of each list is the nearest."""
 
-    def __init__(self, clock: Callable[[], float] = time.time) -> None:
-        self.before: list[LookStep] = []
-        self.after: list[LookStep] = []
+    def __init__(self, looks: Looks = ((), ()), clock: Callable[[], float] = time.time) -> None:
+        self.before, self.after = (list(some) for some in looks)
         self._timing = Timing(clock)
 
     def add(self, label: str, left: ViewSettings, merge_key: Hashable = None) -> None:

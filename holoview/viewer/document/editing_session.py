@@ -34,6 +34,7 @@ from holoview.viewer.document.document import (
     History,
     HistoryStep,
     LookHistory,
+    Looks,
     is_look_alone,
     is_same_document,
     middle_plane,
@@ -76,11 +77,16 @@ class EditingSession:
 
     @classmethod
     def from_history(
-        cls, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None] = lambda: None
+        cls,
+        history: History,
+        snapshots: Mapping[str, Document],
+        looks: Looks = ((), ()),
+        wake: Callable[[], None] = lambda: None,
     ) -> EditingSession:
-        """A session with an undo history and snapshots that were saved."""
+        """A session with an undo history, snapshots and looks that were saved."""
         session = cls.__new__(cls)
         session._set_up(history, snapshots, wake)
+        session._looks = LookHistory(looks)
         return session
 
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
@@ -264,6 +270,11 @@ class EditingSession:
     # --- looks ------------------------------------------------------------------------------------------------------
 
     @property
+    def looks(self) -> Looks:
+        """The looks before the present one, and those that were gone back from."""
+        return tuple(self._looks.before), tuple(self._looks.after)
+
+    @property
     def can_look_back(self) -> bool:
         """Whether there was another look before."""
         return bool(self._looks.before)
@@ -296,11 +307,11 @@ class EditingSession:
         self._notify(*changed_kinds(before, self.document))
         return step.label
 
-    def load_history(self, history: History, snapshots: Mapping[str, Document]) -> None:
-        """Replaces the history and the snapshots by those of a saved session; jobs are cancelled, listeners stay."""
+    def load_history(self, history: History, snapshots: Mapping[str, Document], looks: Looks = ((), ())) -> None:
+        """Replaces the history, snapshots and looks by those of a saved session; jobs are cancelled, listeners stay."""
         self.jobs.cancel_all()
         self._preview, self._history, self._snapshots = None, history, dict(snapshots)
-        self._looks = LookHistory()
+        self._looks = LookHistory(looks)
         self._notify(*CHANGE_KINDS)
 
     # --- sides of a comparison --------------------------------------------------------------------------------------

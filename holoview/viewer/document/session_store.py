@@ -67,14 +67,14 @@ class SavedSession:
     ) -> tuple[EditingSession, UnfinishedOptimisation | None]:
         """As `restore`, with the optimisation that was running."""
         data, history, snapshots, unreadable = self._read()
-        session = EditingSession.from_history(history, snapshots, wake)
+        session = EditingSession.from_history(history, snapshots, data.looks, wake)
         session.choose_optimisation(data.choices)
         return _report_unreadable(session, unreadable), data.unfinished
 
     def restore_into(self, session: EditingSession) -> None:
         """As `restore`, into an open session. Raises UserError; then that session is unchanged."""
         data, history, snapshots, unreadable = self._read()
-        session.load_history(history, snapshots)
+        session.load_history(history, snapshots, data.looks)
         session.choose_optimisation(data.choices)
         _report_unreadable(session, unreadable)
 
@@ -314,6 +314,7 @@ class Autosave:
             session.snapshots,
             unfinished_optimisation(session),
             session.optimisation_choices,
+            session.looks,
         )
         with self._condition:
             self._pending = data
