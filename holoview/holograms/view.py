@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.files.light_file import Light
-from holoview.holograms.files.light_writer import make_light, write_light
 from holoview.holograms.hologram import Hologram
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_linear_srgb
 from holoview.light.engine.backend import open_executor, simulation_bytes
@@ -31,6 +29,7 @@ from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 if TYPE_CHECKING:
+    from holoview.holograms.files.light_file import Light
     from holoview.light.engine.point_light import PointLight, Sections
     from holoview.light.engine.torch_executor import StageField
 
@@ -459,11 +458,15 @@ def save(what: View | Hologram, path: str | os.PathLike[str], colour_space: str 
     if colour_space not in COLOUR_SPACES:
         remedy = suggest_matches(colour_space, COLOUR_SPACES)
         raise UserError("colour_space", f'"{colour_space}"', expected=", ".join(COLOUR_SPACES), remedy=remedy)
+    from holoview.holograms.files.light_writer import write_light  # OpenEXR and TIFF, which a view doesn't need
+
     write_light(path, light_numbers(what, COLOUR_SPACES[colour_space]))
 
 
 def light_numbers(view: View, space: ColourSpace, **about: Any) -> Light:
     """The numbers of a view, with linear RGB of a colour space. about: further JSON values for the file."""
+    from holoview.holograms.files.light_writer import make_light  # as in `save`
+
     return make_light(
         view.intensity,
         view.xyz,

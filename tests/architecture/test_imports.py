@@ -49,6 +49,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
     ("holoview.viewer.render.page_images", "torch"): SLOW,
+    ("holoview.holograms.view", "holoview.holograms.files.light_writer"): OPTIONAL,
     ("holoview.holograms.view", "holoview.light.engine.point_light"): SLOW,
     ("holoview.holograms.view", "holoview.light.engine.torch_executor"): SLOW,
     ("holoview.holograms.load_field", "holoview.holograms.fields.demodulation"): SLOW,

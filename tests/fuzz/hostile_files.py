@@ -22,8 +22,9 @@ from typing import TypeVar
 import h5py
 import numpy as np
 import OpenEXR
+from PIL import Image, ImageCms
 
-from tests.fuzz.corpus import READERS, TORCH
+from tests.fuzz.corpus import HOSTILE, READERS, TORCH
 from tests.fuzz.field_files import MAT_HEADER, NOTES, read_field
 from tests.fuzz.trial import Case
 from tests.fuzz.valid_files import BENCH, small_system, valid, write
@@ -528,6 +529,79 @@ def pushes(rng: Random) -> Case:
     return Case("pushed fields", f"{shape} {key[:20]}", lambda folder: None, call=send)
 
 
+# --- what is measured, and who looks ----------------------------------------------------------------------------------
+
+_VALUES = (*HOSTILE, "-1", "5", "60", "2.5", "1e6", "a,b", "0,0,4,4", "4,4,1,1")
+_CONTRAST = ("region", "dark", "black", "gain", "read-noise", "repeat", "lasers", "together", "edge", "target")
+_METER = ("f-number", "pixel", "bits", "exposure")
+_EYES = ("age", "field", "person", "lens", "macula", "L", "shift-M", "nosuch")
+_WORDS = ("C", "C<", "C < 0.4", "C < nan", "C > 1e999", "PSNR > 3", "<", "C == C", "0.4 < C", "C < " + "9" * 3000)
+
+
+def _damaged(rng: Random, data: bytes) -> bytes:
+    """A file with some bytes changed, or cut off."""
+    body = bytearray(data)
+    for _ in range(int(rng.integers(1, 9))):
+        body[int(rng.integers(len(body)))] = int(rng.integers(256))
+    return bytes(body[: int(rng.integers(1, len(body) + 1))] if rng.random() < 0.4 else body)
+
+
+def _picture_png(rng: Random, profile: bytes | None = None) -> bytes:
+    """A small picture: of noise, of one value, or black."""
+    shape = chosen(rng, ((24, 32, 3), (24, 32), (1, 1), (3, 2), (40, 40)))
+    high = int(chosen(rng, (256, 1, 2)))
+    pixels = rng.integers(0, high, shape, dtype=np.uint8) + np.uint8(255 * (high == 1 and rng.random() < 0.5))
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "PNG", icc_profile=profile)
+    return stream.getvalue()
+
+
+def _response_table(rng: Random) -> bytes:
+    """A table of cones or a camera, with gaps, other units, text, or too many columns."""
+    first, step = chosen(rng, ((380, 5), (400, 40), (0.38, 0.01), (3800, 50), (700, -5), (500, 0)))
+    columns = int(rng.integers(0, 5))
+    cells = ("", "nan", "1e400", "0,5", "x", "-3", "0.4", "0.7", "120")
+    rows = [
+        ",".join([str(first + step * row), *(chosen(rng, cells) for _ in range(columns))])
+        for row in range(int(chosen(rng, (0, 1, 2, 60, 4000))))
+    ]
+    return "\n".join([chosen(rng, ("", "wavelength,L,M,S", "nm,r,g,b", "a,a,a")), *rows]).encode()
+
+
+def measures(rng: Random) -> Case:
+    """Photographs, instruments, observers, profiles, files of light and claims on a hologram."""
+    kind, value = int(rng.integers(8)), chosen(rng, _VALUES)
+    bench, photograph = {"bench.toml": BENCH.encode()}, {"seen.png": _picture_png(rng)}
+    light = valid("light")
+    name = chosen(rng, sorted(light))
+    commands: dict[int, tuple[dict[str, bytes], tuple[str, ...]]] = {
+        0: (photograph, ("contrast", "seen.png", "--json", f"--{chosen(rng, _CONTRAST)}={value}")),
+        1: (photograph | {"dark.png": _picture_png(rng)}, ("contrast", "seen.png", "--dark", "dark.png", "--json")),
+        2: (bench, ("contrast", "bench.toml", "--meter", "camera", f"--{chosen(rng, _METER)}={value}", "--json")),
+        3: (bench, ("render", "bench.toml", f"--observer={chosen(rng, _EYES)} {value}", *TORCH)),
+        4: (
+            bench | {"who.csv": _response_table(rng)},
+            ("render", "bench.toml", "--observer", "who.csv", *TORCH),
+        ),
+        5: (
+            bench | {"picture.png": _picture_png(rng, _damaged(rng, _profile()))},
+            ("optimise", "bench.toml", "picture.png", "--iterations", "1", "--json"),
+        ),
+        6: ({name: _damaged(rng, light[name])}, (chosen(rng, ("contrast", "compare")), name, "--json")),
+        7: (valid("hologram"), ("report", "hologram.safetensors", "-o", "r.html", f"--claim={chosen(rng, _WORDS)}")),
+    }
+    files, arguments = commands[kind]
+    if arguments[0] == "compare":
+        arguments = ("compare", name, f"whole-{name}", "--json")
+        files = files | {f"whole-{name}": light[name]}
+    shown = " ".join(text[:20] for text in arguments[1:])
+    return Case("measured numbers", f"{kind}: {shown!r}", lambda folder: write(folder, files), arguments)
+
+
+def _profile() -> bytes:
+    return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
 FAMILIES: dict[str, Maker] = {
     "special files everywhere": special,
     "array headers": arrays,
@@ -539,6 +613,7 @@ FAMILIES: dict[str, Maker] = {
     "long texts": texts,
     "hostile pages": pages,
     "pushed fields": pushes,
+    "measured numbers": measures,
 }
 """Each family of hostile files, with what draws one of its cases."""
 

@@ -198,6 +198,17 @@ def _job(folder: Path) -> None:
     (folder / f"{job.key}.json").rename(folder / "job.json")
 
 
+def _light(folder: Path) -> None:
+    """Light at a plane as numbers, in every format that is read back, and a Radiance picture."""
+    system = small_system()
+    view = hv.simulate(system, hv.random_drive(system))
+    for suffix in ("npz", "exr", "tif"):
+        hv.save(view, folder / f"light.{suffix}")
+    rows = np.random.default_rng(5).integers(1, 256, (24, 32, 4), dtype=np.uint8)
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 24 +X 32\n"
+    (folder / "light.hdr").write_bytes(head + rows.tobytes())
+
+
 def _web_page(folder: Path) -> None:
     system = small_system()
     hv.export_html(folder / "page.html", hv.Hologram(hv.random_drive(system), system), backend="torch")
@@ -218,6 +229,7 @@ _MAKERS = {
     "job": _job,
     "rig": _rig,
     "field": make_fields,
+    "light": _light,
 }
 
 

@@ -583,9 +583,12 @@ def captures_digest(captures: Captures) -> str:
     digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
     for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
         digest.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
+    camera = dataclasses.asdict(captures.camera)
+    if camera["integrates"] is None:  # not stated, as in all files of former versions
+        del camera["integrates"]
     bench = {
         "slms": [dataclasses.asdict(slm) for slm in captures.slms],
-        "camera": dataclasses.asdict(captures.camera),
+        "camera": camera,
         "gap": captures.gap_m,
         "focal_length": captures.focal_length_m,
         "relays": [stated_keys(relay) for relay in (captures.relay1, captures.relay2)],

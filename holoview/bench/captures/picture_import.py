@@ -104,22 +104,17 @@ def import_pictures(
     isn't that of a Fourier bench.
     """
     known = camera or KnownCamera()
-    _require_alike(shown)
-    for one in shown:
-        _require_speckle(one)
-    highest = max(int(one.picture.max()) for one in shown)
-    bits = known.bits or next(b for b in (8, 10, 12, 14, 16) if highest < 2**b)
+    scale = None if focal_length_m is None else wavelength_m * focal_length_m / (pitch_m * camera_pitch_m)
+    _require_placeable(shown, scale)
+    bits = known.bits or _fewest_bits(shown)
     saturation = 2**bits - 1
     counted = np.ones(shown[0].picture.shape, bool) if usable is None else usable
     of_levels = levels or (256 if all(int(one.pattern.max()) < 256 for one in shown) else 65536)
-    scale = None if focal_length_m is None else wavelength_m * focal_length_m / (pitch_m * camera_pitch_m)
-    _require_far_field(shown[0], scale)
     pictures = [one.picture.astype(np.float64) for one in shown]
     cuts = [zero_order_mask(one.picture, saturation) | ~counted for one in shown]
     phases = [one.pattern / (of_levels - 1) for one in shown]
     slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
     sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
-
     found_by = f"{PLACE}, from the speckle of the pictures"
 
     def captures_of(placed: Placement) -> Captures:
@@ -136,18 +131,27 @@ def import_pictures(
     _require_standing(shown, matches)
     found_m = best.scale_px * pitch_m * camera_pitch_m / wavelength_m
     keep = np.stack([undone(~cut, best.orientation) for cut in cuts])
-    notes = [
+    captures = captures_of(best)
+    notes = (
         *_placement_notes(placements, best, matches, found_m, focal_length_m),
         *_apart_notes(shown, matches),
         *_left_out_notes(shown, keep, saturation, usable is not None),
-    ]
-    if stroke_m is None:
-        turn = units.format_rounded(wavelength_m, "nm")
-        notes.append(f"assumed: level {of_levels - 1} is a full turn at {turn}, even light, one modulator")
-    captures = captures_of(best)
-    notes += [f"estimated: {sentence}" for sentence in captures.estimated if sentence != found_by]
+        *([] if stroke_m else [_assumed_turn(of_levels, wavelength_m)]),
+        *(f"estimated: {sentence}" for sentence in captures.estimated if sentence != found_by),
+    )
     check_captures(captures)
-    return ImportedPictures(captures, (best, *placements[1:]), tuple(notes))
+    return ImportedPictures(captures, (best, *placements[1:]), notes)
+
+
+def _assumed_turn(levels: int, wavelength_m: float) -> str:
+    turn = units.format_rounded(wavelength_m, "nm")
+    return f"assumed: level {levels - 1} is a full turn at {turn}, even light, one modulator"
+
+
+def _fewest_bits(shown: Sequence[Shown]) -> int:
+    """The least bits of a camera that hold all counts."""
+    highest = max(int(one.picture.max()) for one in shown)
+    return next(bits for bits in (8, 10, 12, 14, 16) if highest < 2**bits)
 
 
 def _upright_captures(
@@ -169,6 +173,14 @@ def _upright_captures(
         focal_length_m=placed.scale_px * slm.pitch_m * camera.pitch_m / wavelength_m,
         axis_m=((axis[0] - (rows - 1) / 2) * camera.pitch_m, (axis[1] - (columns - 1) / 2) * camera.pitch_m),
     )
+
+
+def _require_placeable(shown: Sequence[Shown], scale: float | None) -> None:
+    """Raises UserError for pictures that can't be placed together. scale: pixels a cycle of the pattern, if known."""
+    _require_alike(shown)
+    for one in shown:
+        _require_speckle(one)
+    _require_far_field(shown[0], scale)
 
 
 def _require_alike(shown: Sequence[Shown]) -> None:

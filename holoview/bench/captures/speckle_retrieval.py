@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures
@@ -130,7 +130,7 @@ class LightRetrieval:
         self._weights[measure.fitted] = (contrast - contrast.mean()) / measure.mean[measure.fitted]
 
     def start(self, stroke: float) -> Retrieved:
-        """The leading eigenvector of the weighted intensities."""
+        """The leading eigenvector of the weighted intensities; any light where none leads, as of a wrong pattern."""
         shape = self._light.nodes
         count = shape[0] * shape[1]
 
@@ -140,16 +140,20 @@ class LightRetrieval:
             assert light.grad is not None
             return np.asarray(light.grad.numpy().reshape(-1))
 
-        first = np.random.default_rng(0).standard_normal((2, count))
-        _, vectors = eigsh(
-            LinearOperator((count, count), matvec=weighted, dtype=np.complex64),
-            k=1,
-            which="LA",
-            ncv=min(count, _VECTORS),
-            maxiter=_RESTARTS,
-            tol=_TOLERANCE,
-            v0=(first[0] + 1j * first[1]).astype(np.complex64),
-        )
+        parts = np.random.default_rng(0).standard_normal((2, count))
+        first = (parts[0] + 1j * parts[1]).astype(np.complex64)
+        try:
+            _, vectors = eigsh(
+                LinearOperator((count, count), matvec=weighted, dtype=np.complex64),
+                k=1,
+                which="LA",
+                ncv=min(count, _VECTORS),
+                maxiter=_RESTARTS,
+                tol=_TOLERANCE,
+                v0=first,
+            )
+        except ArpackNoConvergence:
+            vectors = first[:, None]
         return self._judged(torch.from_numpy(vectors[:, 0].reshape(shape)), stroke)
 
     def ascend(self, start: Retrieved, steps: int) -> Retrieved:
