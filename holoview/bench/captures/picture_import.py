@@ -108,10 +108,9 @@ def import_pictures(
     _require_placeable(shown, scale)
     bits = known.bits or _fewest_bits(shown)
     saturation = 2**bits - 1
-    counted = np.ones(shown[0].picture.shape, bool) if usable is None else usable
     of_levels = levels or (256 if all(int(one.pattern.max()) < 256 for one in shown) else 65536)
     pictures = [one.picture.astype(np.float64) for one in shown]
-    cuts = [zero_order_mask(one.picture, saturation) | ~counted for one in shown]
+    cuts = [zero_order_mask(one.picture, saturation) | (usable is not None and ~usable) for one in shown]
     phases = [one.pattern / (of_levels - 1) for one in shown]
     slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
     sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
