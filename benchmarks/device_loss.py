@@ -8,7 +8,7 @@ The loss is simulated: a thread destroys the device, which then refuses whatever
 driver was reset. The viewer notices that when it draws next, ends, and is started again with the work by the process
 that supervises it. A row has the seconds from the loss until the new process can be connected to, until it has sent a
 picture of the window, and until the hologram in it is as it was before (with --optimise: is seen), and the processor
-seconds of the new process until then. An edit that was made before has to be there, and with --optimise the
+seconds of the new process until then. A change that was made before has to be there, and with --optimise the
 optimisation has to come to its end.
 """
 
@@ -118,7 +118,7 @@ def recovery(folder: Path, options: Sequence[str], optimises: bool) -> Recovery:
         with _page(served) as page:
             page.wait_for(lambda middle: middle.std() > _SEEN)
             page.press("Escape")  # the tour
-            page.press("e")  # an edit: the exposure
+            page.press("e")  # another look: the exposure
             before = page.wait_until_still(0 if optimises else _STILL_FRAMES)
             if optimises:
                 _begin_optimisation(page, served)
@@ -132,8 +132,8 @@ def recovery(folder: Path, options: Sequence[str], optimises: bool) -> Recovery:
             window = time.monotonic() - began
             page.wait_for(lambda middle: middle.std() > _SEEN and (optimises or _differ(middle, before) < _SAME))
             found = Recovery(connected, window, time.monotonic() - began, _processor_s(served))
-            wanted = "Optimise" if optimises else "Exposure"
-            _look_until(page, lambda: any(label.startswith(wanted) for label in served.edits()))
+            wanted, done = ("Optimise", served.edits) if optimises else ("Exposure", served.looks)
+            _look_until(page, lambda: any(label.startswith(wanted) for label in done()))
     return found
 
 

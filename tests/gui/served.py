@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
+from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.session_store import SessionStore
 from tests.patience import PATIENCE_S
 
@@ -51,10 +52,16 @@ class Served:
         found, _ = _next_match(self.process, _ADDRESS)
         return replace(self, address=found[1], token=found[2])
 
+    def edits(self) -> list[str]:
+        """What was done in the viewer and not undone, as far as it has been saved."""
+        return [step.label for found in self._saved() for step in found.history[1 : found.history_position + 1]]
+
     def looks(self) -> list[str]:
         """How the look was changed in the viewer and not changed back, as far as it has been saved."""
-        found = SessionStore(self.folder / "holoview").saved_sessions()
-        return [step.label for saved in found for step in saved.restore().looks[0]]
+        return [step.label for found in self._saved() for step in found.looks[0]]
+
+    def _saved(self) -> list[EditingSession]:
+        return [saved.restore() for saved in SessionStore(self.folder / "holoview").saved_sessions()]
 
 
 def _next_match(process: subprocess.Popen[str], pattern: str) -> tuple[re.Match[str], str]:
