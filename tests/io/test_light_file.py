@@ -162,6 +162,14 @@ def test_damaged_and_other_files_are_one_sentence(view: hv.View, tmp_path: Path)
         read_light(tmp_path / "d.npz")
 
 
+def test_a_grey_tiff_that_says_it_is_light_is_one_sentence(tmp_path: Path) -> None:
+    file = tmp_path / "grey.tif"
+    about = json.dumps({"format": "holoview light 1"})
+    tifffile.imwrite(file, np.ones((4, 5), np.float32), description=about)
+    with pytest.raises(UserError, match="holds colours of shape"):
+        read_light(file)
+
+
 def test_numbers_that_need_too_much_memory_are_refused(
     view: hv.View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -184,7 +184,8 @@ def _read_tiff(path: Path) -> Light:
         with tifffile.TiffFile(path) as file:
             about = _parse_about(path, str(file.pages[0].description))
         rgb = np.stack([raster.values for raster in read_rasters(path)]).astype(np.float32)
-    return _checked(path, Light(rgb @ SRGB_TO_XYZ.T, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about))
+    xyz = rgb @ SRGB_TO_XYZ.T if rgb.shape[-1] == 3 else rgb  # which `_checked` refuses
+    return _checked(path, Light(xyz, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about))
 
 
 def about_text(about: Mapping[str, Any]) -> str:
