@@ -92,12 +92,22 @@ class Prose(griffe.Extension):
             obj.docstring.value = to_markdown(obj.docstring.value)
 
 
+def _text_of(argument: Any) -> str:
+    """The text of an argument that is one, with … where it is computed; "" for any other argument."""
+    if isinstance(argument, griffe.ExprKeyword):
+        return ""
+    node = ast.parse(str(argument), mode="eval").body
+    if isinstance(node, ast.JoinedStr):
+        return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
 def _describe(attribute: griffe.Attribute) -> None:
     """Takes text and default of a field from its `described_field(type, "text", default=…)`."""
     call = attribute.value
     if not isinstance(call, griffe.ExprCall) or str(call.function) != "described_field":
         return
-    texts = [ast.literal_eval(str(one)) for one in call.arguments if str(one)[:1] in "\"'"]
+    texts = [text for one in call.arguments if (text := _text_of(one))]
     named = {one.name: one.value for one in call.arguments if isinstance(one, griffe.ExprKeyword)}
     attribute.value = named.get("default")
     if texts:
