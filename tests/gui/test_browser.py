@@ -92,7 +92,7 @@ def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, brow
         second = browser.open(served.url, 700, 440)
         second.get_by_text("Another page uses this viewer").wait_for()
         wait_until(lambda: pixels(second, tmp_path).std() > 20)
-        second.mouse.click(350, 5)
+        second.mouse.click(690, 5)  # beside the menus
         wait_for_sizes(second, 700, 440)
         first.get_by_text("Another page uses this viewer").wait_for()
         second.keyboard.press("e")
