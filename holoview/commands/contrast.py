@@ -24,7 +24,6 @@ from holoview.commands.arguments import (
     number,
     parse_lengths,
     parse_region,
-    parse_seed,
     system_from_args,
 )
 from holoview.commands.console import print_json, progress_bar
@@ -36,7 +35,14 @@ from holoview.commands.hologram_files import (
     shown_by_args,
 )
 from holoview.commands.output_files import add_input, add_output
-from holoview.commands.speckle_options import add_meter, add_target, meter_from_args, speckle_lines, target_from_args
+from holoview.commands.speckle_options import (
+    add_meter,
+    add_place,
+    add_target,
+    meter_from_args,
+    speckle_lines,
+    target_from_args,
+)
 from holoview.evidence.study.charts import make_figure, retinal_figure, scatter_figure, speckle_figure
 from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.files.image_reader import file_format
@@ -84,11 +90,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     add_observer(parser)
-    parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
-    parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
-    parser.add_argument(
-        "--random", metavar="SEED", type=parse_seed, default=0, help="seed of a preset's random patterns"
-    )
+    add_place(parser)
     parser.add_argument(
         "--pupils",
         metavar="LIST",

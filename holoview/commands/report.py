@@ -12,11 +12,11 @@ import json
 import shlex
 from pathlib import Path
 
-from holoview.commands.arguments import parse_region, parse_seed, system_from_args
+from holoview.commands.arguments import parse_region, system_from_args
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
-from holoview.commands.speckle_options import add_meter, add_target, meter_from_args, target_from_args
+from holoview.commands.speckle_options import add_meter, add_place, add_target, meter_from_args, target_from_args
 from holoview.evidence.study.claims import parse_claim
 from holoview.evidence.study.hologram_report import report_html, report_json, review_hologram
 from holoview.holograms.hologram import Hologram
@@ -47,11 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change a preset"
     )
-    parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
-    parser.add_argument("--plane", metavar="DISTANCE", help="focal plane; the middle one if absent")
-    parser.add_argument(
-        "--random", metavar="SEED", type=parse_seed, default=0, help="seed of a preset's random patterns"
-    )
+    add_place(parser)
     parser.add_argument(
         "--claim",
         metavar="TEXT",

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from holoview.bench.captures.speckle_meter import METERS, CameraLens, Meter, MeterReading
-from holoview.commands.arguments import number, whole
+from holoview.commands.arguments import number, parse_seed, whole
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle
@@ -19,6 +19,15 @@ from holoview.util import units
 from holoview.util.errors import UserError
 
 _MOST_SHOWN = 12  # lasers in a matrix of text
+
+
+def add_place(parser: argparse.ArgumentParser) -> None:
+    """Adds --region, --plane and --random: what of a hologram, or of a preset's random patterns, is measured."""
+    parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
+    parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
+    parser.add_argument(
+        "--random", metavar="SEED", type=parse_seed, default=0, help="seed of a preset's random patterns"
+    )
 
 
 def add_target(parser: argparse._ActionsContainer) -> None:

@@ -25,7 +25,7 @@ from scipy.ndimage import gaussian_filter, label
 
 from holoview.bench.captures.dataset import ORIENTATIONS, inverse_orientation, turned, undone
 from holoview.bench.captures.unknown_settings import dark_noise
-from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX, SpeckleMatch, match_speckle
+from holoview.light.numerics.speckle_match import SpeckleMatch, local_mean, match_speckle
 from holoview.util.progress import ProgressCallback, no_progress
 
 Floats = NDArray[np.float64]
@@ -195,8 +195,7 @@ def _lit(picture: Floats, usable: Masks) -> Masks:
     In the dark, local contrast is that of the noise alone.
     """
     dark = float(np.quantile(picture[usable], _DARK_SHARE)) if usable.any() else 0.0
-    share = np.maximum(gaussian_filter(usable.astype(np.float64), LOCAL_MEAN_PX), 1e-6)
-    mean = gaussian_filter(np.where(usable, picture - dark, 0.0), LOCAL_MEAN_PX) / share
+    mean = local_mean(picture - dark, usable)
     lit = usable & (mean > _LIT_NOISES * dark_noise(picture))
     return lit if lit.mean() > _LEAST_LIT else usable
 

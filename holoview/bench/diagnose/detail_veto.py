@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
 from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, score_on_held_out
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.search_context import SearchContext
-from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX
+from holoview.light.numerics.speckle_match import local_mean
 
 _CAPTURES = 4  # [captures] Held-out ones whose detail is compared.
 _LEAST_DETAIL = 0.6
@@ -60,11 +59,11 @@ def _detail_share(context: SearchContext, values: Values) -> float | None:
     for light, model, weight in zip(comparison.light.astype(np.float64), expected, comparison.weight, strict=True):
         usable = weight > 0
         variance = context.data.camera.noise_variance(np.maximum(light, 0.0))
-        mean = _local_mean(light, usable)
-        lit = usable & (mean > _LIT_NOISES * np.sqrt(variance)) & (_local_mean(model, usable) > 0)
+        mean = local_mean(light, usable)
+        lit = usable & (mean > _LIT_NOISES * np.sqrt(variance)) & (local_mean(model, usable) > 0)
         lit_pixels += int(lit.sum())
         seen += detail(light, mean, lit) - _noise_of_detail(variance, mean, lit)
-        predicted += detail(model, _local_mean(model, usable), lit)
+        predicted += detail(model, local_mean(model, usable), lit)
     return predicted / seen if lit_pixels >= _LEAST_LIT and seen > 0 and predicted > 0 else None
 
 
@@ -87,8 +86,3 @@ def _noise_of_detail(variance: Floats, mean: Floats, lit: Masks) -> float:
 def _both(lit: Masks, axis: int) -> Masks:
     moved = np.moveaxis(lit, axis, 0)
     return np.moveaxis(moved[1:] & moved[:-1], 0, axis)
-
-
-def _local_mean(light: Floats, usable: Masks) -> Floats:
-    share = np.maximum(gaussian_filter(usable.astype(np.float64), LOCAL_MEAN_PX), 1e-6)
-    return np.asarray(gaussian_filter(np.where(usable, light, 0.0), LOCAL_MEAN_PX) / share)

@@ -37,14 +37,19 @@ class SpeckleMatch:
     shift: tuple[int, int]
 
 
+def local_mean(light: NDArray[np.floating], usable: Masks, mean_px: float = LOCAL_MEAN_PX) -> Floats:
+    """The mean (y, x) of the usable pixels around each pixel. mean_px: standard deviation of the window."""
+    share = np.maximum(gaussian_filter(usable.astype(np.float64), mean_px), 1e-6)
+    return np.asarray(gaussian_filter(np.where(usable, light, 0.0).astype(np.float64), mean_px) / share)
+
+
 def local_contrast(picture: NDArray[np.floating], usable: Masks, mean_px: float = LOCAL_MEAN_PX) -> Floats:
     """I/(I + local mean) of a picture (y, x), in which pixels that aren't usable count as their surroundings.
 
     mean_px: standard deviation of the local mean's window.
     """
     light = np.where(usable, np.maximum(picture, 0.0), 0.0).astype(np.float64)
-    share = gaussian_filter(usable.astype(np.float64), mean_px)
-    mean = gaussian_filter(light, mean_px) / np.maximum(share, 1e-6)
+    mean = local_mean(light, usable, mean_px)
     floor = 1e-6 * max(float(mean.max()), 1e-30)
     return np.where(usable, light / (light + mean + floor), 0.5)
 
