@@ -228,8 +228,9 @@ def _tiny_bench(**changes: Any) -> System:
 
 
 def _labels(store: SessionStore) -> str:
-    """What was done in the sessions that are being saved."""
-    return " ".join(step.label for saved in store.saved_sessions() for step in saved.restore().history)
+    """What was done in the sessions that are being saved: to the bench, then to the look at it."""
+    sessions = [saved.restore() for saved in store.saved_sessions()]
+    return " ".join(step.label for session in sessions for step in (*session.history, *session.looks[0]))
 
 
 @pytest.mark.explores
@@ -249,7 +250,7 @@ def test_at_two_frames_a_second_nothing_is_lost(display: str, make_gui: Callable
         screen.xdotool("key", "ctrl+p", "type", "--delay", 1, "wipe")
         screen.xdotool("key", "Return", "key", "g")
         store = SessionStore(tmp_path / "holoview")
-        screen.wait_until(lambda: _labels(store).split()[-1] == "Page")
+        screen.wait_until(lambda: _labels(store).endswith("Page"))
         assert _labels(store) == "Start Focal plane Exposure Channel Compare Page"
         (saved,) = store.saved_sessions()
         view = saved.restore().view_settings
