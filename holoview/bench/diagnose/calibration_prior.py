@@ -69,11 +69,23 @@ def known_corrections(
         return None
     finally:
         context.predictor.end = end
-    return {
-        name: own
-        for name, own in best.values.items()
-        if name in placed and is_within(own, placed[name], MAX_DEVIATIONS)
-    }
+    return _within_uncertainties(best.values, placed)
+
+
+def corrections_alone(context: SearchContext, uncertain: Uncertainties) -> FittedValues:
+    """The errors of known effects, fitted beside the nominal bench alone, whatever they leave: no noise is believed.
+
+    Empty where the context's time was over before.
+    """
+    placed = {name: own for name, own in uncertain.items() if name in context.effects}
+    end, context.predictor.end = context.predictor.end, context.end
+    try:
+        found = _fit_beside(context, NOMINAL_FIT, placed).values
+    except SearchEnded:
+        return {}
+    finally:
+        context.predictor.end = end
+    return _within_uncertainties(found, placed)
 
 
 def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties) -> tuple[str, ...]:
@@ -90,6 +102,13 @@ def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties)
     largest = sorted(deviations, key=lambda one: -deviations[one])[:_LISTED]
     texts = [f"{name}.{p} by {format_number(name, p, corrections[name][p])}" for name, p in largest]
     return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}, others by less.",)
+
+
+def _within_uncertainties(values: FittedValues, placed: Uncertainties) -> FittedValues:
+    """The fitted values that may be errors of the measurement."""
+    return {
+        name: own for name, own in values.items() if name in placed and is_within(own, placed[name], MAX_DEVIATIONS)
+    }
 
 
 def _single_causes(context: SearchContext, placed: Uncertainties, progress: ProgressCallback) -> list[CandidateFit]:

@@ -17,7 +17,12 @@ from holoview.bench.captures.patterns import pattern_roughness
 from holoview.bench.captures.predictor import PLAIN, SamplingConfig, cache_bytes, check_known_effects, prediction_bytes
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.unknown_settings import uncertainties
-from holoview.bench.diagnose.calibration_prior import Uncertainties, correction_notes, known_corrections
+from holoview.bench.diagnose.calibration_prior import (
+    Uncertainties,
+    correction_notes,
+    corrections_alone,
+    known_corrections,
+)
 from holoview.bench.diagnose.capture_split import split_captures
 from holoview.bench.diagnose.config import SearchConfig
 from holoview.bench.diagnose.correct.bad_captures import BadCapture, find_useless_captures
@@ -41,7 +46,12 @@ from holoview.bench.diagnose.parts import parts_of_context
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.report.assemble import assemble, better_explained, with_wrong_records
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
-from holoview.bench.diagnose.sampling_choice import choose_sampling, describe_better, with_noise_of_residuals
+from holoview.bench.diagnose.sampling_choice import (
+    choose_sampling,
+    describe_better,
+    is_noise_assumed,
+    with_noise_of_residuals,
+)
 from holoview.bench.diagnose.screening import LOCAL_MAX_ERROR
 from holoview.bench.diagnose.search import InitialCandidates
 from holoview.bench.diagnose.search_context import (
@@ -190,10 +200,8 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     share = 0.5 if records.are_doubtful else 1.0
     request, _ = _with_chosen_sampling(records.captures, request)
     request = replace(request, uncertain={**uncertainties(records.captures), **request.uncertain})
+    records = _with_noise_of_residuals(records, request)
     request, notes = _with_corrected_known(records, request)
-    useless = [bad.index for bad in find_useless_captures(records.captures, request.known)]
-    captured = with_noise_of_residuals(records.captures, useless, request.known, request.sampling)
-    records = replace(records, captures=captured)
     diagnosis = _search(records, request, share)
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
@@ -276,6 +284,24 @@ def _limited(context: SearchContext, request: _Request, share: float) -> SearchC
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
     return replace(context, field_budget=fields, end=end, best_so_far=best)
+
+
+def _with_noise_of_residuals(records: CheckedRecords, request: _Request) -> CheckedRecords:
+    """The records with the noise that the nominal bench leaves, where nothing else told it.
+
+    Known effects are corrected beside the nominal bench alone: beside other causes, errors of an assumed noise would
+    choose.
+    """
+    if not is_noise_assumed(records.captures):
+        return records
+    known, silent = request.known, replace(request, so_far=None)
+    if request.uncertain:
+        with request.start_workers() as pool:
+            prepared = _prepare(records, silent, pool, _CORRECTION_SHARE)
+            found = corrections_alone(prepared.middle or prepared.whole, request.uncertain)
+        known = add_effect_values(known, found)
+    useless = [bad.index for bad in find_useless_captures(records.captures, known)]
+    return replace(records, captures=with_noise_of_residuals(records.captures, useless, known, request.sampling))
 
 
 def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:

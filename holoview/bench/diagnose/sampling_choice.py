@@ -160,6 +160,11 @@ def _climbed(
     return ChosenSampling(best, left, nominal)
 
 
+def is_noise_assumed(captures: Captures) -> bool:
+    """Whether the electrons a count were estimated from the pictures alone."""
+    return any(sentence.startswith(GAIN) for sentence in captures.estimated)
+
+
 def with_noise_of_residuals(
     captures: Captures, left_out: Sequence[int], known: Values, sampling: SamplingConfig
 ) -> Captures:
@@ -169,7 +174,7 @@ def with_noise_of_residuals(
     As they were where residuals of neighbouring pixels are alike: an error of the bench is alike over a grain.
     """
     kept = np.setdiff1d(np.arange(len(captures)), np.array(left_out, dtype=np.intp))
-    if not len(kept) or not any(sentence.startswith(GAIN) for sentence in captures.estimated):
+    if not len(kept) or not is_noise_assumed(captures):
         return captures
     few = captures.subset(spread_over_wavelengths(captures, kept, _CAPTURES))
     data, indices, predictor = prepare_captures(few), np.arange(len(few)), _predictor(few, known, sampling)
