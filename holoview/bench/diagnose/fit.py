@@ -343,6 +343,20 @@ def scan_effect(
     return fits
 
 
+def scan_upwards(
+    effect: Effect, comparison: Comparison, base: FittedValues, starts: Sequence[Mapping[str, float]]
+) -> list[CandidateFit]:
+    """As `scan_effect`, but from the first of `starts` on only as long as the cost falls."""
+    causes, identity = (*base, effect.id), identity_values(effect)
+    fits = _evaluate_points(comparison, causes, base, effect.id, [dict(identity)])
+    for start in starts:
+        (further,) = _evaluate_points(comparison, causes, base, effect.id, [{**identity, **start}])
+        fits.append(further)
+        if further.cost >= min(fit.cost for fit in fits[:-1]):
+            break
+    return sorted(fits, key=lambda fit: fit.cost)
+
+
 def cost_at_identity(fits: Sequence[CandidateFit], effect: Effect) -> float:
     """The cost of the point of a scan at which the effect is off."""
     identity = identity_values(effect)

@@ -36,6 +36,7 @@ from holoview.bench.diagnose.fit import (
     identity_values,
     local_fit,
     scan_effect,
+    scan_upwards,
 )
 from holoview.bench.diagnose.likelihood import Comparison, GainFit, Values
 from holoview.bench.diagnose.search_context import SearchContext, field_samples
@@ -88,7 +89,7 @@ _NO_SCAN_CHI2 = 2.0
 """[χ²/n] Near the truth, no range is scanned if the model is this close. Evidence: nothing lies beyond the reach of
 tangents there."""
 SCAN_CAPTURES = 2  # [captures] A scan compares.
-_COSTLY_SCAN_POINTS = 3  # [points] Of the scan of a costly effect.
+_COSTLY_SCAN_POINTS = 3  # [points] Of the scan of a costly effect, as its cost is estimated.
 _COSTLY_MAX_COST = 0.9
 """[1] A costly effect is fitted if a point of its scan leaves less than this share of the cost without it."""
 _LOCAL_ITERATIONS = 4
@@ -134,6 +135,12 @@ def largest_field_count(context: SearchContext, effect: Effect) -> int:
     return field_count(context, {effect.id: points[-1]}) if points else 1
 
 
+def _doubling_points(context: SearchContext, effect: Effect) -> list[dict[str, float]]:
+    """Points of a costly effect's scan, of few fields first, each about twice as far as the one before."""
+    points = sorted(effect.starting_points(context.system), key=lambda point: field_count(context, {effect.id: point}))
+    return [points[2**k - 1] for k in range(len(points).bit_length())]
+
+
 def prediction_cost(context: SearchContext, values: Values) -> float:
     """Estimated cost of a prediction of one capture, in fields of usual size; a smaller field costs as much as one."""
     return max(1.0, field_samples(context.data.captures) / USUAL_SAMPLES) * field_count(context, values)
@@ -142,14 +149,19 @@ def prediction_cost(context: SearchContext, values: Values) -> float:
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """Estimated cost of the search of an effect, in fields, which orders the queue.
 
-    Points of its scan × fields of a prediction × a factor for where it acts on the light; for stuck pixels the cost of
-    their starting values.
+    Points of its scan × fields of a prediction × a factor for where it acts on the light; of a costly effect those that
+    a scan from small values on looks at; for stuck pixels the cost of their starting values.
     """
     if is_stuck_effect(effect):
         return _STUCK_COST
     points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
     if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
-        return points * (_UPSTREAM_COST * largest_field_count(context, effect))
+        if largest_field_count(context, effect) < COSTLY_FIELDS:
+            return points * _UPSTREAM_COST
+        few = _doubling_points(context, effect)[:_COSTLY_SCAN_POINTS]
+        fields = [field_count(context, {effect.id: point}) for point in few]
+        fitted = _POINTS_PER_PARAMETER * len(effect.parameters) * fields[len(fields) // 2]
+        return _UPSTREAM_COST * (sum(fields) + fitted)
     on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
     return points * (_CAMERA_POSE_COST if on_camera else _DOWNSTREAM_COST)
 
@@ -369,14 +381,11 @@ class _EffectFitter:
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
     def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
-        """The best of a few points, fitted once, on a few captures.
+        """The best of a few points, the smallest first, fitted once, on a few captures.
 
         The fit is begun only where a point leaves no more than a share `max_cost` of the cost without the effect.
         """
-        points = list(effect.starting_points(self.context.system))
-        count = _COSTLY_SCAN_POINTS
-        points = [points[(2 * k + 1) * len(points) // (2 * count)] for k in range(count)]
-        scan = scan_effect(effect, self.scan_comparison, self.base, points)
+        scan = scan_upwards(effect, self.scan_comparison, self.base, _doubling_points(self.context, effect))
         if scan[0].cost > max_cost * cost_at_identity(scan, effect):
             return CandidateFit((*self.base, effect.id), scan[0].values, float("inf"))
         fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, max_starts=1)

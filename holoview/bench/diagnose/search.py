@@ -287,6 +287,8 @@ def _search_second_causes_early(
         result = rank_on_held_out(context, [*shared, *(c.fit for c in result.candidates)])
     result = refine_leaders_along_axes(context, result, also_costly=False)
     result = free_fine_parameters(context, result, also_costly=False)
+    if not is_settled(result) and (costly := with_costly_in_place(context, result, effects)):
+        result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
     if is_settled(result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)
@@ -461,14 +463,14 @@ def with_costly_in_place(context: SearchContext, result: SearchResult, effects: 
 
     Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
     extended source, even more so while the distance is wrong. So each costly effect is tried beside the other causes.
-    It is followed up only if it leaves clearly less than the cause that it replaces. Once the budget is spent, only
-    effects whose search takes a small part of it are tried.
+    It is followed up only if it leaves clearly less than the cause that it replaces. In place of a single cause, and
+    once the budget is spent, only effects whose search takes a small part of it are tried.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
-    if len(best.causes) < 2 or context.screening_exhausted:
+    if not best.causes or context.screening_exhausted:
         return []
     costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
-    if context.budget_exhausted:
+    if context.budget_exhausted or len(best.causes) < 2:
         costly = [e for e in costly if not is_dear(context, e)]
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
