@@ -28,6 +28,7 @@ from holoview.bench.diagnose.judge import NOMINAL_FIT, first_per_cause_set, jitt
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR
 from holoview.bench.diagnose.screening import screen_effects, without_costly_fits
+from holoview.bench.diagnose.search import MAX_FURTHER_EXCESS_SHARE
 from holoview.bench.diagnose.search_context import SearchContext, SearchEnded
 from holoview.light.numerics.minimise import ResidualFunction, ResidualVector, Vector, levenberg_marquardt
 from holoview.util.progress import ProgressCallback
@@ -65,6 +66,10 @@ def known_corrections(
             fits += context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
             ranked = rank_on_held_out(context, fits)
         best = ranked.best.fit
+        if best.causes != fits[0].causes:  # a cause has numbers of its own, which always leave a little less
+            alone = next(score for score in ranked.candidates if score.causes == fits[0].causes)
+            if ranked.best.excess > MAX_FURTHER_EXCESS_SHARE * alone.excess:
+                best = alone.fit
     except SearchEnded:
         return None
     finally:
@@ -124,14 +129,15 @@ def _single_causes(context: SearchContext, placed: Uncertainties, progress: Prog
 
 
 def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertainties) -> CandidateFit:
-    """A cause and the errors of known effects, fitted together: first tolerant of a remaining error, then not."""
+    """A cause and the errors of known effects, fitted together: first tolerant of a remaining error, then twice not,
+    because the weights of a wrong black level hold the first of these fits back."""
     indices, values = context.split.fine, dict(base.values)
     causes = (*base.causes, *placed)
     error = context.relative_model_error(values)
     listed = free_parameters_of([context.effects[name] for name in causes], values).entries
     free = FreeParameters(tuple((e, p) for e, p in listed if e not in placed or p.name in placed[e]))
     bounds, cost = free.bounds(), base.cost
-    for is_tolerant in (True, False) if error > TOLERANT_MIN_ERROR else (False,):
+    for is_tolerant in (True, False, False) if error > TOLERANT_MIN_ERROR else (False,):
         comparison = (
             context.half_tolerant_comparison(indices, error)
             if is_tolerant

@@ -58,6 +58,7 @@ _ROUNDING = 1 / 12  # [counts²] Variance of whole counts, which `Camera.noise_v
 _MOST_ALIKE = 0.1
 """[1] Correlation of neighbouring residuals of noise alone. Evidence: derivation: that of 10 000 pixels is 0.01; errors
 of a bench extend over a grain, where it is 0.5."""
+_CHANCE, _SURELY_ALIKE = 3.0, 0.3  # standard errors that chance reaches; a correlation that is never called chance
 _MIN_DELTA_CHI2 = 25.0  # [Δχ²] As `VerdictConfig.min_delta_chi2`.
 _MAX_STEP_SHARE = 0.7
 """[1] A finer step of the ladder leaves less than this share of the excess. Evidence: measured on drawn benches: each
@@ -183,7 +184,7 @@ def with_noise_of_residuals(
         comparison = Comparison(predictor, data, indices, camera.noise_variance(expected))
         fitted, usable = comparison.fit_gains({}), comparison.weight > 0
         expected = np.maximum(fitted.expected, 0.0)
-        if max(abs(_neighbour_correlation(fitted.residual, usable, axis)) for axis in (1, 2)) > _MOST_ALIKE:
+        if any(_are_alike(fitted.residual, usable, axis) for axis in (1, 2)):
             return captures
         square, light = np.square(comparison.residual_counts(fitted))[usable], expected[usable]
         weight = comparison.weight[usable].astype(np.float64) ** 4  # of the square's variance, 2σ⁴
@@ -198,12 +199,18 @@ def with_noise_of_residuals(
     return replace(captures, camera=camera, estimated=(*others, *sentences))
 
 
-def _neighbour_correlation(residual: Images, usable: Masks, axis: int) -> float:
-    """Of whitened residuals (capture, y, x) of pixels that are neighbours along an axis."""
+def _are_alike(residual: Images, usable: Masks, axis: int) -> bool:
+    """Whether whitened residuals (capture, y, x) of pixels that are neighbours along an axis correlate, more than by
+    chance. Where an assumed noise is wrong, few bright pixels decide, so that chance is measured: the standard error is
+    that of the sum of their products."""
     moved, seen = np.moveaxis(residual, axis, 0), np.moveaxis(usable, axis, 0)
     both = seen[1:] & seen[:-1]
-    power = float(np.square(residual[usable], dtype=np.float64).mean()) if both.any() else 0.0
-    return float((moved[1:] * moved[:-1])[both].mean(dtype=np.float64)) / power if power else 0.0
+    products = (moved[1:] * moved[:-1])[both].astype(np.float64)
+    power = float(np.square(residual[usable], dtype=np.float64).mean()) * len(products) if len(products) else 0.0
+    if not power:
+        return False
+    error = math.sqrt(float(np.square(products).sum())) / power
+    return abs(float(products.sum())) / power > max(_MOST_ALIKE, min(_CHANCE * error, _SURELY_ALIKE))
 
 
 def _predictor(captures: Captures, known: Values, sampling: SamplingConfig) -> PredictorWithKnownEffects:
