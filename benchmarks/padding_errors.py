@@ -1,4 +1,4 @@
-"""Prints how much of the light each padding gets wrong: the table in docs/physics.md.
+"""Prints how much of the light each padding gets wrong: the table in docs/physics-evidence.md.
 
     python -m benchmarks.padding_errors
     python -m benchmarks.padding_errors --size 256x192 --reference 4

@@ -1,4 +1,4 @@
-"""Prints how far fields at a distance are from float64 references: the table in docs/physics.md.
+"""Prints how far fields at a distance are from float64 references: the table in docs/physics-evidence.md.
 
     python benchmarks/propagation_precision.py
 

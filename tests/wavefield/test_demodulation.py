@@ -222,7 +222,7 @@ def test_sets_that_tell_no_phase_are_refused(pictures: int, steps) -> None:
         phase_shifting_field(_recording([np.ones(SHAPE)] * pictures, "phase-shifting"), steps)
 
 
-# A study of 1 900 drawn sets is in docs/recordings.md. The objects here scatter all of their light: the mean wave of a
+# docs/fields-evidence.md has a study of 1 900 drawn sets. The objects here scatter all of their light: the mean wave of a
 # drawn one, beside a reference as bright as the object, has means of three pictures √3·√(1/n) apart in the r.m.s., of
 # n ≥ π·0.05²·76 800 = 600 modes 0.07, and those of one set in eight more than the tenth that three pictures allow.
 @pytest.mark.parametrize("count", [3, 4, 5])

@@ -13,7 +13,7 @@ the noise over the mean light (`SearchContext.relative_model_error`); cost the s
 - or a derivation, or a reason that follows from how the method works.
 
 "None recorded" means that the value works in `benchmarks/diagnosis.py`, without a record of others that were tried.
-`docs/diagnosis.md` states the thresholds that users see; a test compares them with these.
+`docs/diagnosis-evidence.md` states the thresholds that users see; a test compares them with these.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def propagate_field(
 
     Returns the field without the carrier, and the method with its reason. In the angular spectrum, light that no
     sample holds is dark: the samples' first order, evanescent waves. Against closed forms of a Gaussian beam, from
-    1 mm to 2 m, the error is below 1e-6 of the field (docs/physics.md).
+    1 mm to 2 m, the error is below 1e-6 of the field (docs/physics-evidence.md).
 
     Raises UserError as `choose_method` does, for values of another shape, and for a tilted window that reaches the
     plane of the field or that light grazes.

@@ -15,7 +15,8 @@ The second term is the change of the loss that the pixel causes by itself: κ is
 for a random field of unit mean intensity. Its weight s rises as the square of the progress, so that early in a run many
 pixels can change together, and late in it they settle.
 
-PSNR (dB) in comparison with straight-through, 96 × 128 pixels, 8 wavelengths, 60 iterations: docs/optimiser.md.
+PSNR (dB) in comparison with straight-through, 96 × 128 pixels, 8 wavelengths, 60 iterations:
+docs/optimiser-evidence.md.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ INITIAL_PATTERNS = ("random", "smooth")
 
 _XYZ_TO_LMS: Floats = np.asarray(np.linalg.inv(LMS_TO_XYZ), dtype=np.float64)
 
-# Measured in docs/optimiser.md. MS-SSIM alone lets a picture go dark, because its speckle then fades more than its
-# structure.
+# Measured in docs/optimiser-evidence.md. MS-SSIM alone lets a picture go dark, because its speckle then fades more than
+# its structure.
 _STRUCTURE_WEIGHT = 0.03
 
 

@@ -306,7 +306,7 @@ class Sampling(Description):
     wraps around.
     padding: sides of a linear grid in sides of the modulators, 2 to 8.
 
-    Raises UserError for values out of range. docs/physics.md has the price of each in accuracy.
+    Raises UserError for values out of range. docs/physics-evidence.md has the price of each in accuracy.
 
     >>> import holoview as hv
     >>> hv.Sampling(upsample=2, propagation="compact")

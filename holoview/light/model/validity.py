@@ -140,7 +140,7 @@ Path = tuple[str, int, float]
 
 _ENVELOPE_EXCESS = 0.25
 _PHASE_ERROR = 1e-2
-_ROUNDINGS, _UNIT_ROUNDOFF = 3, 2.0**-24  # of float32 in a phase's remainder, measured: docs/physics.md
+_ROUNDINGS, _UNIT_ROUNDOFF = 3, 2.0**-24  # of float32 in a phase's remainder, measured: docs/physics-evidence.md
 
 
 def lit_wavelengths(plan: Plan) -> NDArray[np.float64]:
