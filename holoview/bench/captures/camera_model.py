@@ -318,8 +318,9 @@ class IncoherentComponent:
 
     path_factor: factor of all optical paths at that moment (flicker of a modulator).
     laser: number of the laser among those of the captures, 0 for the shortest wavelength.
-    slm_frame: (rows, columns) of the modulators that the plan's are a part of; their own where None.
-    centre_m: (y, x) of that part, and of the camera's picture.
+    slm_frame: (rows, columns) of the whole modulators, if the modulators of the plan are cut out of larger ones; None
+    if the plan holds whole modulators.
+    centre_m: (y, x) of the cut-out part on the whole modulators, and of the camera's picture.
     """
 
     wavelength: int

@@ -168,9 +168,11 @@ class Captures:
     centre_m: (y, x), where the centre of that part is, in pictures and, where `slm_frame` is stated, in modulators.
     axis_m: (y, x), where the zero order of a Fourier bench is, from the centre of the pictures.
     usable: (N, y, x), False for pixels that every fit and measure leaves out; None where all count.
-    levels_before: as `levels`, the levels of the capture that was taken before each; for the first capture of all its
-    own. None if they follow from the order of these captures. Between whole levels where a modulator hadn't settled.
-    levels_first: (modulator, y, x), the levels of the first capture of all; None if it is the first of these.
+    levels_before: shape as `levels`: for each capture the levels that the modulators showed before it, that is those of
+    the capture taken before; the first capture of a measurement has its own levels here. If a modulator hadn't settled
+    the values lie between whole levels. None if each capture's predecessor is the one before it in this data set.
+    levels_first: (modulator, y, x), the levels of the first capture of the measurement; None if that capture is the
+    first of this data set.
     """
 
     levels: NDArray[np.unsignedinteger]

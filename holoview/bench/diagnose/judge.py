@@ -52,13 +52,14 @@ NEAR_CHI2 = 1.3
 is ranked at once. Evidence: weights from a wrong model favour similar errors."""
 _TIE_EXCESS_SHARE = 0.02
 """[1] Candidates within this share of the best excess tie, apart from the next two. Evidence: the search study."""
-_TIE_EXCESS = 0.02  # [χ²/n] … and within this χ²/n. Evidence: the search study.
+_TIE_EXCESS = 0.02  # [χ²/n] … or within that share and this χ²/n together. Evidence: the search study.
 _TIE_NEAR_SHARE = 0.1
-"""[1] … which counts at most as this share of the excess, so that near the floor small differences decide."""
+"""[1] `_TIE_EXCESS` counts at most as this share of the excess, so that near the floor small differences decide."""
 _NOISE_MODELS = 4  # [candidates] Whose noise is compared. Evidence: the cost, two predictions for each.
 _SAME_LIGHT_COST = 1.1
-"""[1] … if its tolerant cost is less than so many times the lowest. Evidence: a reason: a fit that predicts the light
-clearly worse has no better noise to offer; light of the room and a black level of 45 counts differed by 0.1 %."""
+"""[1] The noise of a candidate is compared only if its tolerant cost is below this factor times the lowest tolerant
+cost of all. Evidence: a reason: a fit that predicts the light clearly worse has no better noise to offer; light of the
+room and a black level of 45 counts differed by 0.1 %."""
 NOISE_ACCURACY = 0.02
 """[χ²/n] Deficit that isn't blamed. Evidence: electrons per count, by which variances scale, are seldom measured
 better; as much as `JITTER_EXCESS` on the other side."""

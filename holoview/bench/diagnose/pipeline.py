@@ -231,8 +231,8 @@ def _light_by_speckle(
 class _Preparation:
     """The contexts of a diagnosis before its search begins. whole: of the pictures as they are. middle: of the middle
     of large pictures; None where it would save little. parts: of the middle and the corners; None as for the middle.
-    weighted: predicts whole pictures with weighted stops. count: of all captures. useless: captures that are left out.
-    only: the other captures. notes: on effects that the captures can't show.
+    weighted: predicts whole pictures with weighted stops. count: number of all captures. useless: captures that are
+    left out. only: the captures that remain. notes: on effects that the captures can't show.
     """
 
     whole: SearchContext
@@ -399,7 +399,7 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     if whole.end.was_asked:
         outcome = judge(middle, found, search)
         return replace(outcome, notes=[*outcome.notes, f"{where}; whole pictures weren't looked at."])
-    if whole.data.captures.slm_frame is not None:  # cut too: its error is at most that of a smaller part
+    if whole.data.captures.slm_frame is not None:  # whole pictures are cut too: known as well as in a smaller part
         whole = replace(whole, missing_light=missing)
     if is_corrected:
         progress(0, 1, "light from beyond the middle, as predicted")
@@ -451,8 +451,9 @@ def _fitted_to_parts(
     """The outcome of a search in parts of the pictures that starts from that in their middle, `found`; None where its
     causes are too far from the truth to predict the light from beyond the parts.
 
-    first: of the search in the middle before, with whose values whole pictures are predicted already; they serve where
-    the causes are the same. With further causes that light is another, so that they are fitted once more without it.
+    first: the outcome of the earlier search in the middle, with whose values the light from beyond the parts was
+    predicted. This prediction serves as long as `found` names the same causes. Further causes change the light from
+    beyond the parts; they are then fitted once more without that light.
     """
     outcome = None
     for _ in range(_PART_ROUNDS):

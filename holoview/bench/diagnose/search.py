@@ -80,8 +80,9 @@ _PROMISING_SHARE = 0.5
 """[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the nominal
 excess, on held-out or on smooth captures; no ranges are scanned for a further cause that leaves less than this share of
 the cost. Evidence: beside a cause that was found near the nominal bench, the other cause is mostly near too, and scans
-take half of a minute. Smooth captures: beside light of the other polarisation, the true angle of a stage explained six
-tenths of the excess in smooth captures, and nothing in rough captures."""
+take half of a minute. Smooth captures count by themselves because a cause may show in them alone: beside light
+of the other polarisation, the true angle of a stage explained six tenths of the excess in smooth captures, and nothing
+in rough captures."""
 _ALIKE_SHARE = 0.25
 """[1] Effects that each leave less than this share of the nominal excess change the pictures alike. Evidence:
 derivation: the change by either is at most 30° from the residual, so that their correlation is 0.5 or more."""
@@ -112,8 +113,9 @@ _EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 @dataclass(frozen=True)
 class InitialCandidates:
     """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
-    whether effects are searched beside them. over_field_only: only those that vary over the field. are_fitted: to parts
-    of these pictures, so that they are fitted again only where they don't explain whole pictures.
+    whether effects are searched beside them. over_field_only: only those that vary over the field. are_fitted: whether
+    their values were fitted to parts of these pictures; the fit is then repeated on whole pictures only if these values
+    don't explain them.
     """
 
     fits: tuple[CandidateFit, ...]
@@ -280,8 +282,8 @@ def _search_second_causes_early(
     progress: ProgressCallback,
 ) -> SearchResult:
     """Second causes before ranges are scanned. Single causes are polished before; costly single causes after, since
-    polishing a costly cause that lacks another cause spends budget without gain. A costly cause near the floor is
-    polished like all others. screened: single causes, the best first.
+    a costly cause that can't explain the captures alone gains nothing by polishing, which spends the budget. A costly
+    cause near the floor is polished like all others. screened: single causes, the best first.
     """
     if shared := shared_with_costly(context, screened):
         result = rank_on_held_out(context, [*shared, *(c.fit for c in result.candidates)])

@@ -157,8 +157,8 @@ def describe_so_far(result: _Result) -> str:
 class BestSoFar(Generic[R]):
     """The best result of a search so far.
 
-    on_change: called with each result that names other causes than the last result, or leaves less than half its
-    excess; once causes were named, not with the first results of a repeated search, which has none yet.
+    on_change: is told the result whenever it names other causes than the result before, or leaves less than half of the
+    excess. A repeated search begins without causes: its first results aren't told if an earlier search named some.
     """
 
     def __init__(self, on_change: Callable[[R], None] | None = None) -> None:

@@ -24,8 +24,9 @@ with Bhattacharyya's distances of Gaussians of equal variance, a lower bound of 
 and capture (Kolchinsky & Tracey, Entropy 19, 361 (2017)). It is never negative, nor more than the entropy of p.
 
 The gradient raises the separation Σ (m₁ − a m₂)²/σ² of leader and rival, with the gain a that suits best and the
-rival's values refitted to first order to the pattern of each step. At these values the derivative by them vanishes, so
-that the gradient by the pattern is that of a fixed rival. The pattern of largest E[Δχ²] is kept.
+rival's values refitted to first order to the pattern of each step. The refitted values minimise the separation: its
+derivative by the rival's values vanishes, so that its gradient by the pattern is the same as with the values held. The
+pattern of largest E[Δχ²] is kept.
 """
 
 from __future__ import annotations

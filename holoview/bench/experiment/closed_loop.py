@@ -55,7 +55,7 @@ _CHECK_FIELDS = 0.25  # of the fields of a diagnosis, for those that the loop as
 _EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
 _EVERY = 4
 _PROPOSALS = 20
-_SPREAD = "no capture on offer promises to separate what is left; more of all kinds to be judged by"
+_SPREAD = "no proposed capture is expected to separate the remaining causes; captures of every kind follow"
 
 
 @dataclass(frozen=True)

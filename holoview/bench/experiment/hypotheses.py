@@ -175,14 +175,14 @@ def open_hypotheses(
         values = {**leader.values, name: identity_values(context.effects[name])}
         added = free_parameters_of([context.effects[name]], values)
         if not len(added):
-            continue  # a list, which is empty until something shows
+            continue  # an effect of lists, which are empty at the identity: no parameter to vary
         free = FreeParameters((*leader.free.entries, *added.entries))
         try:
             beside = slopes_of(added, values, comparison, context)
         except UserError:
             continue
         if not shows_at_identity(beside):
-            continue  # no captures would exclude it
+            continue  # at its identity the effect changes no capture, so that captures can't exclude it
         slopes = np.vstack([own, beside])
         normal = (slopes @ slopes.T).astype(np.float64)
         gain = linear_gain(normal, (slopes @ residual).astype(np.float64), temperature)

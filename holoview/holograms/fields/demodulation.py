@@ -39,7 +39,9 @@ _SOFT = 0.1  # of the radius, over which the filter falls
 _FAINT = 0.1  # of a picture's variance: an order with less may be no order; public recordings have 0.06 to 0.49
 _MOST_JUDGED = 1024  # rows and columns of the middle by which steps of the reference are recognised
 _ONE_MEAN = 0.1  # of the mean of three phase-shifted pictures, within which the means of each lie
-_ONE_WAY = 0.7  # |Σd²|/Σ|d|², d = Σₙ Iₙ·exp(2πi·n/3): 1 of differences in one direction, 0.5 of quarter turns
+# |Σd²|/Σ|d|² with d = Σₙ Iₙ·exp(2πi·n/3) in each pixel: 1 if all d have one direction in the complex plane (pictures
+# that differ in their brightness alone), 0.5 for pictures a quarter turn apart.
+_ONE_WAY = 0.7
 _MOST_UNEXPLAINED = 0.08  # 0.003 in the median of drawn sets, at most 0.055; 0.16 of speckles that drift
 _MOST_BESIDE_LINE = 1 / 3  # 0.03 in the median of drawn sets; 0.75 of speckles that drift
 _FAINT_UNLESS_COUNTED = 0.15  # the same of numbers that no camera counted: of 288 speckle patterns at most 0.11

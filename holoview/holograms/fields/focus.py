@@ -11,9 +11,10 @@ r.m.s. amplitude, so that neither light that leaves the field's frame nor darkne
 unscattered wave dominates, it is taken out first, as in a dark field: a transparent object hardly changes the intensity
 in focus, while the light that it scatters is most compact there.
 
-Causes other than focus raise the measures slowly: speckle, the field's finite frame, the far field. They act alike on
-both sides of the plane, so that 2·ln m(z) − ln m(−z) is searched for its most prominent maximum: the maximum that rises
-highest above the valleys beside it.
+Causes other than focus change the measures slowly: speckle, the field's finite frame, the far field. These causes act
+alike on both sides of the plane and cancel in ln m(z) − ln m(−z). That difference alone would also be large where the
+other side is merely dull, so that ln m(z) itself is added. The most prominent maximum of 2·ln m(z) − ln m(−z) is the
+distance of focus: the maximum that rises highest above the valleys beside it.
 
 An in-line recording is real, so that its image has a twin on the other side: its objects are found by
 `holoview.holograms.fields.focused_objects`.

@@ -50,7 +50,7 @@ class OptimisationVariables:
 
     @property
     def wavelength_iterations(self) -> int:
-        """Iterations in which wavelengths move: the first half. After it, the patterns' steps restart at full size."""
+        """Iterations in which wavelengths move: the first half. Patterns begin the second half with full steps."""
         return self.settings.iterations // 2 if "wavelengths" in self.settings.free else 0
 
     def begin_again(self, settings: Settings, hologram: Hologram) -> None:

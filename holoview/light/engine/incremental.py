@@ -224,10 +224,11 @@ class IncrementalRenderer:
         """Compute everything that is stale, one submission for each step; with `wait`, wait for the device after each.
 
         slice_s: split each submission into slices of about this many seconds, and wait for each; the slices of one
-        submission yield the same `done`. may_reorder: after an edit of few lasers their light is added to the stored
-        sum of the others' light; then XYZ is that of a new renderer to rounding only, and counts as stale for the next
-        update without `may_reorder`. The iterator ends early if the renderer is edited, another iterator starts or
-        `intensity` computes something: finished work stays valid, and the next iterator continues from there.
+        submission yield the same `done`. may_reorder: after an edit of few lasers, the light of these lasers may be
+        added to the stored sum of the light of all others. The sum then has another order, so that XYZ differs from a
+        new renderer's by rounding; the next update without `may_reorder` computes XYZ anew. The iterator ends early if
+        the renderer is edited, another iterator starts or `intensity` computes something: finished work stays valid,
+        and the next iterator continues from there.
         """
         before = started = time.perf_counter()
         spent, done, self.progress = 0.0, 0, 0.0

@@ -206,8 +206,8 @@ fn main(
 # one with `subgroupShuffleXor` and `select`. There are neither workgroup memory nor barriers, and between a forward and
 # an inverse transform all values stay in registers.
 #
-# If S doesn't divide A, zeros fill the last group of registers. There the lanes with l + S·g ≥ A compute unused values:
-# they load the same as another lane and store nothing.
+# If S doesn't divide A, zeros fill the last group of registers. There the lanes with l + S·g ≥ A compute values that
+# nobody uses: such a lane loads the numbers of another lane and stores nothing.
 #
 # Statements are emitted group by group, from the transpose to the store or the inverse transform, so that few values
 # are live at the same time.

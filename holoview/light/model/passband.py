@@ -205,9 +205,10 @@ def stop_weights(
 ) -> NDArray[np.float64] | None:
     """The share of each frequency's cell that the stops of a relay pass, (P_y, P_x) in `fftfreq` order; None without.
 
-    Arguments as of `stop_rows`. Frequencies that pass whole or not at all give a stop a jagged edge, another one on
-    each grid: behind irises of 473 frequencies across, pictures of rough patterns on two grids differ by 1.8 % of the
-    light, and weighted by 0.8 %. Of stops whose edges meet in a cell the shares are multiplied.
+    Arguments as of `stop_rows`. If each frequency passes as a whole or not at all, the edge of a stop is jagged, and
+    jagged in another way on every grid: behind irises of 473 frequencies across, pictures of rough patterns on two
+    grids differ by 1.8 % of the light, with weights by 0.8 %. Where the edges of two stops meet in a cell, their shares
+    are multiplied.
     """
     if not (relay.has_aperture or relay.dc_block_na is not None):
         return None

@@ -130,8 +130,9 @@ class Plan:
     nominal: the system as it was given.
     focus_shift_m: (wavelength,) how much larger z is on which an eye is focused at each wavelength; 0 without an eye.
     lasers, directions, frames: of the nominal system, with their `Samples`: indices of wavelengths, sources and frames.
-    moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
-    f·M + m of `system` shows frame f of the drive with factor m.
+    moments: the M factors of all optical paths over which each exposure is averaged, because an effect lets the phase
+    ripple during the exposure; (1.0,) if no effect does. Frame f·M + m of `system` shows frame f of the drive, with
+    factor m.
     has_weighted_stops: whether frequencies on the edge of a relay's stop pass in part, as pupils say then.
 
     >>> import holoview as hv

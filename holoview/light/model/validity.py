@@ -195,7 +195,7 @@ def _frequencies_left(plan: Plan) -> Measured | None:
 @_limit(
     "light left",
     quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
-    reason="no frequency is darkness",
+    reason="without a frequency there is no light",
     at_least=1.0,
     refuses=True,
 )

@@ -254,8 +254,8 @@ an aberration of 50 nm, exchanged modulators were better on smooth captures (0.9
 → 0.2)."""
 
 PROMISING = 96
-"""[corrections] The best on the first screened capture, which the other screens further. Evidence: the cost; as many as
-there are single corrections."""
+"""[corrections] So many of the best on the first screened capture are screened on further captures. Evidence: the cost;
+as many as there are single corrections."""
 
 KEPT = 16
 """[corrections] Best of the screening, which are compared on all tested captures. Evidence: more than the number of
@@ -278,10 +278,11 @@ EXCHANGED = 4
 measured: of patterns out of step and distances mixed up, the patterns alone came second."""
 
 EQUAL_GAIN = 0.05
-"""[z] Predictions that differ by less are alike. Evidence: a third of `MIN_GAIN`."""
+"""[z] Two predictions whose gains differ by less than this are taken as equal. Evidence: a third of `MIN_GAIN`."""
 
 EQUAL_SIGMAS = 3.0
-"""[σ] … or by less than this. Evidence: derivation: 0.3 % by chance."""
+"""[σ] Two predictions are also taken as equal if they differ by fewer standard deviations than this. Evidence:
+derivation: 0.3 % by chance."""
 
 SORTED_ORDERS = 4
 """[corrections] Hypotheses for which the best order of a mixed-up column is found. Evidence: the cost."""

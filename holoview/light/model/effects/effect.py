@@ -67,8 +67,8 @@ class Parameter:
     even_symmetric: images depend on its square only, so that a fit varies the square: the derivative of images with
     respect to the square isn't zero at zero.
     non_smooth: images are discontinuous in it (hard edges), so that derivatives don't exist.
-    passes_edges: as it varies, light passes the edges of stops, on a grid sample by sample: images jump a little, many
-    times within a step of their derivatives.
+    passes_edges: as the parameter varies, light moves across the edge of a stop. On a grid whole samples of the
+    spectrum pass the edge one after the other, so that images jump a little, many times within a step of a derivative.
     secondary: the parameter is calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at
     first.
     acts_on: the one part of a bench, of `PLACES`, without which it would change nothing; "" for those of its effect.
@@ -373,8 +373,8 @@ class StartKind(StrEnum):
     `shift_y` and `shift_x` in camera pixels. SMEAR: a line along which the picture is smeared; `length_y` and
     `length_x` in camera pixels. CAMERA_FRINGES, MODULATOR_FRINGES: plane fringes over the picture, or over the
     modulator that the effect acts on; `path_y`, `path_x`, and `cos1`, `sin1`, `cos2` … for each laser. STUCK_PIXELS:
-    lists of stuck columns, rows and pixels of the modulator that it acts on, as `slm1_stuck` has. PLANES: lists
-    `distances` and `errors` of planes.
+    lists of stuck columns, rows and pixels of the modulator that it acts on, as `slm1_stuck` has. PLANES: planes
+    at the wrong distance, as the two lists `distances` (where they should be) and `errors` (by how much they miss).
     """
 
     DISPLACEMENT = "displacement"
@@ -457,8 +457,8 @@ class Effect:
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
     start_kinds: which starting values, beside `starting_points`, a diagnosis reads off the pictures for it.
-    has_rival_parameters: whether two parameters change images nearly alike, so that a fit from the identity may divide
-    the value of one between both; a diagnosis then searches the range of each.
+    has_rival_parameters: whether two parameters change images nearly alike. A fit that starts from the identity may
+    then give each of the two a part of a value that belongs to one of them; a diagnosis searches the range of each.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
 
     Hooks get the values of the parameters, in SI units, as `v`.
