@@ -5,6 +5,8 @@ The tutorials, the viewer's tour (`docs._hooks.pictures`) and the gallery make t
 
 from __future__ import annotations
 
+import io
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -14,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from playwright.sync_api import sync_playwright
 
 import holoview as hv
 from docs._hooks.repository import ROOT
@@ -112,8 +115,24 @@ def captures() -> Image.Image:
     return sheet
 
 
+def live() -> Image.Image:
+    """A page with a live hologram in Chromium, computed by its software device."""
+    hologram = hv.load_hologram(_ASSETS / "live" / "holochrome-8.safetensors")
+    depth = hv.Placement(depth=_ASSETS / "still-life-depth.png")
+    target = hv.target_for(hologram.system, _ASSETS / "still-life.png", depth)
+    webgpu = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--no-sandbox"]
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as player:
+        page = Path(folder) / "page.html"
+        hv.export_html(page, {"8 wavelengths": hologram}, target=target, title="A still life, live")
+        browser = player.chromium.launch(executable_path=shutil.which("chromium"), args=webgpu)
+        shown = browser.new_page(viewport={"width": 1100, "height": 800})
+        shown.goto(page.as_uri())
+        shown.evaluate("window.holoview.set({})")
+        return Image.open(io.BytesIO(shown.screenshot())).convert("RGB")
+
+
 FIGURES: dict[str, Callable[[], Image.Image]] = {
-    figure.__name__: figure for figure in (optimising, effects, observers, fields, recordings, captures)
+    figure.__name__: figure for figure in (optimising, effects, observers, fields, recordings, captures, live)
 }
 
 
