@@ -8,7 +8,7 @@
 # make wheel  build the wheel, install it alone elsewhere and use it
 # make docs   build the manual as a site, out/site/index.html
 # make tutorials  run the tutorials and write what they print and draw into their pages
-# make pictures  draw the pictures of the viewer in the manual anew; on an idle machine, whose times they show
+# make pictures  draw the manual's pictures of the viewer anew, on an idle machine, whose times they show, and its figures
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make fuzz   feed 20 000 hostile files and options and count how they end (CASES=20000 SEED=1; MINUTES=60 at most)
@@ -85,6 +85,7 @@ tutorials: .venv/holoview.stamp
 pictures: .venv/holoview.stamp
 	@bash .ci/adapter
 	@$(BIN)/python -m docs._hooks.pictures
+	@$(BIN)/python -m docs._hooks.figures
 
 gallery: .venv/holoview.stamp
 	@$(BIN)/python -m benchmarks.gallery

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def optimising() -> Image.Image:
 def effects() -> Image.Image:
     """A part of the still life on benches that differ from the one for which its hologram was made."""
     hologram = hv.load_hologram(_STILL_LIFE)
-    causes = (
+    causes: tuple[dict[str, Any], ...] = (
         {},
         {"gap": {"gap_error": "0.2 mm"}},
         {"stroke": {"stroke_error": -0.1}},
