@@ -23,9 +23,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     config.mdx_configs["toc"] = {**config.mdx_configs.get("toc", {}), "slugify": links.slugify}
     for section in config.nav or []:
         if "Reference" in section:
-            names = [name for name in repository.ALWAYS if (repository.ROOT / name).is_file()]
             section["Reference"].append({"Modules": reference.modules_nav()})
-            section["Reference"] += [{_title(name): repository.page_of(name)} for name in names]
+        if "Development" in section:
+            names = [name for name in repository.ALWAYS if (repository.ROOT / name).is_file()]
+            section["Development"] += [{_title(name): repository.page_of(name)} for name in names]
     return config
 
 
