@@ -39,7 +39,7 @@ _MAX_SPREAD_WIDTHS = 10.0  # modulator widths by which light may spread sideways
 _USUAL_MAX_DISTANCE_M = 0.05  # a hint suggests the unit in which a distance would be at most this
 _MIN_LIGHT_SIGMAS = 0.5  # of a pixel's dark noise, for the mean signal of the brightest image
 _WHITE_QUANTILE = 0.999  # of the pixels are darker than light that is shown white
-_BRIGHT_SIGMAS = 8.0  # … above black: noise alone brings a thousandth of the pixels to 3
+_BRIGHT_SIGMAS = 8.0  # of the dark noise, by which white exceeds black; noise alone: a thousandth of pixels above 3
 _LEAST_USABLE_PX = 256  # of a picture, that aren't left out
 _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 

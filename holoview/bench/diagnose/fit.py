@@ -56,8 +56,8 @@ _SCAN_STARTS = 2
 """[1] Points of a scan from which an effect is fitted. Evidence: the search study fitted from the best point or two."""
 _SINGLE_START_PARAMETERS = 4  # [parameters] Effects with so many or more are fitted from one point.
 _COMPARED_STARTS = 4
-"""[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: for fringes on a modulator, two
-captures preferred the opposite wedge."""
+"""[1] Of an effect that is fitted from one point, so many points are compared on all captures of the fit. Evidence:
+measured: for fringes on a modulator, two captures preferred the opposite wedge."""
 _START_SEPARATION = 1.5
 """[scan steps] Points this near to a better point aren't starts of their own. Evidence: they are its neighbours in the
 scan."""

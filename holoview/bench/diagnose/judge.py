@@ -26,8 +26,8 @@ from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.search_context import MAX_TOLERATED_ERROR, SearchContext
 
 MIN_EXPLAINED_SHARE = 0.5
-"""[1] … and explain this share of the excess. Evidence: the screening study: no false alarm in 10 runs each of no
-fault, PRNU, and jitter of exposure, wavelength and camera; jitter gives many causes a little."""
+"""[1] Causes are named only if they explain this share of the excess. Evidence: the screening study: no false alarm in
+10 runs each of no fault, PRNU, and jitter of exposure, wavelength and camera; jitter gives many causes a little."""
 JITTER_EXCESS = 0.02
 """[χ²/n] Excess that jitter of an ordinary laboratory leaves: consistent below it, and a single cause that reaches it
 ends the search. Evidence: the search study."""
@@ -38,15 +38,15 @@ FALSE_ALARM = 1e-6
 """[1] Chance that a verdict blames captures of a right model, or correct records of the noise. Evidence: a convention;
 2.5 σ blamed one of 200 to 500 files."""
 EXPLAINED_MAX_SHARE = 0.2
-"""[1] … and up to this share of the nominal excess. Evidence: the search study; of a large error a blur explains nine
-tenths."""
+"""[1] A verdict is `explained` up to this share of the nominal excess. Evidence: the search study; of a large error a
+blur explains nine tenths."""
 RIVAL_FACTOR = 2.0
 """[1] Causes that leave less than so many times the best excess aren't excluded. Evidence: the search study."""
 RIVAL_EXCESS = 0.01
-"""[χ²/n] … for which the best excess counts as at least this. Evidence: the search study; smaller differences may be
-the model's own accuracy."""
+"""[χ²/n] For `RIVAL_FACTOR` the best excess counts as at least this. Evidence: the search study; smaller differences
+may be the model's own accuracy."""
 RIVAL_EXCESS_SHARE = 0.1
-"""[1] … but no more than this share of the nominal excess. Evidence: small faults are told apart too."""
+"""[1] `RIVAL_EXCESS` is at most this share of the nominal excess. Evidence: small faults are told apart too."""
 NEAR_CHI2 = 1.3
 """[χ²/n] Below it the weights of the noise order candidates, above it tolerant weights; a single cause that reaches it
 is ranked at once. Evidence: weights from a wrong model favour similar errors."""

@@ -63,7 +63,8 @@ _TOLERANT_ROUNDS = 6
 0.35 µm left 0.18 of the light after one, 0.019 after two. Of 12 draws with three of 0.4 µm, 6 ended at them from a
 fifth of their values, 9 from a third, and of 20 all from half."""
 _TOLERANT_GAIN = 0.95
-"""[1] … and lowered it below this share. Evidence: measured: causes that were wrong left 0.99 or more."""
+"""[1] A further tolerant fit follows only if the last lowered the error below this share. Evidence: measured: causes
+that were wrong left 0.99 or more."""
 _EDGES_ERROR_SHARE = 0.5
 """[1] Hard edges are searched in a tolerant fit that leaves less than this share of the nominal model's error.
 Evidence: a reason: it takes up to 200 predictions of each capture. Measured: an iris beside a tilt left 0.2."""
@@ -71,25 +72,26 @@ _BETTER_COST = 0.95  # [1] The same causes are refined again from values that co
 _AXIS_CANDIDATES = 2  # [candidates] Searched along their axes.
 _AXIS_ROUNDS = 2  # [1] Rounds of that.
 _AXIS_GAIN_SHARE = 0.9
-"""[1] … of which the second follows if the first left less than this share of the excess. Evidence: a round for two
-causes takes a tenth of a minute."""
+"""[1] The second round along the axes follows if the first left less than this share of the excess. Evidence: a round
+for two causes takes a tenth of a minute."""
 _LAST_FITS = 3
 """[candidates] Fitted to the end at most, where they are near the floor. Evidence: the cost; the best and two
 rivals."""
 _NEAR_ERROR_SHARE = 0.2
 """[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: a candidate that stays
 far off lacks a cause, with which other values would be best."""
-_NEAR_ERROR = 0.02  # [error] … or below this error; paired with `TOLERANT_MIN_ERROR`.
+_NEAR_ERROR = 0.02  # [error] A candidate below this error is polished too; paired with `TOLERANT_MIN_ERROR`.
 _MAX_NEAR_ERROR = 0.1
-"""[error] … which counts at most as this error. Evidence: of pairs with errors above 1, searches along the axes of the
-first cause, which left an error of 0.2, took a third of the time and gained nothing."""
+"""[error] The error of the nominal model counts at most as this much for `_NEAR_ERROR_SHARE`. Evidence: of pairs with
+errors above 1, searches along the axes of the first cause, which left an error of 0.2, took a third of the time and
+gained nothing."""
 _EXPLAINS_NOTHING_SHARE = 0.9  # [1] Candidates that leave more than this share of the nominal excess aren't polished.
 _SETTLED_EXCESS = 0.1
-"""[χ²/n] No further stage of the screening, and no further base, if the best excess is below this … Evidence: scans of
+"""[χ²/n] No further stage of the screening, and no further base, if the best excess is below this. Evidence: scans of
 ranges bring nothing so close."""
 SETTLED_SHARE = 0.05
-"""[1] … and below this share of the nominal excess; a further cause that leaves less than this share of its base's
-excess ends a screening."""
+"""[1] The best excess must also be below this share of the nominal excess; a further cause that leaves less than this
+share of its base's excess ends a screening."""
 _MAX_FINE_EXCESS_SHARE = 0.9  # [1] Fine parameters stay free if they leave less than this share of the excess.
 
 

@@ -39,10 +39,11 @@ MIN_CORRELATION = 0.5
 """[1] Canonical correlation from which a look-alike is told. Evidence: the screening study: most pairs are below
 0.3."""
 _TRIED_SHARE = 0.99
-"""[1] An effect is tried in a cause's place if its derivatives explain this share of the cause's change … Evidence:
+"""[1] An effect is tried in a cause's place if its derivatives explain this share of the cause's change. Evidence:
 pictures in single precision, and steps of finite length, leave derivatives of equal effects about 0.1 % apart."""
 _TRIED_DELTA_FACTOR = 4.0
-"""[1] … or if the rest of the change is below so many times the Δχ² that excludes a rival. Evidence: a reason: a fit
+"""[1] An effect is also tried if the unexplained rest of the cause's change is below this factor times the Δχ² that
+excludes a rival. Evidence: a reason: a fit
 may come nearer than derivatives predict."""
 _TRIED_FOR_EACH = 3  # [effects] Tried for each cause. Evidence: their cost; a fit of all causes each.
 

@@ -64,9 +64,11 @@ _MAX_STEP_SHARE = 0.7
 """[1] A finer step of the ladder leaves less than this share of the excess. Evidence: measured on drawn benches: each
 of the first three leaves a third to two thirds; at the floor a step leaves all."""
 _MAX_LEFT_SHARE = 0.3
-"""[1] Finer samples explain the nominal bench if they leave less than this share of its excess …"""
+"""[1] Finer samples explain the nominal bench if they leave less than this share of its excess, and no more
+than `_MAX_LEFT`."""
 _MAX_LEFT = 0.1
-"""[χ²/n] … and no more than this. Evidence: fault-free near fields of 48 to 128 pixels were left with at most 0.03."""
+"""[χ²/n] The largest excess that finer samples may leave of an explained bench. Evidence: fault-free near fields of 48
+to 128 pixels were left with at most 0.03."""
 
 
 def other_samplings(captures: Captures, own: SamplingConfig) -> list[SamplingConfig]:

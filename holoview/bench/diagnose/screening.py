@@ -110,8 +110,8 @@ _COSTLY_EXCESS_SHARE = 0.4
 """[1] Costly fits are pursued if their excess is below this share of the best simple fit's. Evidence: lost contrast
 imitates whatever is unknown."""
 _COSTLY_CHANCE = 5.0
-"""[√n] … or if Σ residual² exceeds the n pixels by less than this many √n. Evidence: derivation: 3.5 σ of χ², whose
-standard deviation is √(2n)."""
+"""[√n] Costly fits are also pursued if Σ residual² exceeds the n pixels by less than this many √n. Evidence:
+derivation: 3.5 σ of χ², whose standard deviation is √(2n)."""
 
 
 def field_count(context: SearchContext, values: Values) -> int:

@@ -105,8 +105,8 @@ fringes beside a bandwidth left nothing of an excess of 0.23; judged by the cost
 later."""
 MAX_FURTHER_EXCESS_SHARE = 0.8  # [1] A further cause must leave less than this share of the excess.
 _RERANKED = 3  # [candidates] Refined again once nuisances are known.
-_RERANKED_EXCESS_FACTOR = 4.0  # [1] Of those whose excess is below so many times the best …
-_RERANKED_EXCESS = 0.1  # [χ²/n] … plus this.
+_RERANKED_EXCESS_FACTOR = 4.0  # [1] They have an excess below this factor times the best, plus `_RERANKED_EXCESS`.
+_RERANKED_EXCESS = 0.1  # [χ²/n]
 _EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 

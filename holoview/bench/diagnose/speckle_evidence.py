@@ -23,7 +23,7 @@ _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence:
 _LEAST = 0.3  # [1] Of it, below which nothing is handed on. Evidence: none recorded.
 _WINDOW_PX = 320, 640
 """[px] Rows and columns of the brightest window, in which light is sought and causes are judged. Evidence: the cost."""
-_PART_PX = 192, 384  # [px] … of its brightest part, in which it is sought at first. Evidence: the cost.
+_PART_PX = 192, 384  # [px] Of the brightest part of that window, where the search begins. Evidence: the cost.
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")

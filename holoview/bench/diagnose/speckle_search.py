@@ -79,7 +79,8 @@ LEAST_LOSS = 0.01
 """[1] Of the held-out correlation without a part, below which the part isn't named. Evidence: the prototype: a trefoil
 and unmodulated light that weren't there gave 0.001, the least true part 0.011."""
 LEAST_SIGMAS = 5.0
-"""[σ] … and of its mean over held-out blocks. Evidence: the prototype: 1.7 σ and less of parts that weren't there."""
+"""[σ] Loss of the correlation's mean over held-out blocks below which the part isn't named. Evidence: the prototype:
+1.7 σ and less of parts that weren't there."""
 
 
 @dataclass(frozen=True)

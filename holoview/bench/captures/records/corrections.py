@@ -432,7 +432,8 @@ LARGEST_OFFSET = 8
 """[captures] Largest offset between patterns and pictures that is tried. Evidence: none recorded."""
 
 PAIRED_OFFSET = 3
-"""[captures] … together with another correction, unless it moves all patterns alone. Evidence: the cost."""
+"""[captures] Largest offset that is tried together with another correction; an offset that moves all patterns together
+is tried whatever its size. Evidence: the cost."""
 
 COLUMNS: tuple[Column, ...] = ("wavelength", "distance")
 

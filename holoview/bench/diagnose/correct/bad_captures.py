@@ -52,16 +52,16 @@ DARK_SIGMAS = 3.0
 the chance of a dark picture to pass is 0.1 %."""
 
 DARK_SHARE = 0.02
-"""[1] … or if its gain is below this share of the gain of its wavelength and of its siblings. Evidence: jitter of
-exposures and power laws change gains by less than a factor of ten."""
+"""[1] A capture is also dark if its gain is below this share of the gain of its wavelength and of its siblings.
+Evidence: jitter of exposures and power laws change gains by less than a factor of ten."""
 
 FLAT_VARIANCE = 2.0
-"""[1] A picture whose variance is below so many times that of the noise shows no pattern … Evidence: derivation:
+"""[1] A picture whose variance is below so many times that of the noise shows no pattern. Evidence: derivation:
 speckle varies by its mean, hundreds of times as much."""
 
 DIM_SHARE = 0.5
-"""[1] … and is dark if its gain is also below this share of the usual one: a black level that is higher than recorded
-isn't light. Evidence: flat patterns, which show no speckle either, are as bright as predicted."""
+"""[1] A picture without a pattern is dark if its gain is below this share of the usual one: a black level that is
+higher than recorded isn't light. Evidence: flat patterns, which show no speckle either, are as bright as predicted."""
 
 SIBLINGS = 3
 """[captures] Nearest in roughness, of the same wavelength, to which a capture is compared. Evidence: derivation: their
@@ -72,15 +72,18 @@ LIGHT_REGION_PX = 128
 check of records."""
 
 SATURATED_SHARE = 0.05
-"""[1] A capture is saturated if more of its pixels are … Evidence: derivation: speckle has an exponential distribution;
-exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times that exposure."""
+"""[1] A capture is saturated if a larger share of its pixels is. Evidence: derivation: speckle has an exponential
+distribution; exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times that
+exposure."""
 
 SATURATED_FACTOR = 5.0
-"""[1] … and so many times the share that is predicted, that of its siblings, and the median of all captures. Evidence:
+"""[1] Its share of saturated pixels must also exceed by this factor the predicted share, that of its siblings, and the
+median of all captures. Evidence:
 where the zero order or every capture is saturated, one capture isn't to blame; the value: none recorded."""
 
 USELESS_SHARE = 0.99
-"""[1] … or more than this share, whatever is predicted. Evidence: a reason: hardly a pixel is left to compare."""
+"""[1] Above this share a capture counts as saturated, whatever is predicted. Evidence: a reason: hardly a pixel is left
+to compare."""
 
 COPY_BY_CHANCE = 1e-6
 """[1] Equal pictures are copies if noise leaves them equal less often. Evidence: the chance that a verdict blames
@@ -113,7 +116,8 @@ captures' predictions, is a smaller share of the predicted one than this share o
 another pattern and a good capture."""
 
 REACH_SIGMAS = 5.0
-"""[σ] … if the peers' exceeds so many standard deviations. Evidence: derivation: else the model resembles nothing."""
+"""[σ] `MIN_REACH` counts only if the peers' share exceeds this many standard deviations. Evidence: derivation: else the
+model resembles nothing."""
 
 FALSE_ALARM = 0.01
 """[1] Chance that a file without a bad capture gets a capture blamed for its χ², if the logarithms of the excesses are

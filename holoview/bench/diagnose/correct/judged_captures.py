@@ -45,8 +45,8 @@ from holoview.bench.diagnose.search_context import SearchContext
 from holoview.bench.diagnose.starts.picture import measure_displacement
 
 MIN_RATIO = 3.0
-"""[1] … and the capture's excess must be so many times that of the others, ordinary jitter added to all. Evidence: the
-excess of jitter differs between captures; the value: none recorded."""
+"""[1] A bad capture's excess must also be this factor times the excess of the others, ordinary jitter added to all.
+Evidence: the excess of jitter differs between captures; the value: none recorded."""
 
 TOLERANT_RATIO = 30.0
 """[1] The same before the search, and where the model leaves more than `VerdictConfig.explained_excess` in half of the
@@ -54,7 +54,8 @@ captures: an effect that isn't explained leaves different excesses in different 
 captures with one effect each and judged without it, 1 % exceeded this or `UNRELATED_SIGMAS`."""
 
 UNRELATED_SIGMAS = 3.0
-"""[σ] … and less than so many standard deviations of correlations with other captures' predictions. Evidence:
+"""[σ] A picture isn't of its record only if its correlation with its own prediction exceeds those with other captures'
+predictions by fewer standard deviations than this. Evidence:
 derivation: it can't be told from an unrelated picture."""
 
 CORRELATED_PIXELS = 500_000

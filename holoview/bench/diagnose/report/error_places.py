@@ -79,7 +79,8 @@ _LEVEL_ITERATIONS = 20
 """[1] Iterations of L-BFGS on the levels of lines. Evidence: measured: after 20 less than 1 % of the excess is left."""
 
 NEAR_BEST_SHARE = 0.7
-"""[1] … and this share of what the best place explains. Evidence: none recorded."""
+"""[1] A place is named if it explains at least this share of the excess that the best place explains. Evidence: none
+recorded."""
 
 _NEIGHBOURS = ("above", "below", "left", "right")
 

@@ -44,8 +44,8 @@ the true minimum."""
 _PLANE_DEPTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """[depths] Errors either way, in depths of field λ/NA². Evidence: as `DEFOCUS_DEPTHS`."""
 _PLANE_FIRST_STEP = 0.2
-"""[1] First step of the refinement over the error … Evidence: derivation: half the distance to the next trial error."""
-_PLANE_LEAST_STEP = 0.02  # [depths] … and at least this. Evidence: the same for an error of 0.
+"""[1] First step of the refinement over the error. Evidence: derivation: half the distance to the next trial error."""
+_PLANE_LEAST_STEP = 0.02  # [depths] The first step is at least this. Evidence: the same for an error of 0.
 _PLANE_STEP_RATIO = 0.4  # [1] Each step over the one before.
 _PLANE_ROUNDS = 4  # [1] Steps. Evidence: a local fit follows.
 _PLANE_MIN_GAIN = 25.0

@@ -61,11 +61,11 @@ stuck pixels up to 20 stood out, on the modulator without stuck pixels 18 to 107
 _MAX_ROUND_ERROR = 0.95
 """[1] A round must leave less than this share of the model's error. Evidence: places on the wrong modulator took away 2
 to 5 % in a round."""
-_MAX_ERROR_SHARE = 0.7  # [1] … and all places together less than this.
+_MAX_ERROR_SHARE = 0.7  # [1] All places together must leave less than this share.
 _EXPLAINED_ERROR_SHARE = 0.1  # [1] If less is left, the other modulator isn't searched.
 _ROUNDS = 12  # [rounds] At most. Evidence: neighbours are taken in different rounds.
 _LEVEL_ITERATIONS = 6  # [1] Iterations of L-BFGS on the levels in a round. Evidence: a local fit follows.
-_LAST_ITERATIONS = 24  # [1] … and at the end, for lists that are too long for a local fit.
+_LAST_ITERATIONS = 24  # [1] The same at the end, for lists that are too long for a local fit.
 _MIN_GAIN = 25.0
 """[Δχ²] A place must gain so much, times χ²/n where that is above 1. Evidence: 5 σ for one number, as for a cause
 (`min_delta_chi2`)."""
