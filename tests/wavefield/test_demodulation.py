@@ -222,9 +222,10 @@ def test_sets_that_tell_no_phase_are_refused(pictures: int, steps) -> None:
         phase_shifting_field(_recording([np.ones(SHAPE)] * pictures, "phase-shifting"), steps)
 
 
-# docs/fields-evidence.md has a study of 1 900 drawn sets. The objects here scatter all of their light: the mean wave of a
-# drawn one, beside a reference as bright as the object, has means of three pictures √3·√(1/n) apart in the r.m.s., of
-# n ≥ π·0.05²·76 800 = 600 modes 0.07, and those of one set in eight more than the tenth that three pictures allow.
+# docs/fields-evidence.md has a study of 1 900 drawn sets. The objects here scatter all of their light: the mean wave
+# of a drawn one, beside a reference as bright as the object, has means of three pictures √3·√(1/n) apart in the
+# r.m.s., of n ≥ π·0.05²·76 800 = 600 modes 0.07, and those of one set in eight more than the tenth that three
+# pictures allow.
 @pytest.mark.parametrize("count", [3, 4, 5])
 def test_a_phase_shifting_set_is_recognised_unasked(count: int) -> None:
     rng = np.random.default_rng(40 + count)
